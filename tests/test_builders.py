@@ -164,7 +164,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "more than memory": (lambda: pw.volume(SQUARE, BOX, (2000, 2000, 2000), 1.0), "chunks"),
     "a cluster without a disk": (
         lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, scheduler="tcp://x"),
-        "out with scheduler",
+        "expected out, the path of a store",
     ),
 }
 

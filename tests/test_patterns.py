@@ -237,7 +237,7 @@ REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
     (
         lambda: pw.write_pattern(_pattern(polarisation="y"), "a.csv", polarisation="x"),
         ArgumentError,
-        "polarised pattern",
+        "already has a polarisation",
     ),
     (lambda: _pattern(polarisation="x", obliquity="kirchhoff"), ArgumentError, "obliquity or a"),
     (lambda: _pattern(method="magnetic"), ArgumentError, "requires a polarisation"),

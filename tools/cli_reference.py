@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The page docs/cli.md: every command with its arguments and options, as the program knows them.
+"""Write the page docs/cli.md: every command with its arguments and options, from the program.
 
 python tools/cli_reference.py            write the page
-python tools/cli_reference.py --check    end with 1 where the page is not what the program knows
+python tools/cli_reference.py --check    exit code 1 if the page is out of date
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ seconds for fields near a source and for renders.
 GROUPS = {
     "Options of sources": ("mtf", "pattern", "propagate", "psf", "transform", "volume"),
     "Options of fields": ("propagate", "volume"),
+    "Options of scenes": ("receive", "render"),
 }
 """Sections for the options that several commands share, except the folder of the results."""
 
@@ -35,7 +36,7 @@ TABLE = "| argument or option | meaning | default |", "|---|---|---|"
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the text of the page."""
     import typer.main
 
     from polywigner.cli import app
@@ -111,7 +112,7 @@ def main() -> int:
     text = page()
     if "--check" in sys.argv[1:]:
         if PAGE.read_text(encoding="utf-8") != text:
-            print(f"{PAGE.name} is not what the program knows: run python tools/cli_reference.py")
+            print(f"{PAGE.name} is out of date: run python tools/cli_reference.py")
             return 1
         return 0
     PAGE.write_text(text, encoding="utf-8")

@@ -34,12 +34,12 @@ _AXES = ("x", "y", "z")
 
 
 def checked_theta(values: Any) -> Floats:
-    """Return angles from the normal (n,) in rad, from -pi to pi; raise ArgumentError for others."""
+    """Return angles (n,) from the normal in rad, from -pi to pi; raise ArgumentError otherwise."""
     return checked_angles(values, "theta", math.pi)
 
 
 def checked_phi(values: Any) -> Floats:
-    """Return angles from the x axis (n,) in rad; raise ArgumentError for others."""
+    """Return angles (n,) from the x axis in rad; raise ArgumentError otherwise."""
     return checked_angles(values, "phi", math.inf)
 
 
@@ -53,22 +53,23 @@ def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
 
 
 def unit_vectors(theta: Floats, phi: Floats) -> Floats:
-    """Return unit vectors (n, m, 3) at angles (n,) from the z axis and (m,) from the x axis."""
+    """Return unit vectors (n, m, 3) at n angles from z and m angles from x, in rad."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # In floating point cos(pi/2) is 6e-17, but the horizon must count as both front and back.
+    # In floating point, cos(pi/2) is 6e-17, but directions on the horizon must count as both front
+    # and back.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
 
 
 def checked_angles(values: Any, name: str, largest: float) -> Floats:
-    """Return angles (n,) in rad, up to ``largest``; raise ArgumentError for others."""
+    """Return angles (n,) in rad of at most ``largest``; raise ArgumentError otherwise."""
     expected = f"expected {name} as angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
         raise ArgumentError(
-            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, "
-            f"got {value_text(values)}; convert degrees by numpy.radians"
+            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, got "
+            f"{value_text(values)}; convert degrees with numpy.radians"
         )
     return angles
 
@@ -76,17 +77,17 @@ def checked_angles(values: Any, name: str, largest: float) -> Floats:
 Method = Literal[BoundaryCondition, "fresnel", "fraunhofer"]
 
 METHODS: tuple[str, ...] = get_args(Method)
-"""Methods that compute the complex field."""
+"""Names of the methods that compute the complex field."""
 
 DEFAULT_TOLERANCE = 1e-9
 """Default relative error of fields."""
 
-# Smallest tolerance of fields: some tens of rounding errors.
+# Smallest tolerance of fields, some tens of times the rounding error.
 _LEAST = 1e-13
 
 
 def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
-    """Return finite coordinates in metres, (..., *shape); raise ArgumentError for others."""
+    """Return finite coordinates (..., *shape) in metres; raise ArgumentError otherwise."""
     try:
         array = real_numbers(points)
     except ValueError as error:
@@ -96,33 +97,37 @@ def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
     if not np.isfinite(array).all():
         bad = ~np.isfinite(array).all(axis=-1)
         raise ArgumentError(
-            f"expected finite points, got {array[bad][0].tolist()}; remove such points"
+            f"expected points with finite coordinates, got {array[bad][0].tolist()}; remove such "
+            "points"
         )
     return array
 
 
 def checked_points(points: Any) -> Floats:
-    """Return points (..., 3) in metres, z > 0; raise ArgumentError for others."""
-    expected = "expected points as real numbers of shape (..., 3), components x, y, z last"
+    """Return points (..., 3) in metres with z > 0; raise ArgumentError otherwise."""
+    expected = (
+        "expected points as real numbers of shape (..., 3), with x, y and z along the last axis"
+    )
     array = checked_coordinates(points, expected, 3)
     behind = array[..., 2] <= 0
     if behind.any():
         raise ArgumentError(
-            "expected points in front of the source, z > 0, got "
-            f"{array[behind][0].tolist()}; sources lie in the plane z = 0 and radiate to +z"
+            f"expected points in front of the source (z > 0), got {array[behind][0].tolist()}; "
+            "sources lie in the plane z = 0 and radiate towards +z"
         )
     return array
 
 
 def checked_amplitude_tolerance(tolerance: float | None) -> float:
-    """Return a tolerance that :func:`amplitude` can meet; raise ArgumentError for others."""
+    """Return a tolerance that :func:`amplitude` can meet; raise ArgumentError otherwise."""
     return tolerance_from(tolerance, DEFAULT_TOLERANCE, _LEAST)
 
 
 def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
-    """Return a number from ``least`` to 0.1, or the default; raise ArgumentError for others.
+    """Return a number from ``least`` to 0.1, or the default; raise ArgumentError otherwise.
 
-    ``where``: words of the message that say when this range applies, such as " with obstacles".
+    ``where`` contains words for the message that specify when this range applies, such as " with
+    obstacles".
     """
     if tolerance is None:
         return default
@@ -131,18 +136,18 @@ def tolerance_from(tolerance: float | None, default: float, least: float, where:
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; for others, raise an ArgumentError that lists the names."""
+    """Return the name of a method; raise an ArgumentError with all names otherwise."""
     return checked_choice(method, "method", allowed)
 
 
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
-    """Warn if errors exceed the allowed errors; ``what``: the results, in the plural."""
+    """Warn if errors exceed the allowed errors; ``what`` names the results, in the plural."""
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
         warn_caller(
-            f"{int(missed.sum())} of {len(errors)} {what} miss the tolerance, the worst by a "
-            f"factor of {worst:.3g}; allow a larger tolerance"
+            f"{int(missed.sum())} of {len(errors)} {what} have an estimated error above the "
+            f"tolerance, at most {worst:.3g} times the allowed error; allow a larger tolerance"
         )
 
 
@@ -151,7 +156,7 @@ def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Points of a line, a plane, a volume or a hemisphere."""
+    """Points on a line, in a plane, in a volume or on a hemisphere."""
 
     coords: dict[str, xarray.Variable]
     """Coordinates along each axis in m or rad, by the name of the axis."""
@@ -165,7 +170,7 @@ class Grid:
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
-        """Return points (*shape, 3) in m, from the indices ``first`` on."""
+        """Return points (*shape, 3) in m, starting at the indices ``first``."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
@@ -181,12 +186,12 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 
 
 def box_grid(box: Any, shape: Any) -> Grid:
-    """Return a volume with ``shape`` points along x, y and z, including all faces of a box."""
+    """Return a volume of ``shape`` points along x, y and z, including all faces of a box."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
-            f"expected a box from its lowest to its highest corner, got {low.tolist()} and "
-            f"{high.tolist()}"
+            f"expected the lowest corner of the box, then its highest corner, got {low.tolist()} "
+            f"and {high.tolist()}; swap the coordinates that descend"
         )
     counts = _counts(shape, 3)
     spans = dict(zip(_AXES, zip(low, high, counts, strict=True), strict=True))
@@ -194,7 +199,7 @@ def box_grid(box: Any, shape: Any) -> Grid:
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
-    """Return a plane, from a box of zero thickness or from three corners of a rectangle."""
+    """Return the grid of a plane, from a box of zero thickness or three corners of a rectangle."""
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
@@ -203,8 +208,8 @@ def plane_grid(where: Any, shape: Any) -> Grid:
         flat = np.flatnonzero(low == high)
         if len(flat) != 1 or (high < low).any():
             raise ArgumentError(
-                f"{expected}, got the box {low.tolist()} to {high.tolist()}; make one pair of "
-                "coordinates equal, and the others ascending"
+                f"{expected}, got the box from {low.tolist()} to {high.tolist()}; make exactly "
+                "one pair of coordinates equal, and the others ascending"
             )
         sides = [k for k in range(3) if k != flat[0]]
         spans = {_AXES[k]: (low[k], high[k], n) for k, n in zip(sides, counts, strict=True)}
@@ -216,7 +221,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
         raise ArgumentError(
-            "expected three corners of a rectangle, the first between the others, got sides "
+            "expected three corners of a rectangle, the first between the other two, got sides "
             f"{along[0].tolist()} and {along[1].tolist()} that are not perpendicular"
         )
     spans = {name: (0.0, lengths[k], counts[k]) for k, name in enumerate(("u", "v"))}
@@ -224,11 +229,13 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 
 
 def line_grid(ends: Any, samples: Any) -> Grid:
-    """Return a line with both ends; its coordinate is the distance from the first end."""
+    """Return the points of a line; their coordinate is the distance from the first end."""
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
-        raise ArgumentError(f"expected a line between two points, got {start.tolist()} twice")
+        raise ArgumentError(
+            f"expected a line between two different points, got {start.tolist()} twice"
+        )
     count = checked_count(samples, "samples", 1)
     return _straight_grid({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
 
@@ -238,7 +245,7 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     length = checked_length(radius, "radius")
     origin = _checked(centre, "expected a centre (3,)", 3)
     if origin.ndim != 1:
-        raise ArgumentError(f"expected a centre (3,), in metres, got shape {origin.shape}")
+        raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
     points_at = partial(_spherical, origin, length)
     grid = Grid(angle_axes(checked_theta(theta), checked_phi(phi)), points_at)
     checked_points(grid.points((0, 0), grid.shape))
@@ -257,7 +264,7 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Floats:
-    """Return evenly spaced values with both ends; the midpoint if ``count`` is 1."""
+    """Return evenly spaced values including both ends, or the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 
@@ -275,7 +282,5 @@ def _checked(values: Any, expected: str, *shape: int) -> Floats:
 def _counts(shape: Any, dimensions: int) -> Index:
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
-        raise ArgumentError(
-            f"expected a shape of {dimensions} whole numbers, got {value_text(shape)}"
-        )
+        raise ArgumentError(f"expected shape as {dimensions} integers, got {value_text(shape)}")
     return tuple(checked_count(n, "shape", 1) for n in shape)

@@ -42,18 +42,20 @@ from polywigner.transforms.pupil_gradients import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Waves in a block (some tens of megabytes), and largest number of waves: 1e9 take about a minute.
+# Numbers of pairs of a quadrature node and a point: per block (some tens of megabytes), and at most
+# per call. 1e9 pairs take about a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
-# Number of points at which the error of a rule is estimated.
+# Number of the points at which the error of the quadrature rule is estimated.
 _CHECKED = 32
 
 
 def aberrated_spectrum(
     pupil: AberratedPupil, nu: Floats, tolerance: float, centre: Any = (0.0, 0.0)
 ) -> Converged:
-    """Return int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx, (n,), at nu (n, 2).
+    """Return the Fourier integrals (n,) of an aberrated pupil field at frequencies nu (n, 2).
 
-    ``tolerance``: allowed error over int |u|. The error is estimated at some of the points.
+    The integral is int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx. ``tolerance`` is the
+    allowed error as a fraction of int |u| dx. The error is estimated at some of the points.
     """
     band = band_of(nu)
     some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
@@ -70,7 +72,7 @@ def aberrated_spectrum(
 
 
 def band_of(nu: Floats) -> tuple[Floats, Floats]:
-    """Return the lowest and highest frequencies (2,) of nu (n, 2)."""
+    """Return the lowest and the highest frequency along each axis, (2,) each, of nu (n, 2)."""
     if not len(nu):
         return np.zeros(2), np.zeros(2)
     return nu.min(axis=0), nu.max(axis=0)
@@ -85,10 +87,11 @@ def element_sums(
     factors: Callable[[Floats, Floats], Floats] | None = None,
     centre: Any = (0.0, 0.0),
 ) -> Iterator[Complex]:
-    """Yield int of factors times u exp(-2 pi i nu.(x - centre)) over each element, (k, n).
+    """Yield the Fourier integrals (k, n) of each element's field u times k factors.
 
-    u is without the weight of the element. ``factors``: a function of x and y (...) that returns
-    factors (k, ...); None: the factor 1.
+    The integral is int factor u exp(-2 pi i nu.(x - centre)) dx, and u excludes the weight of the
+    element. ``factors`` is a function of x and y (...) that returns factors (k, ...); None stands
+    for the factor 1.
     """
     lattice = FrequencyLattice(nu)
     for number in range(len(pupil.elements)):
@@ -102,16 +105,16 @@ def element_sums(
 
 
 def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
-    """Return sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes (k, m, 2).
+    """Return the sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes x (k, m, 2).
 
-    Nodes of a row have the same x. If the frequencies lie on a grid, all frequencies along x share
-    the sums over y.
+    The m nodes of a row have the same x coordinate. If the frequencies lie on a grid, all
+    frequencies along x reuse the sums over y.
     """
     waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
     if waves > _MOST:
         raise ArgumentError(
-            f"the aberrated pupil requires {waves:.1e} waves from nodes to points, at most "
-            f"{_MOST:.0e}; use fewer points, or a grid along x and y"
+            f"the aberrated pupil requires {waves:.1e} products of a quadrature node and a point, "
+            f"at most {_MOST:.0e} are allowed; use fewer points, or a grid along x and y"
         )
     if lattice.index is None:
         return lattice.summed(nodes.reshape(-1, 2), field.ravel())
@@ -129,7 +132,7 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
 def spectrum_jets(
     pupil: AberratedPupil, nu: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return jets (n, 1 + m) of :func:`aberrated_spectrum` at nu (n, 2)."""
+    """Return the values and derivatives (n, 1 + m) of :func:`aberrated_spectrum` at nu (n, 2)."""
     values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
     return numbers.joined(values, _OfSpectrum(pupil, nu, extra, tolerance))
 
@@ -157,7 +160,7 @@ class _OfSpectrum:
                 (every, 0.0 * ones, ones), pupil.slopes, band, self.error, self.extra
             )
             field = pupil.weights[k] * pupil.field(k, x)[..., None] * weights
-            waves = np.exp(-2j * np.pi * (x @ self.nu.T)).swapaxes(1, 2)  # (edges, n, nodes)
+            waves = np.exp(-2j * np.pi * (x @ self.nu.T)).swapaxes(1, 2)
             parts.append(edges.at_vertices(every, (waves @ field).swapaxes(0, 1)))
         return np.concatenate(parts, axis=1)
 
@@ -176,10 +179,10 @@ class _OfSpectrum:
 def aberrated_fresnel_field(
     source: Any, aberration: Aberration, points: Floats, wavelength: float, tolerance: float
 ) -> tuple[Complex, Floats]:
-    """Return Fresnel's field (n,) of an aberrated pupil at points (n, 3), and its error.
+    """Return the Fresnel field (n,) of an aberrated pupil at points (n, 3), and its error.
 
     The field is exp(ikz)/(i lambda z) int u exp(2 pi i W/lambda + i pi |X - x|^2/(lambda z)) dx.
-    Points of equal z share a rule.
+    Points of equal z share a quadrature rule.
     """
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     for z in np.unique(points[:, 2]).tolist():
@@ -210,7 +213,7 @@ def psf(
     tolerance: float = TOLERANCE,
     engine: Engine = "auto",
 ) -> Floats:
-    """Compute the point spread function of a lens whose pupil is the source.
+    """Return the point spread function of a lens whose pupil is the source.
 
     The point spread function is the irradiance in the focal plane due to a star on the axis,
     divided by the power of the star in the pupil. Its integral over the plane is 1, and its Fourier
@@ -284,7 +287,8 @@ def psf(
     allowed = checked_tolerance(tolerance)
     radius = pupil.checked_pupil_radius(plain, pupil_radius)
     distance = pupil.image_distance(focal_length, numerical_aperture, radius)
-    # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths
+    # The phase exp(2 pi i w |x|^2/a^2) is that of a lens of power -2 w lambda/a^2, which is the
+    # same for all wavelengths.
     bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
     system = FirstOrder.fourier(distance)
     if bend:

@@ -39,7 +39,7 @@ _VARIABLES = {
     "direction": ("1", "unit vector along the ray"),
     "weight": ("W", "power of the ray, signed"),
 }
-# Tolerance of unit vectors: ray tracers may use single precision.
+# Tolerance of the length of unit vectors, because ray tracers may use single precision.
 _UNIT = 1e-4
 
 
@@ -114,30 +114,30 @@ def traced(
 def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
-    Values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that are
-    not unit vectors.
+    The values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that
+    are not unit vectors.
     """
     import xarray
 
     if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
         raise ArgumentError(
             "expected rays as a dataset with position, direction and weight, got "
-            f"{type(rays).__name__}; use sample_rays or rays.load"
+            f"{type(rays).__name__}; create it with sample_rays or rays.load"
         )
     axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
     try:
         arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
     except ValueError as error:
         raise ArgumentError(
-            "expected position and direction over ray and component, and weight over ray, got "
-            f"other axes: {error}"
+            "the dataset of rays must have position and direction over ray and component, and "
+            f"weight over ray, got other axes: {error}"
         ) from None
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays that were drawn; the dataset may be a selection of them."""
+    """Return the number of rays that were drawn; the dataset may contain only some of them."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
@@ -151,24 +151,24 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
             raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        # The comparison is False for lost rays, which contain NaN.
+        # This comparison is False for lost rays, which contain NaN.
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
-            f"expected direction as unit vectors, got {direction[wrong][0].tolist()}; divide each "
-            "vector by its length"
+            f"direction must contain unit vectors, got {direction[wrong][0].tolist()}; divide "
+            "each vector by its length"
         )
     return position, direction, weight
 
 
 # Largest number of pixels along an axis.
 _MOST_ALONG_AXIS = 1 << 14
-# Largest number of all pixels, and of all pixels times batches (1 GB).
+# Largest total number of pixels, and largest product of the numbers of pixels and batches (1 GB).
 _MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
-# Number of rays per block, some 100 MB.
+# Number of rays per block, which takes some 100 MB.
 _BLOCK = 1 << 20
 # Rays that start behind the plane still count if their distance from the plane is below this
-# fraction of the largest coordinate.
+# fraction of the largest coordinate, because positions on the plane are rounded.
 _ON_PLANE = 1e-9
 
 
@@ -233,15 +233,16 @@ def rebuild(
     edges = _edges(bounds, shape)
     size = len(edges[1]) - 1, len(edges[0]) - 1
     pixels = math.prod(size)
-    # The numbers of batches may have gaps, since the rays may be a selection.
+    # The numbers of batches may have gaps, because the rays may be a selection of the rays that
+    # were drawn.
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
     if batches * pixels > _MOST_SUMS:
         raise ArgumentError(
             f"expected at most {_MOST_SUMS} pixels times batches, got {pixels} pixels and "
-            f"{batches} batches; use fewer pixels"
+            f"{batches} batches of rays; use fewer pixels"
         )
-    # The last entry is the sum over all pixels.
+    # The last entry of each array is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
@@ -286,14 +287,14 @@ def rebuild(
 def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the sums (pixel,) over all rays, and their standard errors.
 
-    ``sums`` (batch, pixel) and ``squares`` (pixel,): sums of weights and of squared weights.
+    ``sums`` (batch, pixel) are sums of weights, and ``squares`` (pixel,) sums of squared weights.
     """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # The expression is n times the variance of the power of one ray. The power is zero for rays
-    # that miss the pixel.
+    # The expression is n times the variance of the power of a ray. The power is zero for rays that
+    # miss the pixel.
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
@@ -301,7 +302,7 @@ def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
 def _pixel_coordinates(
     position: Floats, direction: Floats, pose: Floats, edges: tuple[Floats, Floats], virtual: bool
 ) -> Floats:
-    """Return where rays meet a plane, (n, 2) in pixels along x and y; NaN if they do not."""
+    """Return the points where rays meet a plane, (n, 2) in pixels along x and y, otherwise NaN."""
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
@@ -323,7 +324,7 @@ def _pose(plane: Any) -> Floats:
 
 
 def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
-    """Return the edges of the pixels along x and y."""
+    """Return the edges of the pixels along x and along y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
     row = checked_row(bounds, expected)
     if row.shape != (4,) or not np.isfinite(row).all() or not (row[2:] > row[:2]).all():
@@ -338,7 +339,7 @@ def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
 
 
-# Metres per unit of length (m, in, cm, ft, mm), by the header field DimensionUnits.
+# Length of each unit (m, in, cm, ft, mm) in metres, indexed by the header field DimensionUnits.
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
@@ -351,14 +352,15 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Number of columns of numbers per ray, by the header field ray_format_type.
+# Number of values per ray, by the header field ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
 # For each file that is written: sign of its powers, suffix of its name, and description in its
 # header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in files written by polywigner: number of rays drawn, and sign of their powers.
+# Pattern of the description in files written by polywigner: number of rays that were drawn, and
+# sign of their powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -415,7 +417,7 @@ def save(
         return tuple(_write_part(rays, columns, target, *part) for part in parts)
     except OSError as error:
         raise ArgumentError(
-            f"expected to write {path}, got {error.strerror or error}; choose another path"
+            f"cannot write {path}: {error.strerror or error}; choose another path"
         ) from error
 
 
@@ -423,8 +425,8 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
     file = checked_path(path)
     if file.suffix.lower() != ".dat":
         raise ArgumentError(
-            f"expected a file with the suffix .dat, got {file.name!r}; use polywigner.write_netcdf "
-            "and xarray.load_dataset to store rays for polywigner"
+            f"the suffix of a ray file must be .dat, got {file.name!r}; to store rays for "
+            "polywigner, use polywigner.write_netcdf and xarray.load_dataset"
         )
     return file
 
@@ -432,7 +434,7 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays (n, 7) and return the path; a suffix selects the rays of one sign."""
+    """Write rays (n, 7) and return the path; with a suffix, write the rays of one sign only."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)
@@ -444,7 +446,8 @@ def _write_part(
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
     header["DimensionUnits"] = _MM
     header["Scale"] = 1.0
-    with atomic_path(path) as scratch, np.errstate(over="ignore"):  # Lost rays may overflow.
+    # Coordinates of lost rays may overflow.
+    with atomic_path(path) as scratch, np.errstate(over="ignore"):
         scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
     return path
 
@@ -454,10 +457,10 @@ def _warn_of_negative(weight: Floats) -> None:
     if below.any():
         fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
         warn_caller(
-            f"{100 * below.mean():.0f} % of the rays in the .dat file have negative powers, "
-            f"{100 * fraction:.0f} % of the total absolute power; other programs may ignore or "
-            "reject them, so test with a small file, or write positive and negative rays to two "
-            "files with split=True",
+            f"{100 * below.mean():.0f} % of the rays in the .dat file have negative powers, which "
+            f"are {100 * fraction:.0f} % of the total absolute power; other programs may ignore "
+            "or reject negative powers, so test with a small file, or write positive and "
+            "negative rays to two files with split=True",
             stacklevel=4,
         )
 
@@ -498,7 +501,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     def wrong(got: str) -> FileFormatError:
         return FileFormatError(
-            f"expected rays of OpticStudio in {file.name}, got {got}; export the file again"
+            f"expected {file.name} to be a ray file of OpticStudio, got {got}; export it again"
         )
 
     with at_key(file.name):

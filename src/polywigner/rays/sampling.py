@@ -155,13 +155,13 @@ def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
 RaySampling = Literal["uniform", "quasi-random"]
 
 
-# Number of rays per block, some 200 MB.
+# Number of rays per block, which takes some 200 MB.
 _BLOCK = 1 << 20
 # Number of independent sets of quasi-random numbers. The scatter of the sets estimates the standard
 # error to about a fifth.
 BATCHES = 16
-# Angle, as a fraction of pi/2, by which cones may extend behind the source, since axes may be given
-# in single precision.
+# Angle, as a fraction of pi/2, by which cones may extend behind the source, because axes may be in
+# single precision.
 _UNIT = 1e-6
 # Smallest cosine of a direction, so that factors such as 1/cos^2 remain finite.
 _LEAST_COSINE = 1e-8
@@ -173,7 +173,8 @@ def _numbers(
     """Yield uniform numbers (m, 4 + tilts) in [0, 1), and the batch of quasi-random numbers.
 
     The first two columns are for the direction, the next two for the position, and the remaining
-    ones for the tilt. Raises MissingExtraError if quasi-random numbers are requested without scipy.
+    columns for the tilt. Raises MissingExtraError if quasi-random numbers are requested without
+    scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -197,7 +198,8 @@ def _normal_numbers(numbers: Floats) -> Floats:
     """
     plane = _disc(numbers)
     square = (plane**2).sum(axis=1)
-    # The rim of the disc would be mapped to infinity, so squares are limited to just below 1.
+    # The rim of the disc would be mapped to infinity, so squares of the radius are limited to just
+    # below 1.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
     unset = np.full_like(square, 2.0)
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
@@ -212,7 +214,7 @@ def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
 class Cone:
     """Random directions in a cone, most of them within a beam.
 
-    Their density refers to the solid angle projected on the axis of the cone.
+    Their density refers to the solid angle projected along the axis of the cone.
     """
 
     frame: Floats
@@ -225,12 +227,12 @@ class Cone:
     def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
         """Return unit vectors (n, 3) for uniform numbers (n, 2), and the inverse of their density.
 
-        The density is per solid angle projected on z. ``slope`` (n, 2) are the direction cosines of
-        each ray's beam, relative to the axis. If it is None, the beam is along the axis.
+        The density is per solid angle projected along z. ``slope`` (n, 2) are the direction cosines
+        of each ray's beam, relative to the axis. If it is None, the beam is along the axis.
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
-        # The product ratio * ratio overflows to infinity, but ratio**2 would raise an error.
+        # The product ratio * ratio overflows to infinity, while ratio**2 would raise an error.
         plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
@@ -242,7 +244,7 @@ class Cone:
     def _beam_centres(self, slope: Floats) -> Floats:
         """Return the centres (n, 2) of beams, moved into the unit disc of directions."""
         cosines = self.frame[:2, 2] + slope
-        # Centres outside of the unit disc are moved to its rim, so that none is behind the plane.
+        # Centres outside the unit disc are moved to its rim, so that no beam is behind the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
         along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
         plane = np.column_stack([cosines, along]) @ self.frame[:, :2] / self.radius
@@ -250,10 +252,10 @@ class Cone:
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
-    """Return the cone of a half angle in rad about an axis; the default is the hemisphere about z.
+    """Return the cone of a half angle in rad about an axis, by default the hemisphere about z.
 
-    ``width``: sine of the beam's half width. Raises ArgumentError for invalid arguments, and for
-    cones that extend behind the source.
+    ``width`` is the sine of the beam's half width. Raises ArgumentError for invalid arguments, and
+    for cones that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2
@@ -261,14 +263,14 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
         angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
     vector = checked_unit_vectors("axis", axis)
     if vector.ndim > 1:
-        raise ArgumentError(f"expected axis as one unit vector (3,), got shape {vector.shape}")
+        raise ArgumentError(f"expected axis as a single unit vector (3,), got shape {vector.shape}")
     vector = vector / np.linalg.norm(vector)
     tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):
         raise ArgumentError(
-            f"expected a cone in front of the source, got {angle:.4g} rad about an axis "
-            f"{tilt:.4g} rad from the normal; use a narrower cone, or leave cone and axis out for "
-            "all directions"
+            f"the cone must be in front of the source, got a half angle of {angle:.4g} rad about "
+            f"an axis {tilt:.4g} rad from the normal; use a narrower cone, or omit cone and axis "
+            "for all directions"
         )
     return Cone(_frame(vector), math.sin(angle), width)
 
@@ -286,9 +288,9 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
     """Concentrate points of the unit disc about centres; return points and area weights (n,).
 
     The density is proportional to 1/(core + t), where t is the squared distance from the centre. W
-    decays in the same way across the edges of a polygon. The integral ln(1 + t/core) of the density
-    is inverted on each line from the centre to the rim. If ``centre`` is None, the points are
-    concentrated about the centre of the disc.
+    decays in the same manner across the edges of a polygon. The integral ln(1 + t/core) of the
+    density is inverted on each line from the centre to the rim. If ``centre`` is None, the points
+    are concentrated about the centre of the disc.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
@@ -303,7 +305,7 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 def _reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances (n,) from centres (n, 2) to the rim of the unit disc.
 
-    ``plane`` (n, 2): directions in which the distances are measured.
+    ``plane`` (n, 2) are the directions in which the distances are measured.
     """
     length = np.hypot(*plane.T)
     along = np.divide(
@@ -311,7 +313,7 @@ def _reach(plane: Floats, centre: Floats) -> Floats:
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # For positive values, the quotient avoids the cancellation in chord - along.
+    # For positive values of `along`, the quotient avoids the cancellation in chord - along.
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
@@ -332,9 +334,9 @@ def _disc(numbers: Floats) -> Floats:
 
 Directions = Literal["beam", "uniform"]
 
-# Largest number of rays; this many need 12 GB of memory.
+# Largest number of rays. This many rays need 12 GB of memory.
 _MOST = 100_000_000
-# Largest power, whose square is still a floating-point number.
+# Largest power in W whose square is still a floating-point number.
 _MOST_WATTS = 1e100
 
 
@@ -486,7 +488,7 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
     if to_world is not None:
         raise ArgumentError(
-            "expected no to_world: the placed aperture already has a pose; omit to_world"
+            "to_world must be omitted for a placed aperture, which already has a pose"
         )
     return source.aperture, source.pose
 
