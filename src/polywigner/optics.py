@@ -21,7 +21,7 @@ _SYMPLECTIC = 1e-9
 # Relative rounding error of matrix elements and of their products.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
-# Smallest magnitude of a focal length or a magnification, whose inverse is finite.
+# Smallest magnitude of a focal length or a magnification. Its inverse is still finite.
 _LEAST = 2.0**-1023
 
 

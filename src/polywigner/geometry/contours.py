@@ -365,8 +365,8 @@ class _Pairing:
     def resolved(self) -> Silhouette:
         """Return the net contours: all segments that no two surfaces have in common."""
         s, bodies = self.segments, self.surface.bodies
-        # Each piece consists of: index of a segment, start and end of an interval along it, and
-        # index of the segment behind it.
+        # Each piece is a tuple: segment, start and end of an interval along it, and the segment
+        # behind it.
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():

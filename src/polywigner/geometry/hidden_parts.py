@@ -27,7 +27,7 @@ Shapes = NDArray[np.object_]
 # the rounding error of a projection, and a part of this size casts no shadow.
 NOTHING = 1e-12
 # Smallest width of triangles, in units of NOTHING. Parts whose area is below NOTHING times their
-# perimeter count as hidden, and complete triangles must be larger.
+# perimeter count as hidden, and complete triangles must be wider.
 _WIDTH = 8.0
 # Largest number of pairs of triangles whose projections overlap, which need half a gigabyte for
 # polygons. Largest number of crossings, which are pairs of triangles in front of one triangle.

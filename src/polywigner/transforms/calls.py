@@ -185,8 +185,8 @@ def _flat(
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # The special kernels of arrays have no derivatives. The following kernels have, and also
-        # accept an Array.
+        # The special kernels of arrays have no derivatives. The following kernels have derivatives
+        # and also accept an Array.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(

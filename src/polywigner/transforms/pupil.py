@@ -43,8 +43,8 @@ from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 # Smallest ratio of the energy of a pupil to the sum of the energies of its elements. If the fields
-# cancel, rounding errors leave a ratio of 1e-15. Values that are normalised by a ratio of 1e-13
-# have hardly a correct digit.
+# cancel, rounding errors leave a ratio of 1e-15. At a ratio of 1e-13, normalised values have hardly
+# any correct digits.
 _DARK = 1e-13
 
 

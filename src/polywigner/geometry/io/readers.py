@@ -183,7 +183,7 @@ def _loaded(file: File) -> Drawing:
             "expected elements with fewer levels of nesting, got too many levels, or an "
             "element that contains itself; ungroup the elements"
         ) from None
-    # The libraries document only a few of their exceptions.
+    # Every exception is caught, because the libraries document only a few of theirs.
     except Exception as error:
         raise FileFormatError(
             f"the library for this format cannot read the file ({type(error).__name__}); the "

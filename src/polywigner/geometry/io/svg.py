@@ -308,7 +308,7 @@ class _Document:
         children: Iterable[Any] = element
         if tag == "use":
             inside, children = self._used(inside)
-        # A switch draws its first element without required extensions.
+        # A switch element draws the first of its elements that requires no extension.
         elif tag == "switch":
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:

@@ -497,7 +497,8 @@ def path_over(
     axis = difference(point, source)
     rho, radius, distance = (ops.sqrt(dot(v, v)) for v in (first, last, axis))
     product, ahead, normal = rho * radius, dot(first, last), cross(first, last)
-    # This form of product - ahead has no cancellation if the path is almost straight.
+    # ``bent`` is product - ahead, in a form without cancellation for paths that are almost
+    # straight.
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot

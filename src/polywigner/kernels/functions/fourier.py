@@ -343,7 +343,8 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # nu.e and cross(nu, e) are sums of a part from each axis; sin(pi nu.e) is a matrix product.
+        # The products nu.e and cross(nu, e) are sums of a term from each axis, and sin(pi nu.e) is
+        # a matrix product.
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_cycles(ops, 0.5 * nu_x * family.ex)
