@@ -272,7 +272,8 @@ Cells = NDArray[np.float64]
 # Number of quadrature nodes along a side per cycle of phase of the field. W oscillates at twice the
 # frequency of the field, and Gauss rules converge above pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Largest number of quadrature nodes along a side that :func:`counts_for` returns.
+# Largest number of quadrature nodes along a side. If more are needed, :func:`counts_for` returns a
+# larger number.
 LARGEST = 4096
 
 

@@ -106,7 +106,7 @@ class SliceSum:
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """Return the keys of all lists of pairs that the sums use."""
+        """Return the keys of all lists of pairs of edges that the sums use."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
@@ -194,7 +194,8 @@ class SliceSum:
     def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
         """Return the sums at points (n,), each with its own frequency.
 
-        Frequencies (n,) give (n,); frequencies (1, m) or (n, m) give (n, m).
+        Frequencies of shape (n,) give sums of shape (n,). Frequencies of shape (1, m) or (n, m)
+        give sums of shape (n, m).
         """
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]
