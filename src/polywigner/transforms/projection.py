@@ -55,7 +55,7 @@ _MARGIN = 9 / 8
 # Default range of frequencies, in units of 1/width of the source.
 _LOBES = 8.0
 
-# Bound on the rounding error relative to the scale of a tile. The largest error for the shapes of
+# Bound on the rounding error of a tile, relative to its scale. The largest error for the shapes of
 # the tests was 2e-13, for |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
