@@ -352,7 +352,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     """
     if name == "fourier":
         raise IlluminationError(
-            f"expected a coherent source for {name}, got a coherence width of "
+            f"expected a coherent source for {name}, got one with a coherence width of "
             f"{wave.coherence_width:g} m, whose spectrum has no phase; use "
             "polywigner.radiant_intensity, or wigner and ambiguity"
         )

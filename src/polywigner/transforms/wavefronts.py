@@ -50,8 +50,9 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     """Return the source. Raises IlluminationError if it is partly coherent."""
     if not wave.is_coherent:
         raise IlluminationError(
-            f"expected a coherent source, got a coherence width of {wave.coherence_width:g} "
-            "m, whose field has no phase; use polywigner.irradiance or radiant_intensity"
+            "expected a coherent source, got one with a coherence width of "
+            f"{wave.coherence_width:g} m, whose field has no phase; use polywigner.irradiance "
+            "or radiant_intensity"
         )
     return wave
 

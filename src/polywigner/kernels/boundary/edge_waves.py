@@ -331,8 +331,8 @@ class _EdgePaths:
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # Square roots of the detours over both ends of the edge, each minus the shortest detour. A
-        # root is negative before the foot of the perpendicular.
+        # Square roots of the detours over both ends of the edge, measured from the shortest detour.
+        # A root is negative before the foot of the perpendicular.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Number:

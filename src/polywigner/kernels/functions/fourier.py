@@ -200,9 +200,9 @@ _MOST_SLENDER = 512.0
 _NEAR, _TERMS = 0.1, 5
 # Number of values in a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
-# Largest number of multiplications of one matrix product, and smallest number of rows. BLAS divides
-# larger products among threads, which on a busy machine takes up to a hundred times as long. A
-# stack of smaller products costs only a tenth more.
+# Largest number of multiplications, and smallest number of rows, of a matrix product that is
+# computed at once. BLAS divides larger products among threads, which on a busy machine takes up to
+# a hundred times as long. A stack of smaller products costs only a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
 # Largest number of edges whose waves are in memory at a time: about 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024

@@ -53,8 +53,8 @@ _SAMPLES = 1 << 9
 # Largest number of pairs of waves that are compiled as code, which takes 20 ms per pair. More pairs
 # become rows of a table.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns in this table of pairs of waves (amplitude, shift and rate), padded to a
-# multiple of four.
+# Number of columns in the table of pairs of waves (amplitude, shift and rate), padded to a multiple
+# of four.
 _ROW = 8
 
 
