@@ -291,7 +291,7 @@ class FirstOrder:
 
     @property
     def A(self) -> Matrix:
-        """Output positions by input positions, shape (2, 2), without unit."""
+        """Matrix from input positions to output positions, shape (2, 2), without unit."""
         return self.matrix[:2, :2]
 
     @property
@@ -301,12 +301,12 @@ class FirstOrder:
 
     @property
     def C(self) -> Matrix:
-        """Output directions by input positions, shape (2, 2), in 1/m."""
+        """Matrix from input positions to output directions, shape (2, 2), in 1/m."""
         return self.matrix[2:, :2]
 
     @property
     def D(self) -> Matrix:
-        """Output directions by input directions, shape (2, 2), without unit."""
+        """Matrix from input directions to output directions, shape (2, 2), without unit."""
         return self.matrix[2:, 2:]
 
     @property

@@ -233,7 +233,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 def with_jacobian(
     values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
 ) -> Drjit:
-    """Return values (n,) as a ``Float`` whose derivatives by ``numbers`` are a Jacobian (n, m).
+    """Return values (n,) as a ``Float`` that has a Jacobian (n, m) with respect to ``numbers``.
 
     ``numbers``: Dr.Jit floats with m entries in total, in the order of the columns.
     """

@@ -365,7 +365,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, which do not depend on the order of parts and the first vertices."""
+        """Field and outline, independent of the order of parts and of the first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:

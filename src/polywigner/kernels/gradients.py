@@ -58,7 +58,7 @@ class Accumulator(Protocol):
 
 @dataclass
 class Gradients:
-    """Derivatives of a complex value V by frequency, position, vertices and weights."""
+    """Derivatives of a complex V with respect to frequency, position, vertices and weights."""
 
     frequency: list[Pair]
     position: list[Pair]

@@ -263,7 +263,7 @@ def _parts(text: str) -> list[Any]:
 
 
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
-    """Apply short strings for field, layout, weights and wave to a source.
+    """Apply the short strings for field, layout, weights and wave to a source.
 
     Lengths without a unit are in metres, angles in radians.
 

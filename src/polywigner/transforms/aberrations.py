@@ -338,7 +338,7 @@ class Aberration:
         return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, ...) of W by its coefficients at positions x, y (...) in m."""
+        """Return the derivatives (k, ...) of W with respect to its coefficients at points in m."""
         return np.concatenate([modes.values(x, y) for modes in self._modes])
 
     def __add__(self, other: Aberration) -> Aberration:

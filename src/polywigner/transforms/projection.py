@@ -290,7 +290,7 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 
 
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
-    """Return a function of (field, first, second), optionally with x and y exchanged."""
+    """Return a function that evaluates ``function`` on a field, possibly with x and y exchanged."""
 
     def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
         field = field_of(source)

@@ -165,8 +165,8 @@ def _loaded(file: File) -> Drawing:
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected layer only for drawings (SVG, DXF, GDSII), got it for a file without "
-            "layers; omit layer"
+            "expected the argument layer only for drawings (SVG, DXF, GDSII), got it for a "
+            "file without layers; omit layer"
         )
     try:
         # Warnings of the libraries that read the file are hidden.

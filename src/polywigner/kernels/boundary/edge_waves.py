@@ -505,7 +505,7 @@ def path_over(
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
-    """Return the inverse hyperbolic sine of ``sinh``; ``cosh`` is the cosine of the result."""
+    """Return the inverse hyperbolic sine v of ``sinh``; ``cosh`` is the hyperbolic cosine of v."""
     logarithm = ops.log(abs(sinh) + cosh)
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 

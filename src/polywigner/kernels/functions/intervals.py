@@ -44,7 +44,7 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 Interval = tuple[Fraction, Fraction, Waves]
-"""Begin and end of a slit in the frame as exact numbers, and the field in the slit."""
+"""Start and end of a slit in the frame as exact numbers, and the field in the slit."""
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:

@@ -60,7 +60,7 @@ _ROW = 8
 
 @dataclass(frozen=True, eq=False)
 class SliceSum:
-    """A kernel's sum over the edges of a slice. They are parts of the edges of the outline."""
+    """Sum of a kernel over the edges of a slice, which are parts of edges of the outline."""
 
     views: tuple[View, ...]
     """Views in which edges are cut: one view for W, two for A."""
