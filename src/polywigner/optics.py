@@ -296,7 +296,7 @@ class FirstOrder:
 
     @property
     def B(self) -> Matrix:
-        """Output positions by input directions, shape (2, 2), in m; zero for an image."""
+        """Matrix from input directions to output positions, shape (2, 2), in m; 0 for an image."""
         return self.matrix[:2, 2:]
 
     @property
