@@ -117,7 +117,7 @@ def plan_for_grid(
 
 def _is_grid(x: Array, y: Array) -> bool:
     """Return whether x is constant along the second axis and y along the first; False for NaN."""
-    # A comparison of the corners rejects most arrays that are not a grid, in little time.
+    # Comparing the corners quickly rejects most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
@@ -156,7 +156,7 @@ _LEAST_COLUMNS = 64
 # float64.
 _BLOCK = 1 << 22
 # Largest number of table rows times samples that are processed at a time, so that temporary arrays
-# take 2 MB for each number of a term.
+# take 2 MB for each result of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
