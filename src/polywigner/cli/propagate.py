@@ -130,7 +130,7 @@ def propagate(
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    required("h5netcdf")  # The call raises its error before the work instead of after it.
+    required("h5netcdf")  # If h5netcdf is missing, this raises an error before the work.
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))

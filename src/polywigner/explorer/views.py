@@ -30,7 +30,7 @@ SAMPLES = 161
 FLOOR_DB = -40.0
 _LOBES = 8.0  # half width of frequency axes, in units of 1/diagonal of the source
 _MARGIN = 1.05  # ratio of the axes of positions and lags to the size of the source
-_BEAM = 3.0  # half width of the plane of the near field in lobes, in addition to half the source
+_BEAM = 3.0  # half width of the near-field image, in lobe widths beyond half the source
 _WIDE = 0.5  # sine of the angle above which all directions are shown
 
 _GRID = """

@@ -135,8 +135,9 @@ def _support(source: Any) -> Aperture | Slits:
     if isinstance(source, Aperture):
         return automean(source)
     ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
-    # The midpoints between two slits form an interval. With begins and ends sorted separately, the
-    # union of all intervals has a gap between ends[k] and begins[k + 1] if that begin is larger.
+    # The midpoints between two slits form an interval. If the first ends and the last ends of all
+    # intervals are each sorted, the union of the intervals has a gap between ends[k] and
+    # begins[k + 1] if begins[k + 1] is larger.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
     gaps = np.flatnonzero(begins[1:] > ends[:-1])
     return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
