@@ -1,11 +1,11 @@
-"""Rehearse a release: build and check the packages, install them, and list the remaining steps.
+"""Rehearse a release: build and check the packages, install them, and list what is left to do.
 
     make release                                  # the rehearsal
     python tools/release.py --date 2026-12-01     # write version and date into the other files
     python tools/release.py --install dist/*.whl --folder /tmp/empty   # as .ci/run does
 
-Only src/polywigner/__init__.py contains the version. `--date` copies the version and the date of
-the release into CITATION.cff, references.bib, the conda recipe and the changelog.
+The version is named in src/polywigner/__init__.py alone. `--date` copies it, with the day of the
+release, into CITATION.cff, references.bib, the conda recipe and the changelog.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DIST = ROOT / "dist"
 RECIPE = ROOT / "packaging" / "conda" / "meta.yaml"
 PLACEHOLDER = "SHA256_OF_THE_SDIST"
-# These tools are installed in a separate environment, because cffconvert requires old versions of
-# common libraries.
+# In an environment of their own: cffconvert requires old versions of common libraries.
 TOOLS = [
     "build>=1.2",
     "twine>=6",
@@ -58,7 +57,7 @@ def version() -> str:
 
 
 def copies(version: str, date: str) -> dict[Path, list[tuple[str, str]]]:
-    """Return patterns of the lines that repeat the version or the date, and new lines, by file."""
+    """The places that repeat the version or the date: patterns of lines, and the new lines."""
     citation, bibliography = ROOT / "CITATION.cff", ROOT / "src" / "polywigner" / "references.bib"
     year = date[:4]
     software = r"(@misc\{polywigner,\n(?:  .*\n)*?  version = \{).*(\},\n  year    = \{)\d+"
@@ -98,7 +97,7 @@ def run(*command: str | Path, **options: object) -> None:
 
 
 def environment(folder: Path, python: str = sys.executable) -> Path:
-    """Create an empty environment, and return its folder of programs."""
+    """Create an empty environment; its folder of programs."""
     run(python, "-m", "venv", folder)
     return folder / ("Scripts" if sys.platform == "win32" else "bin")
 
@@ -111,7 +110,7 @@ def build(tools: Path) -> tuple[Path, Path]:
     for package in (wheel, sdist):
         print(f"  {package.name}: {package.stat().st_size / 1e6:.2f} MB")
     if sdist.stat().st_size > LARGEST_SDIST:
-        sys.exit(f"the sdist is larger than {LARGEST_SDIST} bytes")
+        sys.exit(f"expected an sdist of at most {LARGEST_SDIST} bytes")
     return wheel, sdist
 
 
@@ -134,15 +133,13 @@ def fill_recipe(sdist: Path) -> None:
 
 
 def interpreters() -> Iterator[tuple[str, str]]:
-    """Yield the Python interpreters of this machine, each with its version."""
+    """The Pythons of this machine, each with its version."""
     for name in PYTHONS:
         running = name == f"{sys.version_info.major}.{sys.version_info.minor}"
         path = sys.executable if running else shutil.which(f"python{name}")
-        # The shim of a version manager may exist for versions that it cannot run.
+        # The shim of a version manager exists for versions that it does not run.
         if path is None or subprocess.run([path, "-c", ""], capture_output=True).returncode:
-            print(
-                f"- Python {name}: not available on this machine, tested by the jobs of tests.yml"
-            )
+            print(f"- Python {name}: not on this machine, left to the jobs of tests.yml")
         else:
             yield name, path
 
@@ -173,7 +170,7 @@ def install(
     run(programs / "python", lines, cwd=folder)
     run(programs / "polywigner", "doctor", cwd=folder)
     if not list(folder.glob("*.png")):
-        sys.exit("the example of the README has produced no figure")
+        sys.exit("expected a figure of the README's five lines, found none")
 
 
 def rehearse() -> None:

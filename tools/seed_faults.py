@@ -1,4 +1,4 @@
-"""Seed faults into the code, one at a time, and count the faults that the quick tests detect.
+"""Seed faults into the code, one at a time, and count those which the quick tests catch.
 
     tools/seed_faults.py --area geometry --count 20
 
@@ -59,8 +59,7 @@ AREAS = {  # subpackages of an area, and words in the names of its test files
     "llvm": ("llvm interruption", "llvm doctor interruptions"),
     "interface": ("cli figures quantities", "cli figures doctor quantities mistakes lenses"),
 }
-# Libraries that are imported once, for all forked processes. Dr.Jit is not among them, because it
-# starts threads.
+# Imported once, for all processes that are forked; not Dr.Jit, which has threads.
 LIBRARIES = ("hypothesis", "matplotlib.pyplot", "mpmath", "pytest", "scipy", "shapely", "xarray")
 Table = dict[str, list[str]]
 
@@ -71,7 +70,7 @@ _SILENT = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert)
 
 
 def changes(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield faulty replacements of an expression."""
+    """Yield what could stand in the place of an expression."""
     if isinstance(node, ast.Compare) and len(node.ops) == 1:
         if name := _COMPARED.get(type(node.ops[0]).__name__):
             yield ast.Compare(node.left, [getattr(ast, name)()], node.comparators)
@@ -95,7 +94,7 @@ def changes(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def expressions(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the expressions that are evaluated, without annotations, messages and docstrings."""
+    """Yield the expressions that are computed: no annotations, messages or docstrings."""
     if isinstance(node, _SILENT):
         return
     if isinstance(node, ast.expr):
@@ -108,7 +107,7 @@ def expressions(node: ast.AST) -> Iterator[ast.expr]:
 
 
 def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
-    """Yield each possible fault: its line, the bytes that it replaces, and the new expression."""
+    """Yield for each possible fault its line, the bytes in whose place it stands, and itself."""
     starts = [0]
     for line in raw.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -120,7 +119,7 @@ def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
 
 
 def drawn(area: str, count: int, seed: int, table: Table | None) -> Iterator[tuple[Any, bytes]]:
-    """Yield faults on different lines, as (path, line, before, after), and the faulty source."""
+    """Yield faults, one a line, as (path, line, before, after), and the source with the fault."""
     rng, package = random.Random(f"{area} {seed}"), ROOT / "src/polywigner"
     rooms = AREAS[area][0].split()
     files = [
@@ -139,11 +138,11 @@ def drawn(area: str, count: int, seed: int, table: Table | None) -> Iterator[tup
 
 
 def apart(call: Callable[[], int], seconds: int) -> int:
-    """Return the exit status of a call in a forked process with a limit on CPU time in s."""
+    """Return the exit status of a call in a forked process, of so many seconds of CPU time."""
     child = os.fork()
     if child == 0:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-        signal.alarm(20 * seconds)  # limit on the wall time of processes that wait
+        signal.alarm(20 * seconds)  # of what waits for nothing
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1), os.dup2(null, 2)
         status = 1
@@ -155,14 +154,13 @@ def apart(call: Callable[[], int], seconds: int) -> int:
 
 
 def tried(module: Path, source: bytes, chosen: list[str], seconds: int) -> str:
-    """Return the verdict of tests on a module with a fault; the module is restored afterwards."""
+    """Say what tests make of a module with a fault; the module is as before afterwards."""
     import pytest
 
     arguments = ["-xq", "-m", "not slow", "-p", "no:cacheprovider", *chosen]
     kept, compiled = module.read_bytes(), Path(cache_from_source(str(module)))
     module.write_bytes(source)
-    # Python compares times and sizes of files, which is too coarse here.
-    compiled.unlink(missing_ok=True)
+    compiled.unlink(missing_ok=True)  # Python's check of times and sizes is too coarse here
     status = apart(lambda: int(pytest.main(arguments)), seconds) if chosen else 5
     module.write_bytes(kept)
     compiled.unlink(missing_ok=True)
