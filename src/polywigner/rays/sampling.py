@@ -131,7 +131,7 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
 
 
 def _support(source: Any) -> Aperture | Slits:
-    """Return the automean."""
+    """Return the automean of a source."""
     if isinstance(source, Array) and source.dimension > 1:
         return automean(source.support)
     if isinstance(source, Aperture):
@@ -146,7 +146,7 @@ def _support(source: Any) -> Aperture | Slits:
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the part that each number in [0, 1) selects by size, and the position in the part."""
+    """Return the part that each number in [0, 1) selects by size, and the position in this part."""
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)

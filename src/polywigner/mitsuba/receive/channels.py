@@ -442,7 +442,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Return the polynomial through values at Chebyshev nodes, at frequencies (n,)."""
+    """Return values at frequencies (n,) of the polynomial through values at Chebyshev nodes."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)
