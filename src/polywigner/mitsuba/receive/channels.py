@@ -89,7 +89,7 @@ def channel(
 ) -> xarray.Dataset:
     """Return complex amplitudes h and delays between all emitters and receivers of a scene.
 
-    h is the sum over the line of sight and the specular paths by flat mirrors, with exact near
+    h is the sum over the line of sight and the specular paths via flat mirrors, with exact near
     fields of images (docs/channel.md). \\|h\\|^2 is the ratio of received and transmitted power.
     The parameter ``normalise`` of the plugins defines both powers. By default they are radiated
     powers, so in the far field Friis' formula holds with directivities. Waves are
