@@ -116,10 +116,11 @@ def propagate(
         ),
     ] = None,
 ) -> None:
-    """Compute the field of a source in front of it, by several methods.
+    """Compute the field in front of a source by several methods.
 
-    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc,
-    and prints the differences of the methods. For volumes, see `polywigner volume`.
+    The points lie on a line, an arc, a plane or a hemisphere. The command writes a figure
+    NAME.png and the values NAME.nc, and prints the differences of the methods. For volumes,
+    see `polywigner volume`.
     """
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}

@@ -124,7 +124,10 @@ class View:
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
-    """Compute a view with a number of samples along each axis; PolywignerError if impossible."""
+    """Compute a view with a number of samples along each axis.
+
+    Raises PolywignerError if the view cannot be computed.
+    """
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
