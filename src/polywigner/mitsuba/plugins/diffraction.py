@@ -141,7 +141,7 @@ class Shadows:
         return dr.if_stmt((point,), far, self.intensity, free, mode="symbolic")
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 at a point in front in units of the scene, relative to |u|^2 = 1."""
+        """Return |U|^2 at a point in front, in units of the scene, for a source with |u|^2 = 1."""
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
             # The point moves in front of its surface by more than rounding errors.
