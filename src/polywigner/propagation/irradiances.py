@@ -21,6 +21,7 @@ from polywigner.propagation.collins import (
     squared_field,
     systems_and_stops,
 )
+from polywigner.propagation.conducting_sheets import Edge, check_edge
 from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.point_grids import (
     DEFAULT_TOLERANCE,
@@ -63,6 +64,7 @@ class IrradianceOptions(TypedDict, total=False):
 
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
     obstacles: Obstacle | Sequence[Obstacle] | None
+    edge: Edge
     obliquity: ObliquityName | None
     bandwidth: float | None
     tolerance: float
@@ -79,6 +81,7 @@ def irradiance(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: ObliquityName | None = None,
     bandwidth: float | None = None,
     tolerance: float = _TOLERANCE,
@@ -110,6 +113,8 @@ def irradiance(
     obstacles : Polyhedron, placed Aperture or sequence, optional
         Bodies and plates whose shadows diffract, as in :func:`amplitude`. Requires "auto" or a
         method of :func:`amplitude`, and no ``bandwidth``.
+    edge : {"black", "soft", "hard"}, default "black"
+        Boundary condition on the obstacles, as in :func:`amplitude`.
     obliquity : str, optional
         Boundary condition that rays are matched to, as in :func:`radiation_pattern`, or "paper",
         a factor cos(theta) that corresponds to no boundary condition. It applies to each pair of
@@ -162,7 +167,7 @@ def irradiance(
     0.0963
     """
     return _irradiance_and_error(
-        source, points, wavelength, method, through=through, obstacles=obstacles,
+        source, points, wavelength, method, through=through, obstacles=obstacles, edge=edge,
         obliquity=obliquity, bandwidth=bandwidth, tolerance=tolerance, engine=engine,
     )[0]  # fmt: skip
 
@@ -215,6 +220,7 @@ def _irradiance_and_error(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: Any = None,
     bandwidth: float | None = None,
     tolerance: float = _TOLERANCE,
@@ -241,6 +247,7 @@ def _irradiance_and_error(
             "obstacles require one wavelength, no system of lenses, and a method that computes "
             f'fields, got method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
         )
+    check_edge(edge, obstacles)
     if method == "wigner" and isinstance(source, PointSource):
         method = DEFAULT  # The rays of a point source carry |exp(ikR)/R|^2 exactly.
     field_tolerance = min(allowed, DEFAULT_TOLERANCE)
@@ -257,7 +264,7 @@ def _irradiance_and_error(
         if obstacles is None and not isinstance(part, (Screen, PointSource)):
             part = checked_radiator(part)
         field = field_and_error(
-            part, positions, length, method, obstacles=obstacles, obliquity=obliquity,
+            part, positions, length, method, obstacles=obstacles, edge=edge, obliquity=obliquity,
             tolerance=field_tolerance, engine=engine, with_error=with_error,
         )  # fmt: skip
         return np.stack(squared_field(*field))
