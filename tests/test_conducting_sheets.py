@@ -1,4 +1,4 @@
-"""Soft and hard plates: the exact half-plane, conditions on the plate, and what is refused."""
+"""Soft and hard plates: the exact half-plane, conditions on the plate, and errors."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ def test_edge_wave_of_a_half_plane_is_macdonalds(turns: float, nodes: int, allow
 @pytest.mark.parametrize("engine", ["numpy", pytest.param("llvm", marks=pytest.mark.llvm)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_large_plate_is_a_half_plane(kind: str, engine: Any) -> None:
-    # the plate of which only one edge is near
+    # a plate like an M, with one near edge
     corners = [(0.0, -1.0), (0.0, 1.0), (-0.6, 1.2), (-0.4, 0.0), (-0.6, -1.2)]
     plate = pw.Aperture([(LONG * x, LONG * y) for x, y in corners]).placed(np.eye(4))
     source = np.array([2.0, 1.0, -40.0])
     points = drawn(200, -30.0, 30.0)
-    points[:40, 2] = 0.0  # on the plate and beside it
+    points[:40, 2] = 0.0  # in the plane of the plate
     lamp = pw.PointSource(tuple(source))
     result = field(lamp, points, kind, obstacles=plate, engine=engine)
     assert np.abs(result - field_of_half_plane(kind, source, points)).max() < 1e-6 / 40

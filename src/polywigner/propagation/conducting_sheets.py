@@ -34,7 +34,7 @@ class Sheet:
 
     @classmethod
     def of(cls, bodies: Obstacles) -> Sheet:
-        """Return the plane of all obstacles; raise ArgumentError if there is none."""
+        """Return the plane of all obstacles; raise ArgumentError if they are not in one plane."""
         normal = bodies.bodies[0].normals[0]
         normal = normal / np.linalg.norm(normal)
         heights = bodies.vertices @ normal
@@ -80,8 +80,8 @@ def change_by_sheet(
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change by soft or hard plates, the free field and the error at positions (n, 3).
 
-    ``compute``: returns these for the shadow of the incident field alone. ``least``: positions
-    nearer to a plate, (n,), are on its illuminated side.
+    ``compute``: function with the same results for the incident field alone. ``least``: distances
+    (n,) from a plate below which a position is on the illuminated side.
     """
     sheet, count = Sheet.of(bodies), len(positions)
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least

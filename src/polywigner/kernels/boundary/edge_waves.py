@@ -338,7 +338,7 @@ class _EdgePaths:
     def sheet_turn(self, ops: Any, in_front: Any) -> Number:
         """Return ``turn`` over the sine of half the angle at the edge, for a thin plate.
 
-        The sign is that of ``turn`` behind the plate, and positive in front of the plate.
+        The sign is the sign of ``turn`` behind the plate, and positive in front of the plate.
         """
         near = 2.0 * self.both * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
@@ -394,7 +394,8 @@ def edge_wave(
         between. The step of the wave at this boundary is left out where it is 1, (SB5).
     in_front : array, optional
         For edges of conducting plates: 1 if the point is on the same side of the plate as the
-        source, 0 if not. The wave is that of the incident field in (SB9). Default: a black edge.
+        source, 0 if not. The result is the boundary wave of the incident field, (SB9). Default: a
+        black edge.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
