@@ -9,6 +9,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import NoReturn
 
 import pytest
@@ -52,6 +53,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: (item.path.name not in _LONG, -count[item.path], item.path.name))
 
 
+def pytest_collection_finish() -> None:
+    """Leave modules and tests out of later garbage collections, which visit all objects."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     for name in _MARKERS:
         if item.get_closest_marker(name):
@@ -78,6 +85,34 @@ def plain() -> None:
     import mitsuba as mi
 
     mi.set_variant("scalar_rgb")
+
+
+@pytest.fixture
+def few_rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trace few rays along each path, unless the test asks for ``many_rays`` as well.
+
+    Scalar variants trace rays one by one. Where nothing is blocked in part, few are enough.
+    """
+    import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
+
+    if "many_rays" not in request.fixturenames:
+        monkeypatch.setattr("polywigner.mitsuba.receive.specular_paths._ray_count", lambda: 64)
+
+
+@pytest.fixture
+def many_rays() -> None:
+    """As many rays as users have, for tests of mean transmissions."""
+
+
+@pytest.fixture
+def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn and their files written, but not painted: it takes half of a second."""
+    from matplotlib.figure import Figure
+
+    def written(_: Figure, path: Path, **__: object) -> None:
+        Path(path).write_bytes(b"\x89PNG")
+
+    monkeypatch.setattr(Figure, "savefig", written)
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
 """Sources of every kind, and the laws that their transforms obey: one table for `test_laws`.
 
 The values that a source must have come from exact slices: outlines are cut in rational arithmetic
-pair by pair of elements, and transformed wave by wave at 25 digits (``oracles.exact``).
+pair by pair of elements, and transformed wave by wave at 25 digits (``oracles.exact``). They are
+stored (``oracles/generate.py exact_slices``), since they take much longer than the transforms.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import shapely
 
 import polywigner as pw
 from oracles import exact, kinds
+from oracles.references import DATA
 
 Values = Any
 Element = tuple[Any, list[tuple[complex, Values]]]
@@ -77,7 +79,6 @@ SOURCES: dict[str, Callable[[], Any]] = {
     "steered far": lambda: ELL.with_illumination(
         pw.cosine_taper(4, 4) * pw.Illumination([1.0], [[50.0, 20.0]])
     ),
-    "holed with waves": lambda: FRAME.with_illumination(WAVES),
     "small parts with waves": lambda: pw.Aperture(_small_rings(1e-2)).with_illumination(WAVES),
     "product": lambda: _product(0.0, (0.0, 0.0)),
     "product, turned and moved": lambda: _product(-1.1, (3.0, 2.0)),
@@ -111,9 +112,6 @@ SOURCES: dict[str, Callable[[], Any]] = {
     "long row of any weights": lambda: pw.phased_array(SQUARE, _grid(300, 1, 1.3), _weights(300)),
     "scattered far away": lambda: pw.phased_array(
         ELL, np.random.default_rng(2).uniform(0, 6, (7, 2)) + np.array([50.0, -20.0]), _weights(7)
-    ),
-    "scattered waves": lambda: pw.phased_array(
-        SQUARE.with_illumination(WAVES), np.random.default_rng(3).uniform(0, 4, (8, 2)), _weights(8)
     ),
     "narrow slits": lambda: pw.Slits([[-0.5, -0.499999], [0.1, 0.100002], [0.4, 0.400001]]),
     "slits of any weights": lambda: pw.Array(
@@ -207,8 +205,9 @@ def hard_points(name: str) -> Points:
     """
     rng = np.random.default_rng(crc32(name.encode()))
     elements = elements_of(name)
-    # sums over many pairs in rational arithmetic take long
-    count = 12 if len(elements) < 5 else 6 if len(elements) < 50 else 4
+    # sums over many pairs of elements and waves in rational arithmetic take long
+    terms = sum(len(waves) for _, waves in elements)
+    count = 12 if terms < 10 else 6 if len(elements) < 50 else 4
     d, corners = dimension_of(name), [corners_of(outline) for outline, _ in elements]
     one, other = (
         np.array(
@@ -323,6 +322,22 @@ def _centre(name: str) -> Values:
 
 @cache
 def exact_values(name: str, function: str) -> Values:
+    """The values (n,) of a coherent source at its hard points, from the file of them."""
+    count = len(hard_points(name).x)
+    counts = [count // 3 if "marginal" in other else count for other in kinds.FUNCTIONS]
+    number = kinds.FUNCTIONS.index(function)
+    begin = sum(counts[:number])
+    values = _stored()[name][begin : begin + counts[number]]
+    return values.real if function in ("wigner", "position_marginal") else values
+
+
+@cache
+def _stored() -> dict[str, Values]:
+    with np.load(DATA / "exact_slices.npz") as archive:
+        return dict(archive)
+
+
+def computed_values(name: str, function: str) -> Values:
     """The values (n,) of a coherent source at its hard points; of marginals at some of them."""
     at = hard_points(name)
     if function == "fourier":

@@ -24,7 +24,7 @@ from mitsuba_scenes import (
 )
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 
-pytestmark = pytest.mark.drjit
+pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
@@ -249,7 +249,9 @@ def test_a_wall_in_the_line_of_sight_leaves_the_path_by_the_floor(plain: None) -
     assert any("obstacles block it" in note for note in result.attrs["notes"])
 
 
-def test_half_of_an_aperture_behind_a_plate_sends_half_of_the_amplitude(plain: None) -> None:
+def test_half_of_an_aperture_behind_a_plate_sends_half_of_the_amplitude(
+    plain: None, many_rays: None
+) -> None:
     """A quarter of the power: not the half that rays of power count."""
     scene = between(ONE, OTHER, plate=screen(4e-3, 0.0, 0.5))
     half = SQUARE & pw.shapes.rectangle(20e-3, 10e-3).moved((0.0, 5e-3))
@@ -366,7 +368,7 @@ def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(pla
         ({"polarisation": [1.0, 0.0, 0.0]}, "expected"),
         ({"tolerance": 0.0}, "expected tolerance"),
         ({"bodies": [SQUARE]}, "expected bodies as a dict"),
-        ({"bodies": {"floor": SQUARE}}, "expected different names of bodies and mirrors, got 'fl"),
+        ({"bodies": {"floor": SQUARE}}, "the name 'floor' belongs to a body and to a mirror"),
         ({"bodies": {"a": 3}}, "the body 'a'"),
         ({"bodies": {"a": (SQUARE, 4)}}, "the body 'a'.*reflections"),
     ],
@@ -386,9 +388,12 @@ def test_an_argument_out_of_range_is_refused(
     ("change", "message"),
     [
         ({"tx": None}, "no wigner emitter"),
-        ({"rx": {"obliquity": "kirchhoff"}}, "same obliquity"),
+        ({"rx": {"obliquity": "kirchhoff"}}, "obliquity must be the same"),
         ({"tx": {"bandwidth": 1e9}}, "coherent light"),
-        ({"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}}, "has a phase"),
+        (
+            {"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}},
+            "reflection has no phase",
+        ),
     ],
     ids=lambda value: str(value)[:40],
 )
@@ -441,11 +446,9 @@ def test_a_wide_plate_is_a_mirror_with_its_phase(plain: None, polarisation: str)
     assert echo.delay.values == pytest.approx(mirror.delay.values)
 
 
-@pytest.mark.parametrize(("side", "shift"), [(0.1, 0.0), (0.3, 0.14)])
-def test_the_echo_of_a_body_in_the_way_is_its_shadow(
-    plain: None, side: float, shift: float
-) -> None:
+def test_the_echo_of_a_body_in_the_way_is_its_shadow(plain: None) -> None:
     """Line of sight and echo add up to the field behind the edges of an obstacle."""
+    side, shift = 0.1, 0.02
     pose = looking((1.0, shift, 0.5), (1, 0, 0))
     result = pm.channel(between(ONE, OTHER), bodies={"plate": plate(side, pose)})
     shade = rectangle(pose[:3, 3], (0, 1, 0), 90, side / 2, BLACK)
@@ -473,7 +476,7 @@ def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> No
     notes = pm.channel(between(near, near), bodies={"corner": (body, 3)}).attrs["notes"]
     assert any("'corner' is closer than 2 D^2/lambda" in note for note in notes)
     notes = pm.channel(between(pose, pose), bodies={"corner": body}).attrs["notes"]
-    assert any("later reflections are left out" in note for note in notes)
+    assert any("higher-order reflections between them are not included" in note for note in notes)
 
 
 def test_echoes_by_the_floor_are_those_of_images(plain: None) -> None:
@@ -495,17 +498,17 @@ def test_echoes_by_the_floor_are_those_of_images(plain: None) -> None:
 
 def test_echoes_over_a_band_are_those_of_each_frequency(plain: None) -> None:
     body = {"plate": plate(0.03, looking((3.0, 0.1, 0.5), (-1, 0, 0)))}
-    band = np.linspace(93e9, 95e9, 41)
+    band = np.linspace(93e9, 95e9, 21)
     result = pm.channel(between(ONE, ONE), band, bodies=body).h[:, 0, 0].values
-    each = [pm.channel(between(ONE, ONE), f, bodies=body).h.values.item() for f in band[::8]]
-    assert np.abs(result[::8] - each).max() < PIECES * np.abs(each).max()
+    each = [pm.channel(between(ONE, ONE), f, bodies=body).h.values.item() for f in band[::10]]
+    assert np.abs(result[::10] - each).max() < PIECES * np.abs(each).max()
     power = pm.received_power(between(ONE, ONE), 16, coherent=True, bodies=body)  # of 1 W
-    assert float(power) == pytest.approx(abs(result[20]) ** 2, rel=2 * PIECES)
+    assert float(power) == pytest.approx(abs(result[10]) ** 2, rel=2 * PIECES)
     (path,) = power.contributions[0].paths
     assert path.mirrors == ("plate",) and path.arrives_from == pytest.approx((0.1 / 3, 0), rel=1e-2)
 
 
-def test_what_stands_before_a_body_takes_its_share(plain: None) -> None:
+def test_what_stands_before_a_body_takes_its_share(plain: None, many_rays: None) -> None:
     body = {"plate": plate(0.05, looking((2.0, 0.0, 0.5), (-1, 0, 0)))}
     free = pm.channel(between(ONE, ONE), bodies=body)
     half = pm.channel(between(ONE, ONE, screen=screen(1.0, 0.5, 1.0)), bodies=body)

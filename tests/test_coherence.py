@@ -172,7 +172,9 @@ def test_what_partly_coherent_light_has_not_is_refused(call, message):
         call()
 
 
-@pytest.mark.parametrize("wave", [SQUARE, SQUARE.curved(60e-3, WAVELENGTH)])
+@pytest.mark.parametrize(
+    "wave", [SQUARE, pytest.param(SQUARE.curved(60e-3, WAVELENGTH), marks=pytest.mark.slow)]
+)
 def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave):
     width = 8e-3
     points = np.array([(0.05, 0.02, 0.3), (0.1, 0.0, 0.2)])

@@ -128,9 +128,9 @@ def test_any_number_of_outlines_needs_a_few_kernels(name):
             assert error <= DOUBLE * source.area
 
     with compiled() as first:
-        call(20)
+        call(12)
     with compiled() as more:
-        call(40)
+        call(24)
     assert len(set(first)) + len(set(more)) <= MOST_FORMS
     assert len(more) < MOST_FORMS // 2
 
@@ -152,7 +152,7 @@ def test_arrays_of_the_engine_need_no_kernel_of_their_own(derivatives):
                 dr.backward(value)
             dr.eval(dr.grad(x) if derivatives else value)
 
-    call(15)
+    call(10)
     with compiled() as result:
-        call(15)
+        call(10)
     assert len(result) < MOST_FORMS

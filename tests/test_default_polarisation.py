@@ -23,7 +23,7 @@ from mitsuba_scenes import (
 )
 from polywigner.errors import SceneError
 
-pytestmark = pytest.mark.drjit
+pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 
 POLARISED = "llvm_ad_mono_polarized"
@@ -80,10 +80,8 @@ def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> Non
     """Ends in parallel planes see one field vector: Malus' cosine of the roll is exact."""
     use(POLARISED)
     for roll, sent, taken, share in [
-        (0.0, None, None, 1.0),
         (0.7, None, None, math.cos(0.7) ** 2),
         (0.3, None, "x", math.sin(0.3) ** 2),
-        (0.0, None, "right", 0.5),
         (0.0, "45 deg", None, 0.5),
     ]:
         one, other = poses(roll, 0.0)
@@ -157,7 +155,7 @@ def test_results_state_the_polarisations_that_count() -> None:
     )
     use("scalar_rgb")
     plain = linked(poses(0.0, 0.0))
-    assert "not counted" in pm.received_power(plain, spp=16).polarisation
+    assert "ignored" in pm.received_power(plain, spp=16).polarisation
     assert "y at both ends of reflected paths" in pm.channel(plain).attrs["polarisation"]
 
 
@@ -179,7 +177,7 @@ def test_a_requested_default_holds_for_direct_and_scattered_power_and_ends_with_
 def test_unpolarised_ends_have_no_amplitude() -> None:
     use("scalar_spectral_polarized")
     scene = linked(poses(0.0, 0.0), "unpolarised")
-    with pytest.raises(SceneError, match="'tx', which is unpolarised"):
+    with pytest.raises(SceneError, match="'tx' is unpolarised"):
         pm.channel(scene)
     assert pm.received_power(scene, spp=16).direct > 0
 

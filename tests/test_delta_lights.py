@@ -24,7 +24,7 @@ from mitsuba_scenes import (
 )
 from polywigner.errors import SceneError
 
-pytestmark = pytest.mark.drjit
+pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
@@ -135,7 +135,7 @@ def wall(z: float, x: float = 0.0, bsdf: Any = BLACK) -> dict[str, Any]:
     return rectangle((x, 0, z), (1, 0, 0), 0, bsdf=bsdf)
 
 
-def test_walls_and_veils_take_their_share_of_a_light(plain: None) -> None:
+def test_walls_and_veils_take_their_share_of_a_light(plain: None, many_rays: None) -> None:
     lamp, sun = point((0, 0, 50)), {"type": "directional", "direction": [0, 0, -1]}
     free = {
         light["type"]: float(pm.received_power(scene_of(rx=receiver(), light=light), spp=16))

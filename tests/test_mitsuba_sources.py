@@ -67,7 +67,7 @@ SOURCES = {
 @pytest.mark.parametrize(
     ("name", "variant"),
     [
-        *((name, "scalar_rgb") for name in ("TE10", "lattice", "any elements", "curved")),
+        ("lattice", "scalar_rgb"),
         *(pytest.param(name, "llvm_ad_mono", marks=pytest.mark.llvm) for name in SOURCES),
         *(pytest.param("chevron", *each.values, marks=each.marks) for each in VARIANTS[2:]),
     ],

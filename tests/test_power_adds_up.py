@@ -43,9 +43,9 @@ BOTH = ("exact", "wigner")
 CASES = [
     pytest.param(name, obliquity, estimator, marks=marks)
     for name, obliquity, estimators, marks in (
-        ("steered array", "rayleigh-sommerfeld-1", BOTH, []),
-        ("1 wavelengths", "kirchhoff", BOTH, []),
-        ("0.3 wavelengths", "rayleigh-sommerfeld-2", BOTH, []),
+        ("steered array", "rayleigh-sommerfeld-1", ("exact",), []),
+        ("1 wavelengths", "kirchhoff", ("wigner",), []),
+        ("0.3 wavelengths", "rayleigh-sommerfeld-2", ("exact",), []),
         ("curved", "paper", ("wigner",), []),
         ("3 wavelengths", "rayleigh-sommerfeld-1", BOTH, pytest.mark.slow),
         ("10 wavelengths", "rayleigh-sommerfeld-2", BOTH, pytest.mark.slow),
@@ -173,7 +173,7 @@ def passed(degrees, obliquity, estimator, back, samples):
     ("obliquity", "estimator", "degrees"),
     [
         ("rayleigh-sommerfeld-1", "exact", 30.0),
-        ("rayleigh-sommerfeld-1", "wigner", 60.0),
+        pytest.param("rayleigh-sommerfeld-1", "wigner", 60.0, marks=pytest.mark.slow),
         pytest.param("kirchhoff", "exact", 60.0, marks=pytest.mark.slow),
     ],
 )

@@ -95,11 +95,11 @@ def gain(direction):
 
 @pytest.fixture(scope="module")
 def corner():
-    """A receding corner reflector at 12.34 m, 10 degrees aside, seen by four elements."""
+    """A receding corner reflector at 12.34 m, 10 degrees aside, seen by two elements."""
     mi.set_variant(pm.choose_variant())
     position = 12.34 * np.array([np.sin(np.radians(10)), 0.0, np.cos(np.radians(10))])
     cube = pm.radar_cube(
-        scene_of(row(4)), CHIRPS, bodies={"corner": (trihedral(position), 3)}, elements=True,
+        scene_of(row(2)), CHIRPS, bodies={"corner": (trihedral(position), 3)}, elements=True,
         velocities={"corner": 3.1 * position / 12.34}, points=0, noise=False,
     )  # fmt: skip
     return position, cube
@@ -131,37 +131,28 @@ def test_phases_across_elements_follow_the_direction(corner):
     assert np.abs(steps + 360 * sine * WAVELENGTH / 2 / CHIRPS.wavelength).max() < 0.5
 
 
-def test_twelve_virtual_elements_resolve_the_angle():
+def test_eight_virtual_elements_resolve_the_angle():
     """The half-power width of a uniform array of n elements at a pitch d is 0.886 lambda/(n d)."""
-    emitters = [(2e-2 + 4 * k * WAVELENGTH / 2, 0.0, 0.0) for k in range(3)]
+    emitters = [(2e-2 + 4 * k * WAVELENGTH / 2, 0.0, 0.0) for k in range(2)]
     sine, cosine = np.sin(np.radians(10)), np.cos(np.radians(10))
     position = 50.0 * np.array([sine, 0.0, cosine])
     facing = np.eye(4)
     facing[:3] = np.c_[[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine], position]
     waveform = replace(CHIRPS, chirps=8)
-    rate = waveform.rate_step / 3  # in the centre of a bin, for three emitters
+    rate = waveform.rate_step / 2  # in the centre of a bin, for two emitters
     cube = pm.radar_cube(
         scene_of(row(4), emitters, (0.0, 0.0, 0.0)), waveform, elements=True, points=0, noise=False,
         bodies={"plate": pw.shapes.square(LEG).placed(facing)},
         velocities={"plate": (0.0, 0.0, rate)},
     )  # fmt: skip
-    image = radar.range_angle(cube, window="boxcar", directions=4001).isel(draw=0)
+    image = radar.range_angle(cube, window="boxcar", directions=2001).isel(draw=0)
     cut = image.where(image["range"] > 20.0, 0.0).max("range")
     angles = np.degrees(np.arcsin(cut["direction_cosine"].values))
     centre = np.mean(emitters, axis=0)[0] / 2
     seen = np.degrees(np.arctan2(position[0] - centre, position[2]))
     assert abs(angles[int(cut.values.argmax())] - seen) < 0.1
     lit = np.sin(np.radians(angles[cut.values > cut.values.max() / 2]))
-    assert np.ptp(lit) == pytest.approx(0.886 * 2 / 12, rel=0.02)
-
-
-def test_the_mean_of_draws_is_the_received_power():
-    scene = scene_of(board=plate(3.0, 0.4))
-    cube = pm.radar_cube(scene, SHORT, points=4000, draws=400, noise=False)
-    power = (np.abs(cube["signal"].values) ** 2).mean(axis=(1, 2, 3, 4))
-    error = power.std(ddof=1) / np.sqrt(len(power))
-    received = pm.received_power(scene, spp=1 << 16)
-    assert abs(power.mean() - float(received)) < 3 * np.hypot(error, received.standard_error)
+    assert np.ptp(lit) == pytest.approx(0.886 * 2 / 8, rel=0.02)
 
 
 def test_mean_range_bins_are_the_range_profile():
@@ -171,10 +162,10 @@ def test_mean_range_bins_are_the_range_profile():
         board=plate(3.0, 0.4), wall=rectangle([1.5, 0, 5.0], [0, 1, 0], 200, 1.0, ROUGH)
     )
     waveform = radar.FMCW(76e9, 1e9, 64, 20e6)
-    cube = pm.radar_cube(scene, waveform, points=8000, draws=400, noise=False)
+    cube = pm.radar_cube(scene, waveform, points=4000, draws=200, noise=False)
     values = radar.range_doppler(cube, "boxcar").values[:, 0, 0, 0]
     edges = np.linspace(0, 64 * waveform.range_step, 2049)
-    profile = pm.range_profile(scene, edges, spp=1 << 16)
+    profile = pm.range_profile(scene, edges, spp=1 << 15)
     offset = np.subtract.outer(np.arange(64), profile["range"].values / waveform.range_step)
     kernel = np.abs(np.exp(2j * np.pi / 64 * offset[..., None] * np.arange(64)).mean(axis=-1)) ** 2
     expected = kernel @ profile["scattered_power"].values
@@ -218,6 +209,7 @@ def test_sums_over_scatterers_equal_the_plain_sum(spread):
             assert np.abs(result[k, m] - expected).max() < 1e-6 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_elements_receive_the_power_of_single_receivers():
     scene = scene_of(row(3), board=plate(3.0, 0.4))
     cube = pm.radar_cube(scene, SHORT, points=4000, draws=100, noise=False, elements=True)
@@ -240,7 +232,7 @@ def test_emitters_are_coherent_at_shared_scatterers():
     assert abs(np.angle(ratio * np.exp(-1j * expected))) < 0.1
     assert abs(ratio) == pytest.approx(1.0, abs=0.05)
     power = (np.abs(cube["signal"].values) ** 2).mean(axis=(0, 1, 3, 4)).sum()
-    received = float(pm.received_power(scene, spp=1 << 16))
+    received = float(pm.received_power(scene, spp=1 << 14))
     assert power == pytest.approx(received, rel=3 / np.sqrt(50))
 
 

@@ -93,7 +93,7 @@ def check_sum(weights, expected, scatter):
     assert sums.std() / math.sqrt(32) < scatter
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", ["square", "array", "converging", "partly coherent"])
 def test_weights_add_up_to_the_radiated_power(name):
     source = SOURCES[name]
     how: Any = {"directions": "beam" if name == "square" else "uniform"}
@@ -254,7 +254,7 @@ SAMPLED: list[tuple[dict[str, Any], str]] = [
     ({"power": -1.0}, "expected power as"),
     ({"wavelength": 0.0}, "wavelength"),
     ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
-    ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "no to_world"),
+    ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "to_world must be omitted"),
     ({"source": DARK, "power": 1.0}, "source radiates only"),
     ({"to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales"),
     *(

@@ -82,8 +82,8 @@ def test_picture_from_few_nodes_is_the_picture_from_all_points(
         "box": box(),
         "plate": {"type": "rectangle", "to_world": plate, "bsdf": BLACK},
     }
-    few = pm.render(scene(24, bodies), "direct", spp=1, seed=3)
-    free = pm.render(scene(24, {}), "direct", spp=1, seed=3)
+    few = pm.render(scene(12, bodies), "direct", spp=1, seed=3)
+    free = pm.render(scene(12, {}), "direct", spp=1, seed=3)
     monkeypatch.setattr(source_nodes, "_LIMITS", {})
-    every = pm.render(scene(24, bodies), "direct", spp=1, seed=3)
+    every = pm.render(scene(12, bodies), "direct", spp=1, seed=3)
     assert 0.0 < np.abs(few - every).max() < 1e-3 * free.max()

@@ -140,7 +140,7 @@ def test_a_run_that_was_killed_is_continued(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_regions_in_progress_only(tmp_path):
+def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_only_their_own_regions(tmp_path):
     from distributed import LocalCluster
 
     store, log = tmp_path / "beam.zarr", tmp_path / "log"
@@ -149,21 +149,27 @@ def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_regions_in_progre
     ) as cluster:
         with other_process(store, log, cluster.scheduler_address, seconds=0.5) as run:
             wait_for(4, log, run)
-        done = len(evaluations(log))
-        killer = threading.Thread(target=_kill_worker, args=(cluster, log, done + 2), daemon=True)
+        done, begun = len(evaluations(log)), []
+        killer = threading.Thread(
+            target=_kill_worker, args=(cluster, log, done + 2, begun), daemon=True
+        )
         killer.start()
         result = written(store, beam(Beam(log, 0.2)), scheduler=cluster)
         killer.join()
     np.testing.assert_array_equal(result["power"], DIRECT)
-    in_progress = 2 + 1  # of both workers when the writer was killed, and of the killed worker
+    # Both workers computed a region when the writer was killed. Dask computes all regions of the
+    # killed worker again, also those that it had finished: at most all of the second run so far.
+    again = 2 + begun[0] - done
     assert len(set(evaluations(log))) == REGIONS
-    assert len(evaluations(log)) <= REGIONS + in_progress
+    assert len(evaluations(log)) <= REGIONS + again
 
 
-def _kill_worker(cluster, log, count):
+def _kill_worker(cluster, log, count, begun):
+    """Kill a worker when so many regions have begun, and note how many had begun by then."""
     while len(evaluations(log)) < count:
         time.sleep(0.005)
     os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+    begun.append(len(evaluations(log)))
 
 
 CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3).with_illumination(
@@ -171,7 +177,7 @@ CHEVRON = pw.shapes.chevron(20e-3, 12e-3, 4e-3).with_illumination(
 )
 BOX = ((-20e-3, -15e-3, 30e-3), (10e-3, 15e-3, 60e-3))
 AXIS, NU = np.linspace(-0.01, 0.01, 5), np.linspace(-300.0, 500.0, 4)
-BOTH = {"method": ("wigner", "kirchhoff")}
+BOTH = {"method": ("wigner", "fraunhofer")}
 AMPLITUDE = {"method": "rayleigh-sommerfeld-1", "quantity": "amplitude"}
 CORNERS = ((-10e-3, 0, 30e-3), (10e-3, 0, 30e-3), (-10e-3, 5e-3, 50e-3))
 BUILDERS = {
@@ -180,7 +186,7 @@ BUILDERS = {
     "hemisphere": lambda **how: pw.hemisphere(
         CHEVRON, 50e-3, [-0.9, 0.0, 0.4], [0.0, 1.0], 3.2e-3, method="fraunhofer", **how
     ),
-    "volume": lambda **how: pw.volume(CHEVRON, BOX, (4, 3, 5), 3.2e-3, **BOTH, **how),
+    "volume": lambda **how: pw.volume(CHEVRON, BOX, (4, 3, 3), 3.2e-3, **BOTH, **how),
     "wigner": lambda **how: pw.wigner_table(CHEVRON, AXIS, AXIS[1:], NU, NU[1:], **how),
     "ambiguity": lambda **how: pw.ambiguity_table(CHEVRON, NU, NU[1:], AXIS, AXIS[1:], **how),
 }
@@ -247,7 +253,7 @@ def test_a_store_of_other_settings_is_left_alone(tmp_path, dataset):
     store = tmp_path / "beam.zarr"
     written(store)
     before = chunk_files(store)
-    with pytest.raises(StoreError, match=r"beam\.zarr holds results of other settings"):
+    with pytest.raises(StoreError, match=r"beam\.zarr contains results of other settings"):
         written(store, dataset())
     assert chunk_files(store) == before
 
@@ -289,10 +295,10 @@ def test_something_else_at_the_path_is_one_error_and_stays(tmp_path, make):
     path = tmp_path / "precious.zarr"
     make(path)
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*")}
-    with pytest.raises(StoreError, match="something else there"):
+    with pytest.raises(StoreError, match="there is no zarr store"):
         written(path)
     assert before == {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*")}
-    with pytest.raises(StoreError, match="something else there"):
+    with pytest.raises(StoreError, match="there is no zarr store"):
         pw.write_netcdf(path, tmp_path / "out.nc")
 
 
@@ -300,7 +306,7 @@ def test_a_path_that_cannot_be_written_to_is_one_error(tmp_path):
     (tmp_path / "file").write_text("precious")
     with pytest.raises(StoreError, match=r"cannot write to the store .*File exists"):
         written(tmp_path / "file" / "beam.zarr")
-    with pytest.raises(ArgumentError, match="chunks that zarr can store"):
+    with pytest.raises(ArgumentError, match="zarr cannot store these chunks"):
         written(tmp_path / "beam.zarr", beam(chunks=((3, 20), 17)))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
@@ -329,11 +335,15 @@ def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch,
     [
         ((AXIS, AXIS, AXIS, [[0.0]]), {}, r"expected nu_y as finite numbers of shape \(n,\)"),
         ((AXIS, AXIS, [np.nan], AXIS), {}, "expected nu_x as finite"),
-        ((AXIS, AXIS, AXIS, AXIS), {"scheduler": "tcp://a:1"}, "expected out with scheduler"),
+        (
+            (AXIS, AXIS, AXIS, AXIS),
+            {"scheduler": "tcp://a:1"},
+            "expected out, the path of a store",
+        ),
         ((AXIS, AXIS, AXIS, AXIS), {"precision": "half"}, "expected precision"),
         ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": (2, 2)}, "expected chunks that dask accepts"),
         ((AXIS, AXIS, AXIS, AXIS, "w"), {"threads": 0}, "threads as a whole number"),
-        ((np.linspace(0, 1, 1000),) * 4, {}, "write them to disk with out"),
+        ((np.linspace(0, 1, 1000),) * 4, {}, "out to write it to disk"),
     ],
 )
 def test_wrong_arguments_of_a_table_leave_nothing(
@@ -409,7 +419,7 @@ def test_what_is_no_dataset_is_refused(tmp_path):
     for given in (3, np.zeros(3)):
         with pytest.raises(ArgumentError, match=r"xarray\.Dataset or the path of a store"):
             pw.write_netcdf(given, tmp_path / "out")
-    with pytest.raises(StoreError, match=r"expected a zarr store of format 3 at .*nowhere"):
+    with pytest.raises(StoreError, match=r"no zarr store of format 3 at .*nowhere"):
         pw.write_netcdf("nowhere.zarr", tmp_path / "out")
     assert not list(tmp_path.iterdir())
 
@@ -417,7 +427,7 @@ def test_what_is_no_dataset_is_refused(tmp_path):
 def test_a_write_that_fails_leaves_what_was_there(table, tmp_path):
     part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
     (tmp_path / "taken").mkdir()
-    with pytest.raises(ArgumentError, match="expected to write"):
+    with pytest.raises(ArgumentError, match="cannot write"):
         pw.write_netcdf(part, tmp_path / "taken")
     (tmp_path / "old").write_text("old")
     broken = part.map_blocks(lambda block: block / 0 + undefined, template=part)  # noqa: F821

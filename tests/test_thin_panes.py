@@ -26,7 +26,6 @@ import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM li
 
 # Rays of an aperture meet a pane at angles that differ by some milliradians.
 RAYS = 2e-4
-BREWSTER = math.atan(4.0)
 
 
 def summed_pane(index: float, angle: float) -> tuple[list[float], list[float]]:
@@ -81,11 +80,12 @@ TINTED = {"specular_transmittance": 0.5, "specular_reflectance": 0.25}
 @pytest.mark.parametrize(
     ("index", "angle", "tint", "opacity"),
     [
-        *((index, angle, {}, None) for index, angle in ((1.5, 1.3), (4.0, BREWSTER), (0.6, 0.9))),
+        (1.5, 1.3, {}, None),
+        pytest.param(0.6, 0.9, {}, None, marks=pytest.mark.slow),
         pytest.param(4.0, 0.7, {}, 0.3, marks=pytest.mark.slow),
         pytest.param(1.5, 1.0, TINTED, None, marks=pytest.mark.slow),
     ],
-    ids=["glass", "at Brewster's angle", "thinner", "masked", "tinted"],
+    ids=["glass", "thinner", "masked", "tinted"],
 )
 def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
     index: float, angle: float, tint: dict[str, float], opacity: float | None
@@ -110,17 +110,14 @@ def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
     assert of_power(through, ()) == pytest.approx(np.mean(passed), abs=RAYS)
 
 
-@pytest.mark.parametrize("polarisation", ["y", "right"])
-def test_polarised_power_by_a_pane_is_that_of_its_channel(polarisation: str) -> None:
+def test_polarised_power_by_a_pane_is_that_of_its_channel() -> None:
     mi.set_variant("llvm_ad_mono_polarized")
     for is_across, mirrors in ((False, "pane"), (True, "")):
-        scene = powers(2.0, 0.9, polarisation, is_across)
-        expected = of_channel(scene, polarisation, mirrors)
+        scene = powers(2.0, 0.9, "y", is_across)
+        expected = of_channel(scene, "y", mirrors)
         chain = (mirrors,) if mirrors else ()
         assert of_power(scene, chain) == pytest.approx(expected, abs=RAYS)
-    if polarisation in "xy":
-        passed = summed_pane(2.0, 0.9)[1]
-        assert expected == pytest.approx(passed["xy".index(polarisation)], abs=RAYS)
+    assert expected == pytest.approx(summed_pane(2.0, 0.9)[1][1], abs=RAYS)
 
 
 def test_two_panes_that_are_turned_pass_the_product_of_their_field_matrices() -> None:

@@ -1,7 +1,8 @@
 """The shell blocks of README as one script: what a reader types.
 
-The block that clones is left out, and the clone is installed in place of the published package.
-Run by .ci/run in a clone and an environment that hold nothing but what the blocks install.
+The block that clones the repository is omitted, the clone is installed instead of the published
+package, and renders take few samples. .ci/run runs the script in a new clone, in an environment
+that contains only the package.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ def commands(readme: str) -> str:
     """The lines of all shell blocks but the one that clones."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
     script = "".join(block for block in blocks if not block.startswith("git clone"))
-    return script.replace('pip install "polywigner', 'pip install ".')
+    script = script.replace('pip install "polywigner', 'pip install ".')
+    return re.sub(r"^(polywigner render .*)$", r"\1 --spp 16", script, flags=re.MULTILINE)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
     make release                                  # the rehearsal
     python tools/release.py --date 2026-12-01     # write version and date into the other files
+    python tools/release.py --install dist/*.whl --folder /tmp/empty   # as .ci/run does
 
 The version is named in src/polywigner/__init__.py alone. `--date` copies it, with the day of the
 release, into CITATION.cff, references.bib, the conda recipe and the changelog.
@@ -143,16 +144,30 @@ def interpreters() -> Iterator[tuple[str, str]]:
             yield name, path
 
 
-def install(package: Path, python: str, folder: Path) -> None:
-    """Install a package into an empty environment, and run the README's five lines there."""
-    programs = environment(folder / "env", python)
+def install(
+    package: Path, folder: Path, python: str = sys.executable, constraints: Path | None = None
+) -> None:
+    """Install a package into the environment of a folder, and run the example of the README there.
+
+    An existing environment keeps the dependencies of the package that it contained.
+    """
+    programs = folder / "env" / ("Scripts" if sys.platform == "win32" else "bin")
+    if programs.exists():
+        run(programs / "python", "-m", "pip", "uninstall", "--quiet", "--yes", "polywigner")
+    else:
+        environment(folder / "env", python)
     options = ["--only-binary", ":all:"] if package.suffix == ".whl" else []
+    if constraints is not None:
+        options += ["--constraint", constraints]
     run(programs / "python", "-m", "pip", "install", "--quiet", *options, package)
     run(programs / "python", "-m", "pip", "check")
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     five_lines = re.findall(r"^```python\n(.*?)^```", readme, flags=re.MULTILINE | re.DOTALL)[0]
-    (folder / "five_lines.py").write_text(f"import matplotlib\nmatplotlib.use('agg')\n{five_lines}")
-    run(programs / "python", "five_lines.py", cwd=folder)
+    lines = folder / "five_lines.py"
+    lines.write_text(f"import matplotlib\nmatplotlib.use('agg')\n{five_lines}")
+    for picture in folder.glob("*.png"):
+        picture.unlink()
+    run(programs / "python", lines, cwd=folder)
     run(programs / "polywigner", "doctor", cwd=folder)
     if not list(folder.glob("*.png")):
         sys.exit("expected a figure of the README's five lines, found none")
@@ -168,10 +183,10 @@ def rehearse() -> None:
         check(tools, wheel, sdist)
         fill_recipe(sdist)
         for name, python in interpreters():
-            print(f"- Python {name}: the wheel, and the README's five lines")
-            install(wheel, python, Path(tempfile.mkdtemp(dir=scratch)))
-        print("- the sdist, and the README's five lines")
-        install(sdist, sys.executable, Path(tempfile.mkdtemp(dir=scratch)))
+            print(f"- Python {name}: installing the wheel, and running the example of the README")
+            install(wheel, Path(tempfile.mkdtemp(dir=scratch)), python)
+        print("- installing the sdist, and running the example of the README")
+        install(sdist, Path(tempfile.mkdtemp(dir=scratch)))
     home = re.findall(r'^Homepage = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)[
         0
     ]
@@ -180,10 +195,20 @@ def rehearse() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--date", help="day of the release, YYYY-MM-DD: write it, and the version")
-    date = parser.parse_args().date
-    if date:
-        write_date(date)
+    parser.add_argument(
+        "--date",
+        help="date of the release, YYYY-MM-DD: write date and version into the other files",
+    )
+    parser.add_argument("--install", type=Path, metavar="PACKAGE", help="only install a package")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("build"), help="folder of its environment"
+    )
+    parser.add_argument("--constraints", type=Path, help="file of versions for --install")
+    options = parser.parse_args()
+    if options.date:
+        write_date(options.date)
+    elif options.install:
+        install(options.install, options.folder, constraints=options.constraints)
     else:
         rehearse()
 

@@ -2,11 +2,12 @@
 
     tools/seed_faults.py --area geometry --count 20
 
-A fault is a changed comparison, sign, constant or logical word, a dropped term, or two arguments
-in each other's place. The same seed draws the same faults as long as the code stays. Tests run
-against a copy of the code until the first failure; a fault that takes more CPU time than
---seconds is caught as well. A table of lines, JSON such as {"geometry/io/svg.py:17": ["tests/...",
-...]}, names tests that run a line; without it the files of the area run, those of AREAS.
+A fault is a changed comparison, sign, constant or logical operator, a dropped term, or two swapped
+arguments. The same seed selects the same faults as long as the code does not change. Tests run
+against a copy of the code until the first failure; tests that take more CPU time than --seconds
+count as "too long". The option --lines names a table (JSON such as {"geometry/io/svg.py:17":
+["tests/...", ...]}) of the tests that run each line; without it, the test files of the area run, as
+AREAS defines them.
 """
 
 from __future__ import annotations
@@ -29,18 +30,34 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-AREAS = {  # rooms of the package, and words in the names of files of tests
-    "geometry": ("geometry", "geometry automean readers shapes svg dxf gerber mesh set_op curves"),
-    "source": ("source optics", "illumin array source first_order cosines laws"),
-    "transforms": (
-        "kernels transforms numerics execution plans",
-        "laws identities coherence curved slits polyhedra fourier projection otf mtf psf plans",
+AREAS = {  # subpackages of an area, and words in the names of its test files
+    "geometry": (
+        "geometry",
+        "geometry automean readers shapes svg dxf gds gerber mesh set_op curves slits polyhedra "
+        "silhouettes file_errors",
     ),
-    "propagation": ("propagation radiometry", "fields patterns beams irradiance radiometry stores"),
-    "reception": ("reception scattering rays", "coupling friis rcs rays plausib covar"),
-    "mitsuba": ("mitsuba", "mitsuba received scatterers range receive render_stores"),
+    "source": (
+        "source optics",
+        "illumin array source first_order cosines laws normal_form element_files",
+    ),
+    "transforms": (
+        "kernels transforms numerics execution",
+        "laws identities coherence coincident curved slits polyhedra fourier projection imaging "
+        "aberrated pupil zernike gradients steepest autocorrelation explain",
+    ),
+    "propagation": (
+        "propagation radiometry",
+        "fields patterns beams irradiance radiometry stores shadow_ builders far_field sampling "
+        "test_shadows.",
+    ),
+    "reception": ("reception scattering rays", "coupling friis rcs rays plausib covar links"),
+    "mitsuba": (
+        "mitsuba",
+        "mitsuba received scatterers range scene channel delta_lights default_pol panes "
+        "visibility radar shadows_in power_adds small_targets",
+    ),
     "llvm": ("llvm interruption", "llvm doctor interruptions"),
-    "interface": ("cli figures quantities", "cli figures doctor quantities choices"),
+    "interface": ("cli figures quantities", "cli figures doctor quantities mistakes lenses"),
 }
 # Imported once, for all processes that are forked; not Dr.Jit, which has threads.
 LIBRARIES = ("hypothesis", "matplotlib.pyplot", "mpmath", "pytest", "scipy", "shapely", "xarray")
@@ -147,30 +164,26 @@ def tried(module: Path, source: bytes, chosen: list[str], seconds: int) -> str:
     status = apart(lambda: int(pytest.main(arguments)), seconds) if chosen else 5
     module.write_bytes(kept)
     compiled.unlink(missing_ok=True)
+    if -status in (signal.SIGXCPU, signal.SIGKILL, signal.SIGALRM):
+        return "too long"
     return {0: "missed", 5: "not run"}.get(status, "caught")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--area", choices=AREAS, action="append", help="all of them by default")
+    parser.add_argument("--area", choices=AREAS, action="append", help="default: all areas")
     for name, default, meaning in (
-        ("count", 20, "faults of an area"), ("seed", 1, None), ("seconds", 60, "CPU time of one"),
+        ("count", 20, "faults per area"), ("seed", 1, None), ("seconds", 300, "CPU time per fault"),
     ):  # fmt: skip
         parser.add_argument(f"--{name}", type=int, default=default, help=meaning)
     parser.add_argument("--tests", type=Path, default=ROOT / "tests", help="their folder")
-    parser.add_argument("--lines", type=Path, help="JSON table: tests that run a line")
-    parser.add_argument("--out", type=Path, help="JSON lines: each fault and whether it was caught")
+    parser.add_argument("--lines", type=Path, help="JSON table of the tests that run each line")
+    parser.add_argument(
+        "--out", type=Path, help="JSON lines: each fault, and whether it was caught"
+    )
     options = parser.parse_args()
-    for library in (
-        "hypothesis",
-        "matplotlib.pyplot",
-        "mpmath",
-        "pytest",
-        "scipy",
-        "shapely",
-        "xarray",
-    ):
-        importlib.import_module(library)  # once, for all processes that are forked
+    for library in LIBRARIES:
+        importlib.import_module(library)  # The import happens once, for all forked processes.
     table = json.loads(options.lines.read_text()) if options.lines else None
     tests = options.tests.resolve()
     with tempfile.TemporaryDirectory() as folder:
@@ -182,7 +195,7 @@ def main() -> None:
         for area in options.area or AREAS:
             words, count = AREAS[area][1].split(), Counter()
             files = [
-                str(f) for f in sorted(tests.glob("test_*.py")) if any(w in f.stem for w in words)
+                str(f) for f in sorted(tests.glob("test_*.py")) if any(w in f.name for w in words)
             ]
             for fault, source in drawn(area, options.count, options.seed, table):
                 chosen = [*map(str, files)] if table is None else table[f"{fault[0]}:{fault[1]}"]
