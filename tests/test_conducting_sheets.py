@@ -105,6 +105,31 @@ def test_obliquity_of_an_aperture_belongs_to_the_directions_of_the_edges(kind: s
     assert np.abs(by("kirchhoff") - mean).max() < 1e-9
 
 
+@pytest.mark.parametrize(("kind", "other"), [KINDS, KINDS[::-1]])
+def test_holes_and_plates_follow_babinet(kind: str, other: str) -> None:
+    """Plates side by side change the field by a sum.
+
+    A hole in a soft plate changes the field by that of a hard plate in the hole, with the opposite
+    sign behind the plate, and vice versa.
+    """
+    whole, part = pw.shapes.rectangle(8.0, 6.0), pw.shapes.square(2.0)
+    beside = POSE.copy()
+    beside[:3, 3] += POSE[:3, :3] @ [9.0, 1.0, 0.0]
+    points = drawn(40, (-20, -20, 5), (20, 20, 40), 5)
+    free = pw.amplitude(LAMP, points, 1.0, "kirchhoff")
+    behind = (points - POSE[:3, 3]) @ POSE[:3, 2] > 0.0
+
+    def change(edge: str, *plates: Any) -> Any:
+        return field(LAMP, points, edge, obstacles=list(plates)) - free
+
+    one, small, aside = whole.placed(POSE), part.placed(POSE), part.placed(beside)
+    both = change(kind, one) + change(kind, aside)
+    assert np.abs(change(kind, one, aside) - both).max() < 1e-6 * np.abs(free).max()
+    filled = change(kind, one) + np.where(behind, -1, 1) * change(other, small)
+    off = change(kind, (whole - part).placed(POSE)) - filled
+    assert np.abs(off).max() < 1e-6 * np.abs(free).max()
+
+
 def test_error_estimate_covers_the_error() -> None:
     points, how = drawn(50, (-20, -20, 5), 40, 4), {"obstacles": PLATE, "edge": "hard"}
     fine = pw.amplitude(LAMP, points, 1.0, tolerance=1e-8, **how)

@@ -407,20 +407,22 @@ def edge_wave(
     detour, total_path = paths.detour, paths.total
     distance = paths.distance
     # A factor of the integrand distinguishes conducting from black edges, (SB9). It cancels the
-    # growth of a root of (SB3), and is ``sheet`` times ``turn`` at the foot of the shortest path.
-    if in_front is None:
-        bend, turn, sheet, side = 1.0, paths.turn, 0.5 * paths.closing, 0.0
+    # growth of a root of (SB3), and changes ``turn`` and ``half_closing``.
+    is_black = in_front is None
+    if is_black:
+        turn, half_closing, side = paths.turn, 0.5 * paths.closing, 0.0
     else:
-        bend, turn, sheet, side = 0.0, paths.sheet_turn(ops, in_front), 1.0, in_front
+        turn, half_closing, side = paths.sheet_turn(ops, in_front), 1.0, in_front
     slant = 0.5 / paths.shortest
     # From here on, v denotes the position along the edge, such that the detour is ``detour + v^2``.
     foot = 4.0 * paths.both * slant
     # square of the distance of the nearest branch point of the integrand
-    branch = foot if in_front is None else 2.0 * paths.shortest
+    branch = foot if is_black else 2.0 * paths.shortest
 
     def density(q: Any) -> Number:
         stretched = 1.0 + slant * q
-        return slant / ((total_path + q) * ops.sqrt(stretched * (bend * q * stretched + foot)))
+        growing = q * stretched + foot if is_black else foot
+        return slant / ((total_path + q) * ops.sqrt(stretched * growing))
 
     limit = math.sqrt(rule.turns)
     low, high = (_limited(ops, v, limit) for v in (paths.low, paths.high))
@@ -455,7 +457,8 @@ def edge_wave(
             stretched = Pair(1.0 + slant * q, slant * y)
             z = Pair(q, y)
             risen = z * stretched
-            rooted = root(ops, z * stretched * Pair(bend * risen.real + foot, bend * risen.imag))
+            growing = Pair(risen.real + foot, risen.imag) if is_black else Pair(foot, 0.0)
+            rooted = root(ops, z * stretched * growing)
             below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
@@ -475,7 +478,7 @@ def edge_wave(
     real, imag = when(low < high, near_foot, low, high)
     ends = paths.low, paths.high
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    step = 4.0 * distance * pole * ops.sqrt(paths.both * total_path * sheet)
+    step = 4.0 * distance * pole * ops.sqrt(half_closing * paths.both * total_path)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
     # The angle of the edge is discontinuous where the axis meets the edge, and winds around the
