@@ -7,7 +7,7 @@ the same form, so a sheet requires the changes of the field by its edges at two 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -49,13 +49,19 @@ class Sheet:
     def heights(self, positions: Floats) -> Floats:
         return np.asarray(positions @ self.plane[:3] + self.plane[3])
 
-    def facing(self, sources: Floats, seen: Sequence[Silhouette]) -> list[Silhouette]:
-        """Return silhouettes with the plane in ``planes``, its normal towards the source."""
-        sides = np.where(self.heights(sources) < 0.0, -1.0, 1.0)
-        return [
-            replace(silhouette, planes=np.tile(side * self.plane, (len(silhouette.edges), 1)))
-            for side, silhouette in zip(sides, seen, strict=True)
-        ]
+    def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
+        """Return a silhouette for each source (n, 3); its planes face the source.
+
+        The edges do not depend on the position of the source. They are found from a point in front
+        of the plane, because sources may lie in the plane.
+        """
+        centre, extent = bodies.vertices.mean(axis=0), np.ptp(bodies.vertices, axis=0).max()
+        views = []
+        for side in (-1.0, 1.0):
+            seen = bodies.silhouette(centre + side * extent * self.plane[:3])
+            planes = np.tile(side * self.plane, (len(seen.edges), 1))
+            views.append(replace(seen, planes=planes))
+        return [views[int(height >= 0.0)] for height in self.heights(sources)]
 
     def with_images(self, positions: Floats, source: Floats, least: Floats) -> Floats:
         """Return positions (n, 3) and their mirror images as (2n, 3).
@@ -74,7 +80,6 @@ def change_by_sheet(
     edge: Edge,
     bodies: Obstacles,
     sources: Floats,
-    seen: Sequence[Silhouette],
     positions: Floats,
     least: Floats,
 ) -> tuple[Complex, Complex, Floats]:
@@ -87,7 +92,7 @@ def change_by_sheet(
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
     raised = np.where(on_plate, least, 0.0)
     both = sheet.with_images(positions, sources.mean(axis=0), raised)
-    changes, waves, error = compute(sheet.facing(sources, seen), both)
+    changes, waves, error = compute(sheet.silhouettes(bodies, sources), both)
     (here, mirrored), (wave, image) = np.split(changes, 2), np.split(waves, 2)
     free = np.where(on_plate, 0.5 * (wave + image), wave)  # at the position that is not moved
     if edge == "soft":

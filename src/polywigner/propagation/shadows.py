@@ -124,7 +124,7 @@ def shadow_of(
         compute = partial(compute, is_sheet=True)
         origins = np.array([position for position, *_ in sources])
         least = 2.0 * _ON_SURFACE * _resolution(bodies.vertices, origins, positions)
-        change, free, off = change_by_sheet(compute, edge, bodies, origins, seen, positions, least)
+        change, free, off = change_by_sheet(compute, edge, bodies, origins, positions, least)
     if with_error and len(sources) > 1:
         off += _OF_GRID * tolerance * np.abs(free).max(initial=0.0)
     return change, bodies.inside(positions), off
