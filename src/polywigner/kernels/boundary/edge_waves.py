@@ -494,7 +494,7 @@ def edge_wave_and_rate(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None, in_front: Any = None,
 ) -> tuple[Pair, Pair]:  # fmt: skip
-    """Return the boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
+    """Return the boundary wave of :func:`edge_wave`, and its derivative d/dz at the source."""
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
