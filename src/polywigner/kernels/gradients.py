@@ -102,7 +102,7 @@ class Axes:
         return e0, e1, area, along, across
 
     def gradient(self, along: Pair, twice_across: Pair) -> tuple[Pair, Pair]:
-        """Return the derivative -2 pi i M with respect to nu from moments M in these coordinates."""
+        """Return the derivative -2 pi i M with respect to nu for moments M in these axes."""
         (c, s), across = self.along, twice_across.scaled(0.5)
         x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
         y = (along.scaled(s) + across.scaled(c)).scaled(-2 * math.pi)
