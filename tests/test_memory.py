@@ -3,6 +3,8 @@
 import sys
 import time
 import tracemalloc
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -81,3 +83,22 @@ def test_sums_of_transforms_hold_some_samples_at_a_time(source):
     assert peak < result.nbytes + BLOCK
     expected = pw.fourier(summed, nu[some], engine="numpy")
     assert np.abs(result[some] - expected).max() < ROUNDING
+
+
+def test_threads_share_the_lists_of_pairs_of_edges(monkeypatch):
+    """As those in which Mitsuba loads the sources of a scene file."""
+    older = deque(
+        ({}, number, 0) for number in range(20_000)
+    )  # so that looking through it takes long
+    monkeypatch.setattr("polywigner.kernels.cut.winding._cached", older)
+    outlines = [pw.shapes.regular_polygon(20 + k, 1.0) for k in range(20)]
+    x, nu = np.random.default_rng(0).uniform(-0.4, 0.4, (2, 50, 2))
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            results = list(pool.map(lambda s: pw.wigner(s, x, nu, engine="numpy"), outlines))
+    finally:
+        sys.setswitchinterval(interval)
+    expected = pw.wigner(pw.shapes.regular_polygon(20, 1.0), x, nu, engine="numpy")
+    assert np.array_equal(results[0], expected)
