@@ -30,14 +30,13 @@ _MARKERS = {
     "drjit": "imports drjit or mitsuba, be it for scalar variants only",
 }
 _LEFT_OUT = pytest.StashKey[Counter[str]]()
-# Renders and whole figures: few tests, each of many seconds.
-_LONG = (
-    "test_examples.py",
-    "test_mitsuba_gradients.py",
-    "test_mitsuba_rendering.py",
-    "test_mitsuba_sources.py",
-    "test_paper_figures.py",
-)
+# Files of more than 4 s of processor time.
+_LONGEST = """
+shadows_in_scenes laws radar_cubes coincident_edges partial_coherence range_profile channel
+shadows default_polarisation element_patterns visibility first_order_fields mitsuba_exact stores
+signed_rays thin_panes polarised_scenes power_adds_up shadow_sources rcs_near_fields imaging
+cli_propagate exact_fields beams scatterers received_power cli_radar scene_stores cli_receive memory
+""".split()  # noqa: SIM905
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -48,9 +47,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of the longest tests first, then those of the most tests: no worker ends alone."""
+    """The longest files first, then those of the most tests: no worker ends alone."""
     count = Counter(item.path for item in items)
-    items.sort(key=lambda item: (item.path.name not in _LONG, -count[item.path], item.path.name))
+    place = {f"test_{name}.py": number for number, name in enumerate(_LONGEST)}
+
+    def order(item: pytest.Item) -> tuple[int, int, str]:
+        name = item.path.name
+        return place.get(name, len(place)), -count[item.path], name
+
+    items.sort(key=order)
 
 
 def pytest_collection_finish() -> None:
