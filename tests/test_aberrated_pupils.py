@@ -8,7 +8,7 @@ from scipy.special import fresnel, j0, jacobi, jv
 import polywigner as pw
 from oracles.quadrature import triangle_nodes, triangles_of
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.numerics import zernike as polynomials
+from polywigner.transforms import aberrations
 
 WAVELENGTH, FOCUS, RADIUS = 550e-9, 0.1, 5e-3
 SCALE = WAVELENGTH * FOCUS
@@ -28,12 +28,12 @@ def of_a_disc(function, n=96):
 
 def strehl_of_zernike(j, waves):
     """Integral over the radius; that over the angle is a Bessel function."""
-    n, m = polynomials.noll(j)
+    n, m = aberrations.noll(j)
     node, weight = np.polynomial.legendre.leggauss(300)
     r = (node + 1) / 2
     degree = (n - abs(m)) // 2
     radial = (-1) ** degree * r ** abs(m) * jacobi(degree, abs(m), 0)(1 - 2 * r**2)
-    phase = 2 * np.pi * waves * polynomials.norm((n, m)) * radial
+    phase = 2 * np.pi * waves * aberrations.zernike_norm((n, m)) * radial
     wave = j0(phase) if m else np.exp(1j * phase)
     return abs((weight * r) @ wave) ** 2
 
@@ -80,14 +80,14 @@ def test_spots_are_the_sums_of_nijboer_and_zernike(waves):
     field = np.exp(2j * np.pi / WAVELENGTH * aberration(RADIUS * x, RADIUS * y))
     area = np.repeat(weight * r / 96, 96).reshape(x.shape)
     orders = [(n, m) for n in range(41) for m in range(-n, n + 1, 2)]
-    beta = polynomials.values(orders, x, y) * area * field
+    beta = aberrations.zernike_values(orders, x, y) * area * field
     v, phi = np.array([1.0, 3.0, 5.5, 8.0]), np.array([0.3, 1.9, -2.0, 4.0])
     total = 0.0
     for (n, m), part in zip(orders, beta.sum(axis=(1, 2)), strict=True):
         k = abs(m)
         wave = np.cos(k * phi) if m >= 0 else np.sin(k * phi)
         radial = (-1) ** ((n - k) // 2) * (-1j) ** k * jv(n + 1, v) / v
-        total = total + polynomials.norm((n, m)) ** 2 * part * 2 * radial * wave
+        total = total + aberrations.zernike_norm((n, m)) ** 2 * part * 2 * radial * wave
     points = (v / (2 * np.pi) * SCALE / RADIUS)[:, None] * np.stack([np.cos(phi), np.sin(phi)], -1)
     unit = np.pi * RADIUS**2 / SCALE**2
     result = of_a_disc(

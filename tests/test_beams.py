@@ -74,7 +74,7 @@ def test_a_beam_beside_the_cuts_has_its_own_directivity_and_direction(azimuth, o
     )
     levels = dense["directivity"].values
     polar, around = np.unravel_index(levels.argmax(), levels.shape)
-    with pytest.warns(PolywignerWarning, match="miss the beam"):
+    with pytest.warns(PolywignerWarning, match="no cut of the pattern passes through the beam"):
         result = _metrics(source, obliquity=obliquity)
     assert result.directivity == pytest.approx(levels.max(), abs=BETWEEN_SAMPLES / 10)
     assert result.directivity >= levels.max()
@@ -87,7 +87,7 @@ def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts():
     """EIRP is 4 pi times the largest radiant intensity, the gain its share of the power."""
     source = _steered(math.radians(45), math.radians(30))
     pattern = pw.radiation_pattern(source, WAVELENGTH, *CUTS)
-    with pytest.warns(PolywignerWarning, match="miss the beam"):
+    with pytest.warns(PolywignerWarning, match="no cut of the pattern passes through the beam"):
         result = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
     assert result.radiated_power == 1.0 and "EIRP" in str(result) and "dBm" in str(result)
     around = np.radians(np.arange(40, 46, 0.02)), np.radians([30.0])
@@ -135,7 +135,7 @@ def test_what_the_cut_does_not_reach_is_not_a_number():
         (lambda p: draw_hemispheres(p), "draw_pattern"),
         (lambda p: draw_pattern(p, panels=["map"]), "panels"),
         (lambda p: draw_pattern(p, panels=["uv"]), "phi"),
-        (lambda p: draw_pattern(p, panels=[]), "one name or more"),
+        (lambda p: draw_pattern(p, panels=[]), "at least one name"),
     ],
 )
 def test_bad_arguments_are_refused(made, words):
@@ -409,7 +409,7 @@ def test_the_first_sidelobe_of_a_rippled_beam_is_the_first_beyond_half_power():
 
 def test_few_samples_in_a_beam_are_warned_of():
     theta = np.radians(np.arange(-90, 91, 5))
-    with pytest.warns(PolywignerWarning, match="coarse for a half-power width"):
+    with pytest.warns(PolywignerWarning, match="coarse for a half-power beamwidth"):
         _metrics(pw.shapes.square(10e-3), theta)
 
 

@@ -184,8 +184,8 @@ def test_another_python_asks_for_another_environment_and_then_stays(project):
     ("interpreter", "complaint"),
     [
         ("no-such-python", "there is no interpreter 'no-such-python'"),
-        ("false", "is not a Python that runs"),
-        ("python3.9", r"3\.11 or newer, but .* is 3\.9"),
+        ("false", "is not a working Python"),
+        ("python3.9", r"3\.11 or newer, but .* is Python 3\.9"),
     ],
 )
 def test_an_interpreter_that_cannot_be_used_is_one_sentence(

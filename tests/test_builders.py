@@ -159,12 +159,12 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "the horizon": (lambda: pw.hemisphere(SQUARE, 1.0, math.pi / 2, 0.0, 1.0), "z > 0"),
     "a method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method="bpm"), "kirchhoff"),
     "a ray's phase": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="phase"), "no phase"),
-    "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "options among"),
+    "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "one of the options"),
     "chunks": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, chunks=(1, 2)), "chunks"),
     "more than memory": (lambda: pw.volume(SQUARE, BOX, (2000, 2000, 2000), 1.0), "chunks"),
     "a cluster without a disk": (
         lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, scheduler="tcp://x"),
-        "out with scheduler",
+        "expected out, the path of a store",
     ),
 }
 

@@ -368,7 +368,7 @@ def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(pla
         ({"polarisation": [1.0, 0.0, 0.0]}, "expected"),
         ({"tolerance": 0.0}, "expected tolerance"),
         ({"bodies": [SQUARE]}, "expected bodies as a dict"),
-        ({"bodies": {"floor": SQUARE}}, "expected different names of bodies and mirrors, got 'fl"),
+        ({"bodies": {"floor": SQUARE}}, "the name 'floor' belongs to a body and to a mirror"),
         ({"bodies": {"a": 3}}, "the body 'a'"),
         ({"bodies": {"a": (SQUARE, 4)}}, "the body 'a'.*reflections"),
     ],
@@ -388,9 +388,12 @@ def test_an_argument_out_of_range_is_refused(
     ("change", "message"),
     [
         ({"tx": None}, "no wigner emitter"),
-        ({"rx": {"obliquity": "kirchhoff"}}, "same obliquity"),
+        ({"rx": {"obliquity": "kirchhoff"}}, "obliquity must be the same"),
         ({"tx": {"bandwidth": 1e9}}, "coherent light"),
-        ({"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}}, "has a phase"),
+        (
+            {"floor": {"type": "blendbsdf", "weight": 0.5, "a": METAL, "b": BLACK}},
+            "reflection has no phase",
+        ),
     ],
     ids=lambda value: str(value)[:40],
 )
@@ -473,7 +476,7 @@ def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> No
     notes = pm.channel(between(near, near), bodies={"corner": (body, 3)}).attrs["notes"]
     assert any("'corner' is closer than 2 D^2/lambda" in note for note in notes)
     notes = pm.channel(between(pose, pose), bodies={"corner": body}).attrs["notes"]
-    assert any("later reflections are left out" in note for note in notes)
+    assert any("higher-order reflections between them are not included" in note for note in notes)
 
 
 def test_echoes_by_the_floor_are_those_of_images(plain: None) -> None:

@@ -83,7 +83,7 @@ BAD: dict[str, str] = {
         kind.toml => kind.toml | kind
         cut.toml => cut.toml | TOML
         slits.toml => an aperture | slits
-        square.toml --unit mm => no --unit with a source file
+        square.toml --unit mm => --unit does not apply to a source file
         layered.svg => (--layer) | (--union)
         "" => file
         {long} => file
@@ -117,12 +117,12 @@ BAD: dict[str, str] = {
         --out out/.PNG => before the suffix
         --out out/{long} => too long
         --out square.wkt/a => square.wkt
-        --out /proc/polywigner => can be written to
+        --out /proc/polywigner => cannot write
     """,
     f'propagate square.wkt --frequency "94 GHz" {LINE}': """
         --arc "50 mm" => --line and --arc
         --samples many => --samples | many
-        --samples 1 => --samples | two or more | '1'
+        --samples 1 => --samples | at least two | '1'
         --samples "3 x 3" => --samples | 3 x 3
         --method fdtd => method | fdtd | kirchhoff
         --method "kirchhoff 3" => only the method wigner
@@ -142,7 +142,7 @@ BAD: dict[str, str] = {
         --obstacle "square.wkt at 1 mm, 2 mm, 3 furlong" => --obstacle | furlong
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm towards 3 deg" => --obstacle | a direction
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --method wigner => obstacles | 'wigner'
-        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --bandwidth "1 GHz" => one wavelength
+        --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --bandwidth "1 GHz" => cannot be combined
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --obstacle-unit ell => ell
         --obstacle-unit mm => --obstacle-unit | requires --obstacle
     """,
@@ -150,7 +150,7 @@ BAD: dict[str, str] = {
          => --line | --hemisphere | got none
         --line "0 mm, 0 mm, 20 mm" => --line | two points
         --line "0 mm, 20 mm to 0 mm, 90 mm" => a point | 0 mm, 20 mm
-        --line "0, 0, 1 to 0, 0, 1" => two points
+        --line "0, 0, 1 to 0, 0, 1" => two different points
         --line "0 mm, 0 mm, -2 mm to 0 mm, 0 mm, 9 mm" => z > 0
         --line "{many}" => two points
         --plane "-3 mm to 3 mm, 0 mm, 9 mm" => --plane | two ranges
@@ -166,7 +166,7 @@ BAD: dict[str, str] = {
         --box "-2 mm to 2 mm, 3 mm to 6 mm" => --box | x, y and z
         --box "0 mm to 2 mm, 0 mm to 2 mm, -3 mm to 6 mm" => z > 0
         {BOX} --shape "6 x 5" => --shape | 6 x 5
-        {BOX} --shape "1 x 4 x 4" => --shape | two or more | --plane
+        {BOX} --shape "1 x 4 x 4" => --shape | at least two | --plane
         {BOX} --chunks "0 x 3 x 3" => --chunks
         {SMALL} --threads 0 => threads
         {SMALL} --scheduler nowhere => scheduler | nowhere
@@ -178,7 +178,7 @@ BAD: dict[str, str] = {
     "rcs square.wkt": """
         => --frequency
         --frequency "3 GHz" --step "0 deg" => --step
-        --frequency "3 GHz" --step "0.01 deg" => or more
+        --frequency "3 GHz" --step "0.01 deg" => at least
         --frequency "3 GHz" --step "31 deg" => up to 30 deg
         --frequency "3 GHz" --format zip => --format
         --frequency "3 GHz" --step "30 deg" --polarisation rr => polarisation
@@ -190,7 +190,7 @@ BAD: dict[str, str] = {
     'pattern square.wkt --frequency "94 GHz"': """
         --step "0 deg" => --step
         --step "16 deg" => up to 15 deg
-        --step "0.01 deg" => or more
+        --step "0.01 deg" => at least
         --power "10 dB" => power
         --format zip => --format
         --polarisation up => 45 deg
@@ -207,10 +207,10 @@ BAD: dict[str, str] = {
     """,
     "render --variant scalar_rgb": """
         empty.xml => empty.xml
-        dark.xml => wigner | without
+        dark.xml => no <shape type="wigner">
         absent_file.xml => absent.wkt
         scaled.xml => to_world | scale
-        blind.xml => <sensor> | without
+        blind.xml => no <sensor> | add
         no_pixels.xml => 0 x 4 | one pixel
         bright.xml => pixels | finite
     """,
@@ -230,8 +230,8 @@ BAD: dict[str, str] = {
         link.xml --noise-figure "3 m" => noise figure
         link.xml --define distance => NAME=VALUE
         link.xml --frequencies fast => frequency
-        link.xml --frequencies "93 GHz to 92 GHz, 3" => a lower and a higher frequency
-        link.xml --frequencies "93 GHz to 95 GHz" => a lower and a higher frequency
+        link.xml --frequencies "93 GHz to 92 GHz, 3" => two ascending frequencies
+        link.xml --frequencies "93 GHz to 95 GHz" => two ascending frequencies
         link.xml --frequencies "93 GHz to 95 GHz, 1000000" => from 2 to 65536
         link.xml --polarisation x => --coherent
         link.xml --coherent --polarisation z => polarisation
@@ -239,7 +239,7 @@ BAD: dict[str, str] = {
         link.xml --db-floor 3 => floor
         link.xml --variant no_such => variant
         lit.xml => wigner_receiver
-        two_colours.xml => equal wavelengths of emitter 'tx'
+        two_colours.xml => wavelengths of emitter 'tx'
         absent.xml => not a file
         square.wkt => polywigner transform
     """,

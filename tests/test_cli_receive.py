@@ -60,7 +60,7 @@ def test_a_table_is_printed_and_all_of_it_recorded(
     assert result["noise_power_w"] == pytest.approx(1.380649e-23 * 290 * 1e9 * 10**0.3)
     out, err = capfd.readouterr()
     assert re.search(r"^tx .* -19\.17 dBm$", out, re.MULTILINE)
-    assert "signal to noise" in out and "polarisation: not counted" in out
+    assert "signal-to-noise" in out and "polarisation: ignored" in out
     assert out.splitlines()[-2:] == [f"{tmp_path / 'out'}{suffix}" for suffix in (".json", ".png")]
     assert err == ""
 

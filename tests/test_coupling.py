@@ -175,10 +175,13 @@ def _changed(**entries):
     ("place", "message"),
     [
         (np.diag([-1.0, 1.0, -1.0, 1.0]), "add a distance along z"),
-        (pose(0, 0, -0.1), "the entire receiver in front of the transmitter's plane"),
-        (pose(0, 0, 0.1, math.pi), "rotate one by 180 degrees"),
+        (pose(0, 0, -0.1), "the entire receiver must be in front of the plane of the transmitter"),
+        (pose(0, 0, 0.1, math.pi), "rotate one source by 180 degrees"),
         (pose(0.1, 0, 2e-3, 0.7), "got its point .* move it forwards"),
-        (pose(10e-3, 0, 9e-3, -0.6), "the entire transmitter in front of the receiver's plane"),
+        (
+            pose(10e-3, 0, 9e-3, -0.6),
+            "the entire transmitter must be in front of the plane of the receiver",
+        ),
         ([pose(0, 0, 1), pose(0, 0, -1)], "in pose 1"),
         (_changed(m00=-2.0), "scales by .*; scale"),
         (_changed(m00=1.0), "mirror image"),

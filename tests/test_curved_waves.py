@@ -135,8 +135,8 @@ def test_sources_with_curved_waves_are_values():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda wave: pw.fourier(wave, [1j, 0]), "nu to be real"),
-        (lambda wave: pw.fourier(wave, [0, 1e9]), "cycles of phase along an edge"),
+        (lambda wave: pw.fourier(wave, [1j, 0]), "nu as real numbers"),
+        (lambda wave: pw.fourier(wave, [0, 1e9]), "cycles of phase of the curved wave"),
         (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "cycles of phase"),
         (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),
         (lambda wave: pw.suggest_sampling(wave, "wigner"), "a flat, coherent wave"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import (
+from polywigner.geometry.io.outlines import (
     Arc,
     Bezier,
     Curve,

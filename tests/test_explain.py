@@ -76,7 +76,7 @@ def test_what_has_no_single_plan_is_refused():
         pw.explain(SQUARE, (0, 0), (0, 0), function="otf")
     with pytest.raises(pw.errors.ArgumentError, match="expected x and nu for wigner, got 1"):
         pw.explain(SQUARE, (0, 0))
-    with pytest.raises(pw.errors.ArgumentError, match="pass an element of the Array"):
+    with pytest.raises(pw.errors.ArgumentError, match="pass one element of the Array"):
         pw.explain(pw.phased_array(SQUARE, [(0, 0), (1, 0)]), (0, 0), function="fourier")
     curved = pw.Wavefront(SQUARE, [[3.0, 0.0], [0.0, 2.0]])
     with pytest.raises(pw.errors.ArgumentError, match="no choice"):

@@ -2,16 +2,16 @@
 
 from itertools import combinations
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import xarray as xr
 
 import polywigner as pw
 from polywigner.cli.sources import short_name
-from polywigner.figures import (
-    draw_planes,
-    draw_scene,
-)
-from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
+from polywigner.errors import ArgumentError
+from polywigner.figures import draw_planes, draw_scene
+from polywigner.figures.scene_plots import DirectArrival, draw_arrivals, draw_radar_map
 
 WAVELENGTH = 3.19e-3
 
@@ -75,3 +75,20 @@ def test_the_default_floor_of_a_plane_leaves_out_one_percent_of_the_power():
     share = [power[power < power.max() * 10 ** (level / 10)].sum() for level in (low, low + 5)]
     assert high == 0.0 and -40 < low < -5 and low % 5 == 0
     assert share[0] <= 0.01 * power.sum() < share[1]
+
+
+def test_a_radar_map_is_drawn_from_its_floor_to_its_peak_and_profiles_are_refused():
+    power = np.full((3, 4), 1e-12)
+    power[1, 2] = 1e-6
+    dims = ("range_rate", "range")
+    image = xr.DataArray(
+        power, {"range_rate": [-1.0, 0.0, 1.0], "range": np.arange(4.0)}, dims,
+        attrs={"noise_floor": [1e-12]},
+    )  # fmt: skip
+    axes = draw_radar_map(image, floor_db=-40.0, ax=plt.subplots()[1])
+    assert axes.collections or axes.images
+    drawn = (axes.images or axes.collections)[0]
+    assert drawn.get_clim() == pytest.approx((-70.0, -30.0))
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("range (m)", "range rate (m/s)")
+    with pytest.raises(ArgumentError, match="range_doppler"):
+        draw_radar_map(image[0])

@@ -114,7 +114,7 @@ def test_a_system_is_a_value():
         (lambda: pw.FirstOrder([[1.0, 0.1], [0.2, 1.0]]), r"A\^T D - C\^T B = 1.*0\.02"),
         (lambda: pw.FirstOrder(np.diag([1.0, 2.0, 1.0, 1.0])), "symplectic"),
         (lambda: pw.FirstOrder(np.eye(4) + np.eye(4, k=3)), r"B\^T D - D\^T B = 0"),
-        (lambda: pw.FirstOrder(np.eye(3)), r"\(4, 4\), or \(2, 2\), got shape \(3, 3\)"),
+        (lambda: pw.FirstOrder(np.eye(3)), r"\(4, 4\) or \(2, 2\), got shape \(3, 3\)"),
         (lambda: pw.FirstOrder([[math.nan, 0], [0, 1]]), "finite"),
         (lambda: pw.FirstOrder("abcd"), "got str"),
         (lambda: pw.FirstOrder.lens(0.0), "other than 0"),
@@ -185,7 +185,7 @@ def test_slits_take_what_keeps_x_and_y_apart():
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"through": LENS}, "expected a wavelength with through"),
+        ({"through": LENS}, "expected a wavelength together with through"),
         ({"wavelength": 1e-3}, "expected an optical system"),
         ({"through": np.eye(4), "wavelength": 1e-3}, "polywigner.FirstOrder, got ndarray"),
         ({"through": LENS, "wavelength": -1.0}, "wavelength"),

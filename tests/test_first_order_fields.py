@@ -168,21 +168,24 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        ({"points": (0.0, 0.0, 0.1)}, r"\(\.\.\., 2\) with through="),
-        ({"points": (0.0, math.nan)}, "finite points"),
-        ({"method": "kirchhoff"}, "expected no method with through="),
-        ({"obliquity": "kirchhoff"}, "expected no obliquity with through="),
-        ({"through": "lens"}, "polywigner.FirstOrder.* got str"),
-        ({"through": [SPACE, SQUARE.placed(np.eye(4))]}, "got PlacedAperture"),
+        ({"points": (0.0, 0.0, 0.1)}, r"with through=, .*\(\.\.\., 2\)"),
+        ({"points": (0.0, math.nan)}, "points with finite coordinates"),
+        ({"method": "kirchhoff"}, "method='kirchhoff' cannot be combined with through="),
+        ({"obliquity": "kirchhoff"}, "obliquity='kirchhoff' cannot be combined with through="),
+        ({"through": "lens"}, "polywigner.FirstOrder.* of type str"),
+        ({"through": [SPACE, SQUARE.placed(np.eye(4))]}, "of type PlacedAperture"),
         ({"through": [SQUARE.moved((0.1, 0.0)), SPACE]}, "stop transmits no light"),
-        ({"through": [TAPERED, SPACE]}, "Apertures without a field"),
+        ({"through": [TAPERED, SPACE]}, "Aperture without a field"),
         ({"through": [LINE, SQUARE, SPACE]}, "along both axes; move the stop"),
         ({"through": [SPACE, SQUARE, LINE]}, "along one axis.*move the points"),
-        ({"through": [SPACE, pw.shapes.square(1e3), SPACE]}, "waves from its nodes"),
+        (
+            {"through": [SPACE, pw.shapes.square(1e3), SPACE]},
+            "pairs of a quadrature node and a point",
+        ),
         ({"source": pw.Slits([(0.0, 1.0)])}, "Slits"),
         (
             {"through": pw.FirstOrder.free_space(1e-9) @ pw.FirstOrder.lens((0.1, 0.2))},
-            "cycles of phase along an edge",
+            "cycles of phase of the curved wave",
         ),
     ],
 )

@@ -53,15 +53,15 @@ def test_shapes_of_layers_that_overlap_are_joined_when_asked(tmp_path):
 @pytest.mark.parametrize(
     ("layer", "error", "words"),
     [
-        (None, FileFormatError, "expected one top cell, got the cells OTHER, TOP"),
+        (None, FileFormatError, "expected a layout with one top cell, got the cells OTHER, TOP"),
         ("NONE", FileFormatError, "'NONE'.*OTHER, PAD, TOP"),
         (
             ["TOP", "7"],
             FileFormatError,
-            "expected a layer of the cell, got 7; the cell has the layers 1/0, 2/1",
+            "the cell has no layer 7; its layers are 1/0, 2/1",
         ),
-        (["TOP", "2/0"], FileFormatError, "got 2/0"),
-        (["TOP", "PAD"], ArgumentError, "expected one cell, got TOP, PAD"),
+        (["TOP", "2/0"], FileFormatError, "no layer 2/0"),
+        (["TOP", "PAD"], ArgumentError, "expected the name of one cell, got TOP, PAD"),
     ],
 )
 def test_what_is_not_in_the_file_is_answered_with_what_is(layer, error, words, tmp_path):
@@ -180,7 +180,7 @@ def test_round_ends_stay_within_the_tolerance(tmp_path):
 def test_a_cell_that_is_missing_is_named(tmp_path, depth):
     inner = {"IN": _reference("LOST")} if depth == 2 else {}
     path = written(tmp_path / "a.gds", **inner, TOP=SQUARE + _reference("IN" if inner else "LOST"))
-    with pytest.raises(FileFormatError, match=r"in '(TOP|IN)' to the missing cell 'LOST'"):
+    with pytest.raises(FileFormatError, match=r"cell '(TOP|IN)' refers to the cell 'LOST'"):
         pw.read_aperture(path)
     other = written(tmp_path / "b.gds", GOOD=SQUARE, TOP=_reference("LOST"))
     assert pw.read_aperture(other, layer="GOOD").area == pytest.approx(9e-12)

@@ -398,13 +398,13 @@ TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n"
 BAD = {
     "cut.stl": (binary_stl(BOX)[:-7], FileFormatError, "12 triangles in the header"),
     "claims.stl": (announced(10**9), FileFormatError, "1000000000 triangles in the header"),
-    "none.stl": (binary_stl(BOX[:0]), FileFormatError, "triangles, got none"),
+    "none.stl": (binary_stl(BOX[:0]), FileFormatError, "contains no triangles"),
     "open.stl": (binary_stl(BOX[:-1]), GeometryError, "closed surface.*add the missing face"),
     "flipped.stl": (
         binary_stl([*BOX[:-1], BOX[-1, ::-1]]), GeometryError, "consistently oriented",
     ),
-    "twice.stl": (binary_stl([*BOX, *BOX]), GeometryError, "each face once"),
-    "flat.stl": (binary_stl([BOX[0], BOX[0, ::-1]]), GeometryError, "zero volume"),
+    "twice.stl": (binary_stl([*BOX, *BOX]), GeometryError, "each face only once"),
+    "flat.stl": (binary_stl([BOX[0], BOX[0, ::-1]]), GeometryError, "volume of zero"),
     "nan.stl": (binary_stl(np.where(BOX == 0.5, np.nan, BOX)), FileFormatError, "finite"),
     "many.stl": (binary_stl(np.zeros((200_001, 3, 3))), FileFormatError, "200000 triangles"),
     "words.stl": (
@@ -421,7 +421,7 @@ BAD = {
         (PLY.format("ascii", 3, 1) + "0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n").encode(), FileFormatError,
         "vertex numbers up to 3",
     ),
-    "points.obj": (b"v 0 0 0\nv 1 0 0\n", FileFormatError, "none"),
+    "points.obj": (b"v 0 0 0\nv 1 0 0\n", FileFormatError, "contains no triangles"),
     "zeros.obj": (b"v 0 0 0\0\n", FileFormatError, "do not follow the format"),
     "many.obj": (b"v 0 0 0\n" + b"f 1 1 1\n" * 200_001, FileFormatError, "200000 triangles"),
     "huge.obj": ((TETRAHEDRON + "f 1 4 3\n").replace("v 1 0", "v 1e200 0").encode(),
@@ -438,7 +438,7 @@ def test_what_is_no_body_raises_one_error(tmp_path: Path, name: str) -> None:
     path.write_bytes(content)
     with pytest.raises(kind, match=words) as raised:
         pw.read_polyhedron(path)
-    assert str(raised.value).startswith(f"{path}: expected")
+    assert str(raised.value).startswith(f"{path}: ")
     assert "\n" not in str(raised.value)
 
 

@@ -249,7 +249,8 @@ def test_derivatives_are_those_in_the_power_and_others_are_refused(llvm):
     for value in (emitter.wavelength, params["light.emitter.vertices"], it.p):
         dr.enable_grad(value)
         with pytest.raises(
-            SceneError, match=r'derivatives only in the power.*use the estimator "wigner"'
+            SceneError,
+            match=r'derivatives are available only .*use the estimator "wigner"',
         ):
             emitter.sample_direction(it, sample, True)
         dr.disable_grad(value)

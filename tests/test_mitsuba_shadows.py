@@ -90,7 +90,9 @@ def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(name,
     mi = use("llvm_ad_mono")
     integrator = mi.load_dict({"type": name} | ({} if depth is None else {"max_depth": depth}))
     dark = front(power=1e-15)
-    with pytest.warns(RuntimeWarning, match="may shadow another source.*'volpath'.*visible=False"):
+    with pytest.warns(
+        RuntimeWarning, match="may cast a shadow of another source.*'volpath'.*visible=False"
+    ):
         seen = pwm.render(floor(rear() | dark), integrator, 16 * SAMPLES)
     expected = alone()[0].mean()
     # Paths of four vertices have a bounce to spare for the passage through the surface.

@@ -214,7 +214,7 @@ def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path):
 
 
 REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
-    (lambda: _pattern(SQUARE, 0.0, window="hann"), ArgumentError, "options among obliquity"),
+    (lambda: _pattern(SQUARE, 0.0, window="hann"), ArgumentError, "one of the options obliquity"),
     (lambda: _pattern(SQUARE, [0, 45]), ArgumentError, "radians"),
     (lambda: _pattern(SQUARE, "0"), ArgumentError, "theta"),
     (lambda: _pattern(SQUARE, 0.0, []), ArgumentError, "phi"),
@@ -237,7 +237,7 @@ REFUSED: list[tuple[Any, type[PolywignerError], str]] = [
     (
         lambda: pw.write_pattern(_pattern(polarisation="y"), "a.csv", polarisation="x"),
         ArgumentError,
-        "polarised pattern",
+        "already has a polarisation",
     ),
     (lambda: _pattern(polarisation="x", obliquity="kirchhoff"), ArgumentError, "obliquity or a"),
     (lambda: _pattern(method="magnetic"), ArgumentError, "requires a polarisation"),

@@ -164,7 +164,7 @@ def test_directions_beyond_the_limits_are_nan_and_leave_the_others(
     monkeypatch.setattr(hidden_parts, "_MOST_PAIRS", 1000)
     # seen from above, each of 50 plates hides all plates below it
     body = joined([moved(block(1, 1, 0.001), 0, 0, 0.01 * k) for k in range(50)])
-    with pytest.warns(PolywignerWarning, match="1 of 2 directions could not be computed"):
+    with pytest.warns(PolywignerWarning, match="1 of 2 directions cannot be computed"):
         result = pw.rcs(body, [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)], 0.03)
     assert np.isnan(result[0]) and result[1] > 0
     with pytest.raises(ArgumentError, match="overlap"):

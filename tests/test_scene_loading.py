@@ -157,13 +157,13 @@ def test_faces_of_a_glass_box_are_mirrors_and_the_note_names_transmission_alone(
     share = reflected.power / metal.contributions[0].paths[1].power
     assert share == pytest.approx(expected, rel=5e-3)
     assert reflected.mirrors[0].startswith("shell[")
-    assert "not included: refracted transmission through 'shell'" in result.notes
+    assert "not included: refraction through 'shell'" in result.notes
     assert not any("curved" in note for note in result.notes)
 
 
 def test_a_smooth_ball_is_reported_as_curved() -> None:
     (note,) = notes_over({"type": "conductor"}, "sphere").notes
-    assert note.startswith("not included: reflection from 'shell', curved")
+    assert note.startswith("not included: reflections from 'shell' (curved")
 
 
 def test_direct_power_beside_a_missing_line_of_sight_is_explained_as_reflections() -> None:
@@ -176,7 +176,7 @@ def test_direct_power_beside_a_missing_line_of_sight_is_explained_as_reflections
     seen = pm.received_power(scene, spp=16)
     assert seen.direct > 0
     assert "no line-of-sight path" in seen.notes[0]
-    assert "its direct power arrives by reflections" in seen.notes[0]
+    assert "its direct power arrives via reflections" in seen.notes[0]
     alone = pm.received_power(scene, spp=16, reflections=0)
     assert alone.direct == 0
     assert "no line-of-sight path" in alone.notes[0] and "arrives" not in alone.notes[0]

@@ -254,7 +254,7 @@ SAMPLED: list[tuple[dict[str, Any], str]] = [
     ({"power": -1.0}, "expected power as"),
     ({"wavelength": 0.0}, "wavelength"),
     ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
-    ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "no to_world"),
+    ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "to_world must be omitted"),
     ({"source": DARK, "power": 1.0}, "source radiates only"),
     ({"to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales"),
     *(

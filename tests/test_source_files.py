@@ -262,7 +262,7 @@ BAD = [
     ({"kind": "apertur"}, "kind: invalid value 'apertur'"),
     ({**APERTURE, "version": 2}, "version: expected `int` <= 1"),
     ({**APERTURE, "taper": 1}, "unknown field `taper`"),
-    ({**APERTURE, "unit": "mm"}, "'unit' only with the key 'file'"),
+    ({**APERTURE, "unit": "mm"}, "'unit' only together with the key 'file'"),
     ({**APERTURE, "polygons": TILES}, "expected exactly one of the keys | got polygons and shape"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
     ({"kind": "aperture", "file": "none.wkt"}, "file: | none.wkt: expected"),
@@ -338,7 +338,7 @@ def test_missing_files_and_libraries_are_reported(
 ) -> None:
     with pytest.raises(FileFormatError, match="does not exist"):
         pw.read_source(tmp_path / "none.toml")
-    with pytest.raises(ArgumentError, match="expected a path"):
+    with pytest.raises(ArgumentError, match="expected the path"):
         pw.read_source(None)  # type: ignore[arg-type]
     monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
     with pytest.raises(MissingExtraError, match=r"weights: .*polywigner\[arrays\]"):
@@ -348,8 +348,8 @@ def test_missing_files_and_libraries_are_reported(
 def test_a_file_is_replaced_as_a_whole_or_not_written_at_all(tmp_path: Path) -> None:
     (tmp_path / "taken.json").mkdir()
     for source, name, error, words in (
-        (SQUARE, "no folder/a.toml", ArgumentError, "expected to write"),
-        (SQUARE, "taken.json", ArgumentError, "expected to write"),
+        (SQUARE, "no folder/a.toml", ArgumentError, "cannot be written"),
+        (SQUARE, "taken.json", ArgumentError, "cannot be written"),
         (SQUARE, "a.txt", FileFormatError, r"\.toml or \.json"),
         (3, "a.toml", ArgumentError, "got int"),
     ):

@@ -73,7 +73,7 @@ BAD = [
     (PATCH, {"taper": "gauss"}, "taper: expected a taper such as .* got 'gauss'"),
     (PATCH, {"taper": "cosine 2 z"}, "taper: expected a taper"),
     (PATCH, {"taper": "te10 x"}, "taper: expected a taper"),
-    (ARRAY, {"taper": "cosine"}, "taper: expected an aperture, got Array"),
+    (ARRAY, {"taper": "cosine"}, "taper: expected an aperture for this option, got Array"),
     (PATCH, {"array": "12 by 16"}, "array: expected an array such as .* got '12 by 16'"),
     (PATCH, {"array": "3 x 4, 2 furlong"}, "array: pitch_x: expected a length .* furlong"),
     (

@@ -180,7 +180,10 @@ WRONG = {
     "a box behind": ({"quantity": "irradiance", "box": ((0, 0, -1), (1, 1, 1))}, "in front"),
     "too few": ({"oversampling": 0.5}, "at least 1"),
     "frequencies beyond floats": ({"reach": 1e308, "quantity": "wigner"}, "units"),
-    "a place for a pattern": ({"quantity": "pattern", "radius": 1.0}, 'no radius for "pattern"'),
+    "a place for a pattern": (
+        {"quantity": "pattern", "radius": 1.0},
+        '"pattern" does not use radius',
+    ),
     "another unit": ({"wavelength": 1e-30}, "units"),
 }
 

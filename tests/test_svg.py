@@ -13,7 +13,7 @@ import shapely
 import polywigner as pw
 from outlines import difference
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
-from polywigner.geometry.io.curves import DEFAULT_TOLERANCE
+from polywigner.geometry.io.outlines import DEFAULT_TOLERANCE
 
 MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
 
@@ -256,7 +256,7 @@ def test_a_drawing_by_matplotlib_reads_with_its_doctype(tmp_path: Path) -> None:
 
 
 BAD = {
-    "no shapes": ("", FileFormatError, "filled shapes, got none"),
+    "no shapes": ("", FileFormatError, "contains no filled shapes"),
     "only strokes": ('<path fill="none" d="M0 0h1v1z"/>', FileFormatError, "set a fill"),
     "only points": ('<path d="M0 0 Z M1 1 L 2 2"/>', FileFormatError, "enclose an area"),
     "nested svg": ("<svg><rect/></svg>", FileFormatError, "a nested svg element"),
@@ -297,7 +297,7 @@ def test_what_is_no_outline_raises_one_error(
     with pytest.raises(kind, match=words) as raised:
         read(body)
     assert "\n" not in str(raised.value)
-    assert "drawing.svg: expected" in str(raised.value)
+    assert "drawing.svg: " in str(raised.value)
 
 
 @pytest.mark.parametrize("root", ['viewBox="0 0 0 1"', 'viewBox="0 0 1"', 'width="1 mm"',
@@ -389,7 +389,7 @@ def test_overlapping_shapes_are_refused_with_advice_for_a_drawing(read: Read) ->
 def test_an_unknown_group_is_answered_with_those_there_are(read: Read) -> None:
     body = BOARD.format(effect="none", text="", style="")
     with pytest.raises(
-        ArgumentError, match="got 'pads'; the drawing has the layers Board, Pads, layer1, layer2"
+        ArgumentError, match="no layer 'pads'; its layers are Board, Pads, layer1, layer2"
     ):
         read(body, INKSCAPE, layer="pads")
 

@@ -166,7 +166,7 @@ NAMED = _named(X, "place", "component")
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: pw.wigner(SQUARE, NAMED, NU), "expected nu as an xarray.DataArray too"),
+        (lambda: pw.wigner(SQUARE, NAMED, NU), "expected nu as an xarray.DataArray like"),
         (lambda: pw.wigner(SQUARE, NAMED, _named(NU, "place", "b", "c")), "equal coordinates"),
         (
             lambda: pw.wigner(SQUARE, NAMED, NAMED.assign_coords(place=[1, 2, 3])),
@@ -193,7 +193,7 @@ def test_labelled_points_of_a_differentiable_source_are_refused(llvm):
     vertices = TensorXf64(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]))
     dr.enable_grad(vertices)
     source = pw.differentiable(pw.Aperture([(0, 0), (1, 0), (0, 1)]), vertices=vertices)
-    with pytest.raises(ArgumentError, match=r"use its \.values"):
+    with pytest.raises(ArgumentError, match=r"use its attribute \.values"):
         pw.fourier(source, NAMED)
 
 

@@ -7,18 +7,18 @@ from scipy.special import jacobi
 import polywigner as pw
 from oracles.quadrature import triangle_nodes, triangles_of
 from polywigner.errors import ArgumentError
-from polywigner.numerics import zernike as polynomials
+from polywigner.transforms import aberrations
 
 RNG = np.random.default_rng(5)
 X, Y = RNG.uniform(-0.7, 0.7, (2, 40))
-NOLL = [polynomials.noll(j) for j in range(1, 232)]  # up to the order 20
+NOLL = [aberrations.noll(j) for j in range(1, 232)]  # up to the order 20
 ROUNDING = 1e-13
 SEVEN = pw.shapes.hexagonal_segments(1.32, 7e-3, rings=1, centre=True)
 
 
 def test_values_are_jacobi_polynomials_times_waves_of_the_angle():
     r, angle = np.hypot(X, Y), np.arctan2(Y, X)
-    for (n, m), value in zip(NOLL, polynomials.values(NOLL, X, Y), strict=True):
+    for (n, m), value in zip(NOLL, aberrations.zernike_values(NOLL, X, Y), strict=True):
         degree = (n - abs(m)) // 2
         radial = (-1) ** degree * r ** abs(m) * jacobi(degree, abs(m), 0)(1 - 2 * r**2)
         wave = np.cos(m * angle) if m >= 0 else np.sin(-m * angle)
@@ -29,11 +29,11 @@ def test_derivatives_are_the_limits_of_differences():
     step = 1e-3  # of a formula of the eighth order
     weights = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
     orders = NOLL[:66]
-    exact = polynomials.gradients(orders, X, Y)
+    exact = aberrations.zernike_gradients(orders, X, Y)
     for axis, (u, v) in enumerate([(step, 0.0), (0.0, step)]):
         difference = sum(
-            w * (polynomials.values(orders, X + k * u, Y + k * v)
-                 - polynomials.values(orders, X - k * u, Y - k * v))
+            w * (aberrations.zernike_values(orders, X + k * u, Y + k * v)
+                 - aberrations.zernike_values(orders, X - k * u, Y - k * v))
             for k, w in weights
         )  # fmt: skip
         assert difference / step == pytest.approx(exact[:, axis], abs=1e-10)
@@ -47,7 +47,7 @@ def test_indices_are_those_of_the_tables():
         "fringe": {4: (2, 0), 5: (2, 2), 6: (2, -2), 7: (3, 1), 9: (4, 0), 16: (6, 0)},
     }
     for indexing, known in names.items():
-        order = polynomials.INDEXINGS[indexing][0]
+        order = aberrations.INDEXINGS[indexing][0]
         assert {j: order(j) for j in known} == known
 
 

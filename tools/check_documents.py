@@ -1,11 +1,11 @@
-"""Check the documents: links that lead nowhere, and code blocks that do not parse.
+"""Check the documents for broken links and code blocks that do not parse.
 
     python tools/check_documents.py
     python tools/check_documents.py --site docs/_build/html
 
-Looks at every Markdown file of the project. Links to other sites are not followed. With --site,
-checks the built site instead: its pages' links and pictures, and that every public name has an
-entry.
+Checks every Markdown file of the project. Links to other sites are not followed. With --site,
+checks the links and images of the built site instead, and that every public name has an entry in
+the API reference.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def documents() -> list[Path]:
 
 
 def anchors(text: str) -> set[str]:
-    """The anchors that the headings of a page get, as code hosts make them."""
+    """Return the anchors of a page's headings, as code hosts generate them."""
     headings = re.findall(r"^#+\s+(.*?)\s*$", without_code(text), flags=re.MULTILINE)
     plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
     return {heading.replace(" ", "-") for heading in plain} | set(
@@ -52,13 +52,13 @@ def dead_links(path: Path) -> Iterator[str]:
         if not there.exists():
             yield f"link to {target}, which does not exist"
         elif there.suffix == ".md" and anchor and anchor not in anchors(there.read_text("utf-8")):
-            yield f"link to {target}: no such heading"
+            yield f"link to {target}, but the page has no such heading"
         elif there.suffix == ".rst" and anchor and not has_entry(there, anchor):
-            yield f"link to {target}: no such entry"
+            yield f"link to {target}, but the API reference has no such entry"
 
 
 def has_entry(page: Path, name: str) -> bool:
-    """Whether a page of the API reference has an entry for the name, or for the class it is of."""
+    """Return whether a page of the API reference has an entry for a name, or for its class."""
     entries = re.findall(r"^\.\. auto(?:function|class):: (\w+)$", page.read_text("utf-8"), re.M)
     return any(f"{name}.".startswith(f"polywigner.{entry}.") for entry in entries)
 
@@ -69,7 +69,7 @@ def broken_code(path: Path) -> Iterator[str]:
         try:
             ast.parse(block)
         except SyntaxError as error:
-            yield f"a python block does not parse: {error.msg}: {(error.text or '').strip()}"
+            yield f"a Python block does not parse: {error.msg}: {(error.text or '').strip()}"
 
 
 def faults_of_documents() -> Iterator[str]:
@@ -79,7 +79,7 @@ def faults_of_documents() -> Iterator[str]:
 
 
 def pages_of(site: Path) -> list[Path]:
-    """All but the templates that the theme leaves beside its files."""
+    """Return all pages of the site except templates that the theme copies next to its files."""
     return sorted(set(site.rglob("*.html")) - set((site / "_static").rglob("*.html")))
 
 
@@ -97,11 +97,11 @@ def dead_links_of_site(site: Path) -> Iterator[str]:
             if not there.exists():
                 yield f"{path.relative_to(site)}: link to {target}, which does not exist"
             elif anchor and there in identities and anchor not in identities[there]:
-                yield f"{path.relative_to(site)}: link to {target}: no such place"
+                yield f"{path.relative_to(site)}: link to {target}, but the page has no such anchor"
 
 
 def names_without_an_entry(site: Path) -> Iterator[str]:
-    """Public names of the package, and of its modules for users, that the reference leaves out."""
+    """Yield public names of the package, and of its public modules, without a reference entry."""
     import polywigner
     from polywigner import errors, figures, testing
 
@@ -114,11 +114,11 @@ def names_without_an_entry(site: Path) -> Iterator[str]:
         for name in names.__all__:
             thing = getattr(names, name)
             if callable(thing) and f"{module}.{name}" not in entries:
-                yield f"the API reference lacks {module}.{name}"
+                yield f"the API reference has no entry for {module}.{name}"
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Check the documents, or the site.")
+    parser = argparse.ArgumentParser(description="Check the documents, or the built site.")
     parser.add_argument("--site", type=Path, help="folder of the built site")
     site = parser.parse_args().site
     if site is None:

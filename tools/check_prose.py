@@ -23,7 +23,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ["README.md", "CONTRIBUTING.md", "docs/**/*.md", "examples/*/README.md"]
 CODE = ["src/**/*.py"]
-# Phrases per 1,000 words.
+# Largest number of phrases per 1,000 words.
 LIMITS = {"pages": 2.0, "docstrings": 1.0, "comments": 1.0, "messages": 1.0}
 
 PHRASES = {
@@ -42,7 +42,7 @@ PHRASES = {
     "bare pronoun": r"\b(?:is|are) (?:one|none|so|they|two)(?=[.,;:)])",
 }
 PATTERNS = {name: re.compile(pattern) for name, pattern in PHRASES.items()}
-# Code, formulas, links' targets and comments of pages.
+# Parts of a page that are not prose: code, formulas, targets of links, and comments.
 NOT_PROSE = re.compile(r"```.*?```|<!--.*?-->|\$[^$\n]+\$|`[^`]*`|\]\([^)]*\)|https?://\S+", re.S)
 
 
@@ -52,7 +52,7 @@ def texts_of_page(text: str) -> Iterator[tuple[str, str]]:
 
 
 def texts_of_code(text: str) -> Iterator[tuple[str, str]]:
-    """Docstrings, comments, and the texts of raised errors and warnings."""
+    """Yield docstrings, comments, and the texts of raised errors and warnings."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):

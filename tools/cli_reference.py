@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The page docs/cli.md: every command with its arguments and options, as the program knows them.
+"""Write the page docs/cli.md: every command with its arguments and options, from the program.
 
 python tools/cli_reference.py            write the page
-python tools/cli_reference.py --check    end with 1 where the page is not what the program knows
+python tools/cli_reference.py --check    exit code 1 if the page is out of date
 """
 
 from __future__ import annotations
@@ -22,42 +22,77 @@ command with one line and exit code 2. A command writes its files completely or 
 
 Long work shows a progress bar if stderr is a terminal. Ctrl-C ends a command with exit code 130 and
 one line, once the current part of the work has finished: about a second for transforms, some
-seconds for fields near a source and for renders. In the first second, while libraries are loaded,
-Python may print a message of its own, or need a second Ctrl-C.
+seconds for fields near a source and for renders.
 """
+
+GROUPS = {
+    "Options of sources": ("mtf", "pattern", "propagate", "psf", "transform", "volume"),
+    "Options of fields": ("propagate", "volume"),
+    "Options of scenes": ("receive", "render"),
+}
+"""Sections for the options that several commands share, except the folder of the results."""
+
+TABLE = "| argument or option | meaning | default |", "|---|---|---|"
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the text of the page."""
     import typer.main
 
     from polywigner.cli import app
 
     group: Any = typer.main.get_command(app)
+    rows = {name: _rows(command) for name, command in sorted(group.commands.items())}
+    shared: dict[str, list[str]] = {}
+    for title, names in GROUPS.items():
+        shared[title] = _shared([rows[name] for name in names])
+        for name in names:
+            rows[name] = [row for row in rows[name] if row not in shared[title]]
     parts = [HEAD]
-    for name, command in sorted(group.commands.items()):
-        parts.append("\n".join(_section(name, command)))
+    parts += ["\n".join(_section(name, group.commands[name], rows[name])) for name in rows]
+    parts += ["\n".join(_group_section(title, shared[title])) for title in GROUPS]
     return "\n".join(parts)
 
 
-def _section(name: str, command: Any) -> Iterator[str]:
-    arguments = [p for p in command.params if p.param_type_name == "argument"]
-    options = [p for p in command.params if p.param_type_name == "option" and not p.hidden]
-    usage = " ".join(_shown(a) for a in arguments)
+def _shared(tables: list[list[str]]) -> list[str]:
+    first, *others = tables
+    return [row for row in first if "--out" not in row and all(row in other for other in others)]
+
+
+def _section(name: str, command: Any, rows: list[str]) -> Iterator[str]:
+    usage = " ".join(_shown(p) for p in command.params if p.param_type_name == "argument")
     yield f"## polywigner {name}\n"
     yield " ".join((command.help or "").split()) + "\n"
     yield f"```text\npolywigner {name} {usage} [OPTIONS]".replace("  ", " ") + "\n```\n"
-    rows = [(f"`{_shown(a)}`", a.help, a) for a in arguments]
-    rows += [
-        (", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)), p.help, p) for p in options
-    ]
-    if rows:
-        yield "| argument or option | meaning | default |\n|---|---|---|"
-    for shown, meaning, parameter in rows:
-        text = " ".join((meaning or "").split()).replace("|", "\\|")
-        yield f"| {shown} | {text} | {_default(parameter)} |"
-    if rows:
-        yield ""
+    titles = [title for title, names in GROUPS.items() if name in names]
+    if titles:
+        links = ", the ".join(f"[{title.lower()}]({_anchor(title)})" for title in titles)
+        yield f"Takes the {links}, and:\n"
+    yield from (*TABLE, *rows, "")
+
+
+def _group_section(title: str, rows: list[str]) -> Iterator[str]:
+    names = ", ".join(f"`{name}`" for name in GROUPS[title])
+    yield f"## {title}\n"
+    yield f"Arguments and options of {names}:\n"
+    yield from (*TABLE, *rows, "")
+
+
+def _anchor(title: str) -> str:
+    return "#" + title.lower().replace(" ", "-")
+
+
+def _rows(command: Any) -> list[str]:
+    arguments = [p for p in command.params if p.param_type_name == "argument"]
+    options = [p for p in command.params if p.param_type_name == "option" and not p.hidden]
+    names = [f"`{_shown(a)}`" for a in arguments]
+    names += [", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)) for p in options]
+    return [_row(name, p) for name, p in zip(names, arguments + options, strict=True)]
+
+
+def _row(name: str, parameter: Any) -> str:
+    text = " ".join((parameter.help or "").split()).replace("|", "\\|")
+    return f"| {name} | {text} | {_default(parameter)} |"
 
 
 def _shown(argument: Any) -> str:
@@ -77,7 +112,7 @@ def main() -> int:
     text = page()
     if "--check" in sys.argv[1:]:
         if PAGE.read_text(encoding="utf-8") != text:
-            print(f"{PAGE.name} is not what the program knows: run python tools/cli_reference.py")
+            print(f"{PAGE.name} is out of date: run python tools/cli_reference.py")
             return 1
         return 0
     PAGE.write_text(text, encoding="utf-8")

@@ -1,10 +1,11 @@
-"""Options of renders for `make demo` on this machine.
+"""Print the options of renders for `make demo` on this machine.
 
-The number of samples is the scene's own with LLVM, and one without. ``--diffraction [SPP]`` adds
-the options for scenes whose shadows diffract, with LLVM.
+With LLVM, the number of samples is the scene's own number. ``--diffraction [SPP]`` adds the options
+for scenes whose shadows diffract, with LLVM.
 
-Without LLVM scenes are rendered with scalar_rgb, one sample at a time: at the scenes' own number
-of samples the demo would take hours, at one it takes some minutes and shows noisy pictures.
+Without LLVM, scenes are rendered with scalar_rgb, one sample at a time. With the scenes' own
+numbers of samples the demo would take hours; with one sample per pixel it takes some minutes and
+produces noisy images.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ def main() -> None:
         print("--spp", *spp)
         return
     sys.stderr.write(
-        "polywigner: without LLVM the demo renders one sample per pixel: expect noise, and say "
-        "DEMO_SPP=16 for better pictures in more time.\n"
+        "polywigner: without LLVM, the demo renders one sample per pixel, which is noisy; set "
+        "DEMO_SPP=16 for better images in more time.\n"
     )
     print("--spp 1")
 

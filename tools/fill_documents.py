@@ -1,12 +1,13 @@
-"""Fill the parts of documents that are made from other files; with --check, only compare.
+"""Fill the parts of documents that are generated from other files; with --check, only compare.
 
     python tools/fill_documents.py
     python tools/fill_documents.py --check
 
-A part stands between two comments, `<!-- filled: NAME -->` and `<!-- end -->`. NAME is
-`references`, the bibliography as a list for readers of the Markdown (the site has the bibliography
-itself), or `FILE.md#2`, the second table of what a benchmark has printed, as it is kept in
-benchmarks/recorded: `python benchmarks/FILE.py > benchmarks/recorded/FILE.md`.
+A generated part lies between two comments, `<!-- filled: NAME -->` and `<!-- end -->`. NAME is
+`references` or `FILE.md#2`. `references` is the bibliography as a list, for readers of the Markdown
+files (the site contains the bibliography itself). `FILE.md#2` is the second table in the output of
+a benchmark, which is stored in benchmarks/recorded: `python benchmarks/FILE.py >
+benchmarks/recorded/FILE.md`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ ACCENTS = {
 
 
 def references() -> str:
-    """The bibliography as a list, each entry with its key as an anchor."""
+    """Return the bibliography as a list; each entry has its key as an anchor."""
     return "\n".join(entry(m[1], dict(FIELD.findall(plain(m[2])))) for m in entries()) + "\n"
 
 
@@ -46,7 +47,7 @@ def entries() -> Iterator[re.Match[str]]:
 
 
 def plain(text: str) -> str:
-    """TeX's accents and dashes as characters; the braces that keep capitals are dropped later."""
+    """Replace accents and dashes of TeX by characters; braces around capitals are dropped later."""
     for tex, character in ACCENTS.items():
         text = text.replace(tex, character)
     return text
@@ -70,21 +71,26 @@ def entry(key: str, fields: dict[str, str]) -> str:
 
 
 def name_of(author: str) -> str:
-    """ "Wolf, Emil" as "E. Wolf"."""
+    """Return an author such as "Wolf, Emil" as "E. Wolf"."""
     last, _, first = author.partition(", ")
     initials = (re.sub(r"(\w)[^-\s]*", r"\1.", first) + " ").lstrip()
     return f"{initials}{last}"
 
 
 def table(name: str) -> str:
-    """A table, counted from 1, of a Markdown file of results."""
+    """Return a table of a Markdown file of results; tables are counted from 1."""
     file, _, number = name.partition("#")
     path = RESULTS / file
     if not path.is_file():
-        raise SystemExit(f"expected {path.relative_to(ROOT)}, from which a document is filled")
+        raise SystemExit(
+            f"{path.relative_to(ROOT)} does not exist, but a document is filled from it"
+        )
     tables = TABLE.findall(path.read_text(encoding="utf-8"))
     if not (number.isdecimal() and 1 <= int(number) <= len(tables)):
-        raise SystemExit(f"expected a number from 1 to {len(tables)} after {file}#, got {number}")
+        raise SystemExit(
+            f"{file} has {len(tables)} tables, got the number {number} after #; use a number "
+            f"from 1 to {len(tables)}"
+        )
     return tables[int(number) - 1]
 
 
@@ -97,8 +103,8 @@ def filled(text: str) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Fill what documents have from other files.")
-    parser.add_argument("--check", action="store_true", help="compare, and change nothing")
+    parser = argparse.ArgumentParser(description="Fill the generated parts of documents.")
+    parser.add_argument("--check", action="store_true", help="compare without changing files")
     check = parser.parse_args().check
     faults = 0
     for path in sorted(DOCUMENTS.rglob("*.md")):
@@ -108,7 +114,7 @@ def main() -> int:
             continue
         faults += 1
         if check:
-            print(f"{path.relative_to(ROOT)}: not what its sources say; run {Path(__file__).name}")
+            print(f"{path.relative_to(ROOT)} is out of date; run {Path(__file__).name}")
         else:
             path.write_text(wanted, encoding="utf-8")
             print(f"{path.relative_to(ROOT)}: filled")

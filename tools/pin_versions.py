@@ -1,9 +1,10 @@
-"""Write constraints.txt: versions, in this environment, of all that polywigner and its tests need.
+"""Write constraints.txt: versions of the dependencies of polywigner in this environment.
 
     make constraints      # after `make test-all` has passed with these versions
     python tools/pin_versions.py --lowest > lowest.txt    # the lowest permitted versions instead
 
-What is not installed here has no tested version, and is named in a comment.
+The dependencies of the tests are included. Packages that are not installed in this environment have
+no tested version; a comment lists them.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ CONSTRAINTS = ROOT / "constraints.txt"
 
 
 def declared() -> dict[str, list[Requirement]]:
-    """The requirements of pyproject.toml by the names of the packages, without polywigner's own."""
+    """Return the requirements of pyproject.toml by names of packages, without polywigner."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     lists = [project["dependencies"], *project["optional-dependencies"].values()]
     result: dict[str, list[Requirement]] = {}
@@ -34,7 +35,7 @@ def declared() -> dict[str, list[Requirement]]:
 
 
 def installed() -> tuple[dict[str, str], list[str]]:
-    """Versions of what is declared and of all that this needs; and what is declared but absent."""
+    """Return the versions of all declared packages and their dependencies, and absent packages."""
     versions: dict[str, str] = {}
     absent = []
     waiting = [(requirement, True) for some in declared().values() for requirement in some]
@@ -59,7 +60,7 @@ def installed() -> tuple[dict[str, str], list[str]]:
 
 
 def lowest() -> dict[str, str]:
-    """The lowest version that pyproject.toml permits of each package."""
+    """Return the lowest version of each package that pyproject.toml permits."""
     return {
         name: max(
             (s.version for r in requirements for s in r.specifier if s.operator == ">="),
@@ -75,9 +76,9 @@ def main() -> None:
         return
     versions, absent = installed()
     lines = [
-        "# The versions that the tests were run with, for `pip install -c constraints.txt ...`.",
+        "# Versions with which the tests were run, for `pip install -c constraints.txt ...`.",
         f"# Written by `make constraints` with Python {platform.python_version()}.",
-        f"# Not tested with any version, and so without one: {', '.join(absent) or 'none'}.",
+        f"# Not installed and therefore without a tested version: {', '.join(absent) or 'none'}.",
         *(f"{name}=={version}" for name, version in sorted(versions.items())),
     ]
     CONSTRAINTS.write_text("\n".join(lines) + "\n")

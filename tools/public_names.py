@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Write all public names with their signatures: python tools/public_names.py [--check].
 
-The file, tests/data/public_names.txt, shows in a diff what a change does to users.
+The diff of the file tests/data/public_names.txt shows how a change affects users.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ OPERATORS = {"__init__", "__call__", "__add__", "__sub__", "__and__", "__or__", 
 
 
 def lines() -> Iterator[str]:
-    """One line for each public function, class, method and attribute of a class."""
+    """Yield a line for each public function, class, method and attribute of a class."""
     for path in MODULES:
         module = module_of(path)
         for name in sorted(module.__all__):
@@ -40,7 +40,7 @@ def lines() -> Iterator[str]:
 
 
 def module_of(path: str) -> Any:
-    """Return the module that users reach by a path, which may be an attribute of its parent."""
+    """Return the module at a public path, which may be an attribute of its parent."""
     try:
         return importlib.import_module(path)
     except ModuleNotFoundError:
@@ -49,7 +49,7 @@ def module_of(path: str) -> Any:
 
 
 def described(name: str, value: Any) -> Iterator[str]:
-    """Lines for one public value."""
+    """Yield the lines for a public value."""
     if inspect.isclass(value):
         bases = ", ".join(base.__name__ for base in value.__bases__ if base is not object)
         yield f"class {name}({bases})"
@@ -70,7 +70,7 @@ def described(name: str, value: Any) -> Iterator[str]:
 
 
 def signature(value: Any) -> str:
-    """Parameters, their defaults and types as text; nothing for what cannot be called."""
+    """Return parameters, defaults and types as text; an empty string if it is not callable."""
     if not callable(value) or inspect.isclass(value):
         return ""
     try:
@@ -83,7 +83,7 @@ def main() -> int:
     text = "\n".join(lines()) + "\n"
     if "--check" in sys.argv[1:]:
         if FILE.read_text(encoding="utf-8") != text:
-            print(f"{FILE.name} is not what the package has: run python tools/public_names.py")
+            print(f"{FILE.name} is out of date: run python tools/public_names.py")
             return 1
         return 0
     FILE.write_text(text, encoding="utf-8")

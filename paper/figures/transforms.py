@@ -22,7 +22,7 @@ from paper.figures.sources import (
 )
 from polywigner.figures import style
 from polywigner.figures.levels import level_db
-from polywigner.figures.projections import draw_projections
+from polywigner.figures.transform_plots import draw_projections
 from polywigner.quantities import length_unit
 from polywigner.transforms.projection import PhaseSpaceFunction
 

@@ -56,6 +56,7 @@ from polywigner.radiometry import power as power
 from polywigner.radiometry import radiance as radiance
 from polywigner.radiometry import radiant_intensity as radiant_intensity
 from polywigner.rays import sample_rays as sample_rays
+from polywigner.rays.sampling import sample_automean as sample_automean
 from polywigner.reception import coupling as coupling
 from polywigner.scattering import rcs as rcs
 from polywigner.scattering import rcs_pattern as rcs_pattern
@@ -85,7 +86,6 @@ from polywigner.transforms import otf as otf
 from polywigner.transforms import partially_coherent_image as partially_coherent_image
 from polywigner.transforms import position_marginal as position_marginal
 from polywigner.transforms import projections as projections
-from polywigner.transforms import sample_automean as sample_automean
 from polywigner.transforms import transmission_cross_coefficient as transmission_cross_coefficient
 from polywigner.transforms import wigner as wigner
 

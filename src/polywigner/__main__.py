@@ -1,4 +1,4 @@
-"""``python -m polywigner``: the command line, where its script is not on the PATH."""
+"""``python -m polywigner``: the command line, even if its script is not on the PATH."""
 
 import sys
 

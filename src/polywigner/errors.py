@@ -25,12 +25,12 @@ __all__ = [
 ]
 
 
-# Largest number of characters of a value in a message.
+# Largest number of characters of a value in an error message.
 _LONGEST = 80
 
 
 def value_text(value: object) -> str:
-    """Return a value as text of at most one short line, for an error message."""
+    """Return a value as one short line of text, for an error message."""
     text = " ".join(repr(value).split())
     shape = getattr(value, "shape", ())
     if shape and len(text) > _LONGEST:
@@ -39,7 +39,7 @@ def value_text(value: object) -> str:
 
 
 def install_command(extra: str = "") -> str:
-    """Return the command that installs polywigner with one of its extras, for messages."""
+    """Return the command that installs polywigner with one of its extras, for error messages."""
     return f'`pip install "polywigner{f"[{extra}]" if extra else ""}"`'
 
 
@@ -49,7 +49,7 @@ class PolywignerError(Exception):
 
 @contextmanager
 def at_key(key: str) -> Iterator[None]:
-    """Prefix the messages of PolywignerErrors raised in a block with a key, a name or a path."""
+    """Prefix the messages of PolywignerErrors raised in the block with a key, a name or a path."""
     try:
         yield
     except PolywignerError as error:
@@ -101,9 +101,9 @@ def missing_extra(library: str, extra: str, purpose: str = "", got: str = "none"
 
 
 def require(name: str, extra: str, purpose: str = "") -> Any:
-    """Import a module of a library of an optional extra.
+    """Import a module that belongs to an optional extra of polywigner.
 
-    Raises :class:`MissingExtraError` if the library is not installed.
+    Raises :class:`MissingExtraError` if its library is not installed.
     """
     try:
         return import_module(name)
@@ -115,5 +115,5 @@ def require(name: str, extra: str, purpose: str = "") -> Any:
 class PolywignerWarning(UserWarning):
     """A result is less accurate than requested, or less accurate than usual for its method.
 
-    Other causes are arguments whose unit is probably wrong, and damaged chunks of a store.
+    It also reports arguments whose unit is probably wrong, and damaged chunks of a store.
     """

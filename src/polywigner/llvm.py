@@ -1,12 +1,12 @@
 """Select a usable LLVM library before Dr.Jit is imported, and install one on Debian and Ubuntu.
 
-Dr.Jit contains no LLVM. It opens a shared library of the system at its first import. An unsuitable
-library ends the process without an exception, so each library is tested with kernels in a child
-process. The result of this probe is cached on disk. Every module of this package that imports
-``drjit`` or ``mitsuba`` calls :func:`prepare` first.
+Dr.Jit does not contain LLVM. It opens a shared library of the system when it is imported for the
+first time. An unsuitable library ends the process without an exception, so each library is tested
+with kernels in a child process. The result of this probe is cached on disk. Every module of this
+package that imports ``drjit`` or ``mitsuba`` calls :func:`prepare` first.
 
-``tools/bootstrap`` imports this module before anything is installed, so it needs the standard
-library only.
+``tools/bootstrap`` imports this module before anything is installed, so it needs only the standard
+library.
 """
 
 from __future__ import annotations
@@ -45,19 +45,20 @@ OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
 
 # Value of LIBRARY_VARIABLE if no library is usable. If the variable were unset, Dr.Jit would open
 # any libLLVM of the system, and its first kernel could abort the process. Dr.Jit may print this
-# text.
+# value.
 NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
 
-# LLVM 15 and 16 abort when they compile a minimum or a maximum ("Cannot select: fminimum"), and
-# LLVM 14 lacks opaque pointers.
+# Oldest usable version of LLVM. LLVM 15 and 16 abort when they compile a minimum or a maximum
+# ("Cannot select: fminimum"), and LLVM 14 lacks opaque pointers.
 OLDEST_VERSION = 17
 
-# Dr.Jit's Linux wheels require this library. If it is missing, as on bare Debian, `import drjit`
-# raises a NameError that does not mention the library.
+# Shared library that Dr.Jit's Linux wheels require. If it is missing, as on bare Debian, `import
+# drjit` raises a NameError that does not mention the library.
 LIBATOMIC = "libatomic.so.1"
 
 _SYSTEM_LIBRARIES = (
-    "/usr/lib/*-linux-gnu*/libLLVM*.so*",  # multiarch folders of Debian
+    # Multiarch folders of Debian, such as /usr/lib/x86_64-linux-gnu.
+    "/usr/lib/*-linux-gnu*/libLLVM*.so*",
     "/usr/lib/llvm-*/lib/libLLVM*.so*",
     "/usr/lib64/libLLVM*.so*",
     "/usr/lib64/llvm*/lib*/libLLVM*.so*",
@@ -69,10 +70,10 @@ _SYSTEM_LIBRARIES = (
 )
 _ENVIRONMENT_LIBRARIES = ("lib/libLLVM*.so*", "lib/libLLVM*.dylib", "Library/bin/LLVM-C.dll")
 
-# Longest wall time of a probe in s. The first import of Dr.Jit from a cold disk is slow.
+# Time limit of a probe in seconds. The first import of Dr.Jit from a cold disk is slow.
 _TIME_LIMIT = 120.0
 # Return codes of child processes in which the library has crashed. Only these failures are cached;
-# Ctrl-C has another return code.
+# Ctrl-C has a different return code.
 _CRASHES = (-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGILL, -signal.SIGFPE)
 
 _KERNELS = """
@@ -100,15 +101,16 @@ print(".".join(str(number) for number in dr.detail.llvm_version()))
 
 @dataclass(frozen=True)
 class LLVMStatus:
-    """Whether this process can compile kernels with LLVM, and if not, the remedy."""
+    """Whether this process can compile kernels with LLVM, and if not, a remedy."""
 
     usable: bool
     path: str | None = None
     version: str | None = None
-    problem: str | None = None  # one sentence
-    remedy: str | None = None  # one sentence with a command or a setting
-    drjit_imports: bool = True  # whether Dr.Jit, and therefore Mitsuba, can be imported
-    # path of each unusable library, and the reason why it is not usable
+    problem: str | None = None
+    remedy: str | None = None  # Remedy: one sentence with a command or a setting.
+    # Whether Dr.Jit, and therefore Mitsuba, can be imported.
+    drjit_imports: bool = True
+    # Path of each unusable library, and the reason why it is not usable.
     refused: tuple[tuple[str, str], ...] = ()
 
 
@@ -154,7 +156,7 @@ def prepare(*, refresh: bool = False) -> LLVMStatus:
 
 
 def require() -> LLVMStatus:
-    """Return the status of a usable LLVM library.
+    """Return the status of a usable LLVM library, or raise an error.
 
     Raises
     ------
@@ -185,7 +187,7 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Discard the two lines that Dr.Jit's C++ code prints if there is no LLVM library."""
+    """Discard the lines that Dr.Jit's C++ code prints if there is no LLVM library."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
@@ -198,8 +200,8 @@ def _silent_stderr() -> Iterator[None]:
 
 
 def _select() -> LLVMStatus:
-    # The wheels for some processors do not need libatomic, so Dr.Jit is imported in a child process
-    # before libatomic is reported as missing.
+    # The wheels for some processors do not need libatomic. Dr.Jit is therefore imported in a child
+    # process before libatomic is reported as missing.
     if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
             False,
@@ -266,7 +268,7 @@ def _remedy() -> str:
 
 
 def libraries() -> list[str]:
-    """Return the paths of all distinct LLVM libraries, in the order in which they are tried."""
+    """Return the paths of all distinct LLVM libraries, in the order in which they are tested."""
     named = os.environ.get(LIBRARY_VARIABLE, "")
     environment = [f"{glob.escape(sys.prefix)}/{pattern}" for pattern in _ENVIRONMENT_LIBRARIES]
     paths = [
@@ -292,7 +294,7 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
     19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
     """
     real = os.path.realpath(path)
-    # the name of the file is tried first, then the name of its folder
+    # The version is searched in the name of the file first, then in the name of its folder.
     for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
         match = re.search(pattern, real) or re.search(pattern, path)
         if match:
@@ -303,10 +305,10 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 def probe(path: str) -> tuple[str | None, str | None]:
     """Return the version of a library, and why it is not usable.
 
-    The version in the name decides if it is too old; otherwise the cache, or a test in a child
-    process. The cache is a file in the user's cache folder. Its name depends on the library, on
-    Dr.Jit, on Python and on the machine, because machines with different processors may share a
-    home folder.
+    If the version in the name is too old, the library is not tested. Otherwise the result comes
+    from the cache, or from a test in a child process. The cache is a file in the user's cache
+    folder. Its name depends on the library, on Dr.Jit, on Python and on the machine, because
+    machines with different processors may share a home folder.
 
     Returns
     -------
@@ -328,7 +330,8 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _first_complaint(child)
     if is_usable or child.returncode in _CRASHES:
-        # Other failures are not cached, because a missing dependency may be installed later.
+        # Only crashes are cached, because other failures, such as a missing dependency, may be
+        # repaired later.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))
@@ -365,12 +368,13 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
         The finished process, with its output as text. If it does not start, or runs longer than two
         minutes, the return code is 1 and ``stderr`` contains the reason.
     """
-    # this import takes 10 ms, and is not needed if the result of the probe is cached
+    # The import of subprocess takes 10 ms, and is not needed if the result of the probe is cached.
     import subprocess
 
     command = [sys.executable, "-P", "-c", script]
     try:
-        # The folder is for core dumps and for the kernel cache, so that no cached kernel is used.
+        # The temporary folder receives core dumps and the kernel cache, so that no cached kernel is
+        # used.
         with temporary_folder() as folder:
             environment = {
                 **os.environ,
@@ -399,10 +403,8 @@ def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
     return f"{end}{text[:120].strip(' .!')}"
 
 
-# ---- installation
-
-# Alternative packages, best first. The tests run with LLVM 19. Names of packages on Ubuntu may end
-# with t64.
+# Alternative packages, the best one first. The tests run with LLVM 19. Names of packages on Ubuntu
+# may end with t64.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 _LIBATOMIC = ["libatomic1"]
 
@@ -456,7 +458,8 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
         raise EngineError(f"Run `apt-get install {names}` as root.")
     for alternatives in packages:
         problem = _install(alternatives)
-        if problem:  # the package lists may be missing or old
+        # The installation may have failed because apt's package lists are missing or old.
+        if problem:
             _apt("apt-get", "update")
             problem = _install(alternatives)
         if problem:
@@ -464,7 +467,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
 
 
 def _install(alternatives: Sequence[str]) -> str:
-    """Return the error message of apt-get; empty if the package was installed."""
+    """Install the first available alternative; return apt-get's error message, "" for success."""
     name = _offered(alternatives)
     print(f"polywigner: installing {name} (apt-get install) ...", file=sys.stderr, flush=True)
     options = ["-o", "DPkg::Lock::Timeout=300", "-y", "--no-install-recommends"]
@@ -494,7 +497,8 @@ def _apt(tool: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-if __name__ == "__main__":  # tools/bootstrap runs this file as a script
+# The script tools/bootstrap runs this file as a script.
+if __name__ == "__main__":
     try:
         print(f"polywigner: LLVM {install_llvm().version} is usable.", file=sys.stderr)
     except EngineError as problem:

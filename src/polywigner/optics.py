@@ -15,13 +15,13 @@ from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
 
-# Largest deviation from a condition, relative to the products in the condition. A matrix typed to
-# ten digits passes; a wrong sign or a missing element does not.
+# Largest deviation of a ray matrix from the symplectic conditions, relative to the products in each
+# condition. A matrix typed to ten digits passes; a wrong sign or a missing element does not.
 _SYMPLECTIC = 1e-9
 # Relative rounding error of matrix elements and of their products.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
-# Smallest number whose inverse is finite.
+# Smallest magnitude of a focal length or a magnification, whose inverse is finite.
 _LEAST = 2.0**-1023
 
 
@@ -40,8 +40,8 @@ def check_symplectic(matrix: Matrix) -> None:
         if wrong > _SYMPLECTIC * float(size.max()):
             raise ArgumentError(
                 f"expected a symplectic ray matrix, but {law} is violated by {wrong:.3g}; use "
-                "rays (x, s) with direction cosines s and elements with ten digits, or compose the "
-                "system from free_space, lens and magnifier"
+                "rays (x, s) with direction cosines s, and matrix elements with ten digits, "
+                "or compose the system from free_space, lens and magnifier"
             )
 
 
@@ -56,11 +56,11 @@ def checked_pair(value: Any, expected: str) -> Matrix:
 @final
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class FirstOrder:
-    """A first-order optical system: its ray matrix [[A, B], [C, D]], symplectic.
+    """A first-order optical system, described by its symplectic ray matrix [[A, B], [C, D]].
 
-    A ray at x (m) with the direction cosines s = lambda nu leaves it at A x + B s, with the
-    direction cosines C x + D s. Systems compose with ``@``, as matrices do: the right one acts
-    first. Source: M. J. Bastiaans, J. Opt. Soc. Am. 69, 1710 (1979).
+    A ray that enters the system at x (m) with the direction cosines s = lambda nu leaves it at A x
+    + B s, with the direction cosines C x + D s. Systems are composed with ``@``, like matrices: the
+    right one acts first. Source: M. J. Bastiaans, J. Opt. Soc. Am. 69, 1710 (1979).
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class FirstOrder:
     """
 
     def __init__(self, matrix: ArrayLike) -> None:
-        expected = "expected a ray matrix of finite real numbers, (4, 4), or (2, 2)"
+        expected = "expected a ray matrix of finite real numbers with shape (4, 4) or (2, 2)"
         given = checked_vectors(matrix, expected, ())
         if given.shape not in ((2, 2), (4, 4)):
             raise ArgumentError(f"{expected}, got shape {given.shape}")
@@ -100,7 +100,7 @@ class FirstOrder:
 
     @classmethod
     def free_space(cls, z: float) -> FirstOrder:
-        """Return free space between two planes.
+        """Return the system of free space between two planes.
 
         Parameters
         ----------
@@ -153,9 +153,10 @@ class FirstOrder:
         >>> pw.FirstOrder.lens((0.5, float("inf"))).C.tolist()
         [[-2.0, 0.0], [0.0, 0.0]]
         """
-        expected = "expected f as a focal length in m other than 0, or a pair (f_x, f_y) of them"
-        powers = -1.0 / checked_pair(f, f"{expected}, inf for none") + 0.0
-        axes = turned_points(_ONE, angle)  # the rows are the axes of the lens
+        expected = "expected f as a focal length in m other than 0, or as a pair (f_x, f_y)"
+        powers = -1.0 / checked_pair(f, f"{expected}; inf means no lens") + 0.0
+        # The rows of ``axes`` are the axes of a cylindrical lens.
+        axes = turned_points(_ONE, angle)
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])
         return cls(np.block([[_ONE, 0.0 * _ONE], [axes.T @ np.diag(powers) @ axes, _ONE]]))
@@ -185,7 +186,7 @@ class FirstOrder:
         >>> pw.FirstOrder.magnifier(-2.0)
         FirstOrder([[-2.0, 0.0], [0.0, -0.5]])
         """
-        expected = "expected m as a magnification other than 0, or a pair (m_x, m_y) of them"
+        expected = "expected m as a magnification other than 0, or as a pair (m_x, m_y)"
         scales = checked_pair(m, expected)
         if not np.isfinite(scales).all():
             raise ArgumentError(f"{expected}, got {value_text(m)}")
@@ -364,13 +365,16 @@ class FirstOrder:
         return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
-        """Return the system of ``other``, followed by this system."""
+        """Return the system that consists of ``other``, followed by this system."""
         if not isinstance(other, FirstOrder):
             return NotImplemented
         with np.errstate(over="ignore", invalid="ignore"):
             product = _product(self.matrix, other.matrix)
         if not np.isfinite(product).all():
-            raise ArgumentError("the product of these two systems overflows; check their units")
+            raise ArgumentError(
+                "the matrix of the product of these two systems overflows; check the units of "
+                "the systems"
+            )
         first, second = abs(self.matrix), abs(other.matrix)
         rounding = _product(self.rounding + _ULP * first, second)
         rounding += _product(first, other.rounding)
@@ -406,5 +410,5 @@ def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
 
 
 def _product(first: Matrix, second: Matrix) -> Matrix:
-    """Return a matrix product without fused operations, whose rounding differs between machines."""
+    """Return a matrix product without fused operations, whose rounding depends on the machine."""
     return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)

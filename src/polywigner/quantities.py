@@ -1,8 +1,8 @@
 """Conversion of strings such as ``"94 GHz"``, ``"10 mm"`` or ``"30 deg"`` to floats in SI units.
 
-The command line, scene files and aperture files use these texts. Functions of the Python API take
-SI floats. Units are case-sensitive: "mW" and "MW", or "mm" and "Mm", differ by nine orders of
-magnitude. Only units of frequency may have any case ("ghz"), except "mHz".
+The command line, scene files and aperture files use such strings. Functions of the Python API take
+floats in SI units. Units are case-sensitive: "mW" and "MW", or "mm" and "Mm", differ by nine orders
+of magnitude. Only units of frequency may have any case ("ghz"), except "mHz".
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from polywigner.errors import QuantityError, value_text
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 
-# Fractions are exact, so that "3.1 mm" is the float nearest to 0.0031; 3.1 * 0.001 is one ulp off.
+# Units are exact fractions, so that "3.1 mm" is the float nearest to 0.0031; 3.1 * 0.001 would be
+# off by one ulp.
 _LENGTHS = {
     "km": Fraction(1000), "m": Fraction(1), "dm": Fraction(1, 10), "cm": Fraction(1, 100),
     "mm": Fraction(1, 1000), "um": Fraction(1, 10**6), "µm": Fraction(1, 10**6),
@@ -46,7 +47,8 @@ _DURATIONS = {
 }  # fmt: skip
 
 _POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
-_HIGHEST_LEVEL = 3000.0  # in dB; the largest float is about 3080 dB
+# Highest level in dB; the largest float is about 3080 dB.
+_HIGHEST_LEVEL = 3000.0
 
 # The exponent has at most three digits, because Fraction("1e999999999") would exhaust the memory.
 _QUANTITY = re.compile(
@@ -62,7 +64,8 @@ def _parse(
     positive: bool = False,
 ) -> float:
     """Parse a string to SI units; numbers are returned unchanged."""
-    article = "an" if kind[0] in "aeio" else "a"  # except for "a unit"
+    # The article is "a" before "unit".
+    article = "an" if kind[0] in "aeio" else "a"
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     match = _QUANTITY.fullmatch(str(text))
     if match is None or isinstance(text, bool):
@@ -95,8 +98,8 @@ def parse_point(text: str) -> tuple[float, float]:
     parts = text.split(",", 2)
     if len(parts) != 2:
         raise QuantityError(
-            f'expected two lengths such as "0 mm, -2 mm", got {value_text(text)}; '
-            "separate them by one comma"
+            f'expected two lengths such as "0 mm, -2 mm", got {value_text(text)}; separate '
+            "them with one comma"
         )
     first, second = map(parse_coordinate, parts)
     return first, second
@@ -114,8 +117,8 @@ def parse_frequency(text: str | float) -> float:
     if isinstance(text, str):
         if text.rstrip().endswith("mHz"):
             raise QuantityError(
-                f'expected a frequency such as "94 GHz", got {value_text(text)}, where "mHz" is '
-                'millihertz; write "MHz" for megahertz'
+                f'expected a frequency such as "94 GHz", got {value_text(text)}, in which '
+                '"mHz" means millihertz; write "MHz" for megahertz'
             )
         text = re.sub("[a-zA-Z]{2,}", lambda unit: _SPELLING.get(unit[0].lower(), unit[0]), text)
     return _parse(text, _FREQUENCIES, "frequency", "94 GHz", positive=True)
@@ -188,7 +191,7 @@ def wavelength_of(frequency: float) -> float:
 
 
 class LengthUnit(NamedTuple):
-    """A unit of length to print: its name and its size in metres."""
+    """A unit of length for printed numbers: its name and its size in metres."""
 
     name: str
     metres: float
@@ -198,7 +201,7 @@ _UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3
 
 
 def length_unit(length: float) -> LengthUnit:
-    """Return the unit in which a length (m) is a number from 1 to 1000; metres if none is."""
+    """Return the unit in which a length (m) is a number from 1 to 1000, else metres."""
     for unit in _UNITS:
         if length < 1000 * unit.metres:
             return unit

@@ -1,12 +1,13 @@
 """Radar waveforms, and maps of range, rate and angle from data cubes.
 
-A waveform defines the frequency f_n and the time t_n of each sample of a repetition. A path with
-the amplitude a and the delay tau(t) contributes, after mixing with the transmitted signal, (RC1)
+A waveform defines the frequency f_n and the time t_n of each sample within a repetition m of
+duration T. A path with the amplitude a and the delay tau(t) contributes, after mixing with the
+transmitted signal, (RC1)
 
     s_mn = a exp(2 pi i f_n tau(t_mn)),    t_mn = m T + t_n
 
-The phase rises with n for a positive range and with m for a growing range. Data cubes come from
-:func:`polywigner.mitsuba.radar_cube`; the functions here process any cube of that form.
+The phase increases with n for a positive range, and with m for an increasing range. Data cubes come
+from :func:`polywigner.mitsuba.radar_cube`; the functions here process any cube of that form.
 """
 
 from __future__ import annotations
@@ -17,23 +18,21 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, require, value_text
 from polywigner.geometry.arguments import checked_choice, checked_count, checked_length
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
 
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Largest number of samples in a repetition, and largest number of repetitions.
 _MOST = 1 << 20
 # Largest relative rounding error of an interval or of a sample rate that a user specifies.
 _ROUNDING = 1e-9
-# Number of points of a window, between which its values are interpolated.
+# Number of points at which a window is computed. Its values in between are interpolated.
 _WINDOW_POINTS = 1025
 
 
@@ -49,11 +48,11 @@ class FMCW:
         Range of frequencies in Hz that the samples cover: sample n has the frequency
         ``start + n * bandwidth / samples``.
     samples : int
-        Complex samples per chirp.
+        Number of complex samples per chirp.
     sample_rate : float
-        Sampling rate in Hz, which is the noise bandwidth of a sample too.
+        Sampling rate in Hz, which is also the noise bandwidth of a sample.
     chirps : int, default 1
-        Chirps of each transmitter.
+        Number of chirps of each transmitter.
     interval : float, optional
         Time in s from the start of one chirp to the start of the next, ``samples / sample_rate``
         or longer, which is the default.
@@ -82,12 +81,12 @@ class FMCW:
 
     def __post_init__(self) -> None:
         for name in ("start", "bandwidth", "sample_rate"):
-            checked_length(getattr(self, name), name, meaning="a frequency above zero in Hz")
+            checked_length(getattr(self, name), name, meaning="a frequency in Hz above zero")
         for name in ("samples", "chirps"):
             checked_count(getattr(self, name), name, 1, _MOST)
         shortest = self.samples / self.sample_rate
         interval = self.interval or shortest
-        checked_length(interval, "interval", meaning="a time above zero in s")
+        checked_length(interval, "interval", meaning="a time in s above zero")
         if interval < shortest * (1 - _ROUNDING):
             raise ArgumentError(
                 f"interval must be at least samples/sample_rate, {shortest:.4g} s, got "
@@ -97,7 +96,7 @@ class FMCW:
 
     @property
     def frequencies(self) -> Floats:
-        """Frequencies (samples,) in Hz."""
+        """Frequencies of the samples in Hz, shape (samples,)."""
         return np.asarray(self.start + self.bandwidth / self.samples * np.arange(self.samples))
 
     @property
@@ -107,7 +106,7 @@ class FMCW:
 
     @property
     def times(self) -> Floats:
-        """Times (samples,) in s of the frequencies after the start of a repetition."""
+        """Times of the frequencies after the start of a repetition in s, shape (samples,)."""
         return np.asarray(self.time_step * np.arange(self.samples))
 
     @property
@@ -122,25 +121,25 @@ class FMCW:
 
     @property
     def rate_step(self) -> float:
-        """Width of a bin of the range rate in m/s, for one transmitter."""
+        """Width of a bin of range rate in m/s, for one transmitter."""
         return self.wavelength / (2 * self.chirps * self.interval)
 
     @property
     def noise_gain(self) -> float:
-        """Noise power of the spectrum over the noise power of a sample."""
+        """Ratio of the noise power in the spectrum to the noise power of a sample."""
         return 1.0
 
-    def from_spectrum(self, spectrum: Complexes) -> Complexes:
-        """Return the samples of amplitudes (..., samples) at the frequencies."""
+    def from_spectrum(self, spectrum: Complex) -> Complex:
+        """Return the samples (..., samples) for amplitudes at the frequencies."""
         return spectrum
 
-    def to_spectrum(self, signal: Complexes) -> Complexes:
-        """Return the amplitudes at the frequencies of samples (..., samples)."""
+    def to_spectrum(self, signal: Complex) -> Complex:
+        """Return the amplitudes at the frequencies for samples (..., samples)."""
         return signal
 
 
 class SteppedFrequency(FMCW):
-    """Steps of constant frequency with one sample each; parameters as for :class:`FMCW`.
+    """Steps of constant frequency with one sample each; for parameters see :class:`FMCW`.
 
     ``samples`` is the number of steps, and ``1 / sample_rate`` the time of a step.
     """
@@ -149,7 +148,7 @@ class SteppedFrequency(FMCW):
 
 
 class Pulse(FMCW):
-    """Pulses with a flat spectrum, after matched filtering; parameters as for :class:`FMCW`.
+    """Pulses with a flat spectrum, after matched filtering; for parameters see :class:`FMCW`.
 
     ``start`` and ``bandwidth`` describe the spectrum. Sample n is received at the time
     ``n / bandwidth`` after the pulse and is therefore range bin n. ``sample_rate`` must equal
@@ -162,25 +161,25 @@ class Pulse(FMCW):
         super().__post_init__()
         if abs(self.sample_rate / self.bandwidth - 1) > _ROUNDING:
             raise ArgumentError(
-                f"sample_rate of a pulse must equal its bandwidth, {self.bandwidth:.6g} Hz, got "
-                f"{self.sample_rate:.6g} Hz"
+                f"sample_rate of a pulse must equal its bandwidth of {self.bandwidth:.6g} Hz, "
+                f"got {self.sample_rate:.6g} Hz"
             )
 
     @property
     def time_step(self) -> float:
-        """Time in s from one frequency to the next: zero, since all are sent at once."""
+        """Time in s from one frequency to the next: zero, since all are transmitted at once."""
         return 0.0
 
     @property
     def noise_gain(self) -> float:
-        """Noise power of the spectrum over the noise power of a sample."""
+        """Ratio of the noise power in the spectrum to the noise power of a sample."""
         return float(self.samples)
 
-    def from_spectrum(self, spectrum: Complexes) -> Complexes:
-        """Return samples in time; the largest sample of a single path is its amplitude."""
+    def from_spectrum(self, spectrum: Complex) -> Complex:
+        """Return samples in time; the largest sample of a single path equals its amplitude."""
         return np.fft.fft(spectrum) / self.samples
 
-    def to_spectrum(self, signal: Complexes) -> Complexes:
+    def to_spectrum(self, signal: Complex) -> Complex:
         """Return the spectrum of samples in time."""
         return np.fft.ifft(signal) * self.samples
 
@@ -199,9 +198,9 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     Parameters
     ----------
     text : str or FMCW
-        Such as ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``. ``bursts`` in
-        place of ``chirps`` gives a :class:`SteppedFrequency`, ``pulses`` a :class:`Pulse`, whose
-        sampling rate may be left out.
+        A string such as ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``.
+        ``bursts`` instead of ``chirps`` gives a :class:`SteppedFrequency`, and ``pulses`` a
+        :class:`Pulse`, whose sampling rate may be omitted.
 
     Raises
     ------
@@ -216,8 +215,8 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     if match is None or (match["rate"] is None and match["kind"] != Pulse.repetition):
         raise ArgumentError(
             'expected a waveform as "START + BANDWIDTH, N samples at RATE, M chirps every '
-            'INTERVAL", such as "76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us", '
-            f"got {value_text(text)}"
+            'INTERVAL", such as "76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 '
+            f'us", got {value_text(text)}'
         )
     bandwidth = parse_frequency(match["bandwidth"])
     return _CLASSES[match["kind"]](
@@ -251,24 +250,20 @@ def waveform_of(cube: Any) -> FMCW:
     except (AttributeError, KeyError, TypeError):
         pass
     raise ArgumentError(
-        f"expected a data cube made by polywigner.mitsuba.radar_cube, got {type(cube).__name__}, "
-        "which lacks the signal and attributes of a cube"
+        "expected a data cube made by polywigner.mitsuba.radar_cube, got "
+        f"{type(cube).__name__}, which lacks the signal and attributes of a cube"
     )
 
 
 CUBE_DIMS = ("draw", "receiver", "emitter", "chirp", "sample")
-"""Dimensions of ``signal`` in a data cube."""
-
-
-# ---- processing ----------------------------------------------------------------------------------
+"""Names of the dimensions of ``signal`` in a data cube."""
 
 
 def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataArray:
-    """Compute the power by range and range rate of each receiver and emitter.
+    """Compute the power by range and range rate, for each receiver and emitter.
 
-    A path in the centre of a bin appears with its received power (coherent gain 1). Range is the
-    range in the middle of the frame: the motion within each repetition is removed for the rate of
-    each bin.
+    A path in the centre of a bin appears with its received power (coherent gain 1). Ranges refer to
+    the middle of the frame: the motion within each repetition is removed for the rate of each bin.
 
     Parameters
     ----------
@@ -277,7 +272,7 @@ def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataA
     window : str, default "hann"
         Window of ``scipy.signal.get_window`` along both axes, "boxcar" for none.
     pad : int, default 1
-        Bins per resolution cell, by zero padding.
+        Number of bins per resolution cell, by zero padding.
 
     Returns
     -------
@@ -305,11 +300,11 @@ def range_angle(
     directions: int = 257,
     pad: int = 1,
 ) -> xarray.DataArray:
-    """Compute the power by range and direction along an axis of the virtual array.
+    """Compute the power by range and by direction along an axis of the virtual array.
 
     All receivers and emitters form one virtual array, with an element at the sum of the positions
-    of each pair. Power is summed over range rates, after the phases that a target gains between
-    the turns of the emitters are removed.
+    of each pair. The emitters transmit one after the other, so the phase that a moving target gains
+    in between is removed for each range rate. The power is then summed over range rates.
 
     Parameters
     ----------
@@ -350,9 +345,10 @@ def range_angle(
     extent = np.ptp(positions)
     if not extent > 0:
         raise ArgumentError(
-            f"expected several elements along {array_axis}, got positions {positions.ravel()!r:.60}"
+            f"expected several array elements along {array_axis}, got positions "
+            f"{positions.ravel()!r:.60}"
         )
-    # The window is one spacing wider than the array, so that no element has the weight zero.
+    # The window is wider than the array by one spacing, so that no element has the weight zero.
     spacing = extent / (len(np.unique(positions.round(9))) - 1)
     across = (positions - positions.min() + spacing / 2) / (extent + spacing)
     shape = window_of(window, _WINDOW_POINTS)
@@ -360,11 +356,12 @@ def range_angle(
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
     image = np.zeros((len(values), len(cosines), len(ranges)))
-    # Only one rate is computed at a time, which needs little memory.
+    # Beams are computed for one range rate at a time, which needs little memory.
     for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # The sum over rates counts a target several times: the window's noise bandwidth, in bins.
+    # The sum over range rates counts each target as often as the noise bandwidth of the window in
+    # bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
@@ -390,7 +387,8 @@ def detections(
     image : xarray.DataArray
         Power from :func:`range_doppler` or :func:`range_angle`.
     guard, training : sequence of two int
-        Bins on each side along the last two axes that are left out, and that are averaged.
+        Numbers of bins on each side, along the last two axes, that are skipped (guard bins) and
+        that are averaged (training bins).
     false_alarm : float, default 1e-6
         Probability of a detection in a bin that contains only noise.
 
@@ -407,15 +405,16 @@ def detections(
     filters = require("scipy.ndimage", "arrays", "detections are found with")
     if not (hasattr(image, "dims") and len(guard) == len(training) == 2):
         raise ArgumentError(
-            "expected a DataArray of range_doppler or range_angle, and guard and training as two "
-            f"numbers, got {type(image).__name__}, {guard!r} and {training!r}"
+            "expected image as a DataArray from range_doppler or range_angle, and guard and "
+            f"training as two numbers each, got {type(image).__name__}, {guard!r} and "
+            f"{training!r}"
         )
     near = [checked_count(n, "guard", 0, _MOST) for n in guard]
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
         raise ArgumentError(
-            f"expected fewer guard and training bins than the map has, {image.shape[-2:]}, got "
-            f"{guard!r} and {training!r} on each side"
+            "expected fewer guard and training bins than the map has bins, "
+            f"{image.shape[-2:]}, got {guard!r} and {training!r} on each side"
         )
     if not 0 < false_alarm < 1:
         raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
@@ -433,18 +432,19 @@ def detections(
 
 
 def window_of(name: str, count: int) -> Floats:
-    """Return a symmetric window (count,) without zeros at its ends, or raise ArgumentError."""
+    """Return a symmetric window (count,) without zeros at its ends; ArgumentError if unknown."""
     signal = require("scipy.signal", "arrays", "windows are computed with")
     try:
         return np.asarray(signal.get_window(name, count + 2, fftbins=False)[1:-1], np.float64)
     except (ValueError, TypeError) as error:
         raise ArgumentError(
-            f"expected a window of scipy.signal.get_window, got {value_text(name)}: {error}"
+            "expected the name of a window for scipy.signal.get_window, got "
+            f"{value_text(name)}: {error}"
         ) from None
 
 
-def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float]:
-    """Return spectra over rates (draw, receiver, emitter, rate, frequency), rates, noise gain.
+def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
+    """Return spectra (draw, receiver, emitter, rate, frequency), range rates, and noise gain.
 
     The motion within each repetition is removed for the rate of each bin.
     """
@@ -461,10 +461,8 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complexes, Floats, float
     return spectra, rates, float((weights**2).sum() / weights.sum() ** 2)
 
 
-def _by_range(
-    cube: Any, spectra: Complexes, window: str, pad: int
-) -> tuple[Complexes, Floats, float]:
-    """Return amplitudes over range in place of frequency, ranges in m, and the noise gain."""
+def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
+    """Return amplitudes by range instead of frequency, ranges in m, and the noise gain."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)

@@ -7,26 +7,25 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_count
+from polywigner.numerics import Floats
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 __all__ = ["check"]
 
-Floats = NDArray[np.float64]
-# name of the law, left side, right side, allowed difference, and arguments by name
+# Name of a law, its left side, its right side, the allowed difference, and the arguments by name.
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
 # Allowed difference, relative to the bound of each transform, for a source at the origin. The
 # allowed difference grows with the distance from the origin, because coordinates are rounded.
 _TOLERANCE = 1e-12
 # Number of lattice points for the integral of W over x, generator of the lattice, and relative
-# error of the integral of |u|^2 by this lattice for fields with edges.
+# error of this lattice for the integral of |u|^2 of fields with edges.
 _LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
 
 
@@ -90,7 +89,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     energy = float(np.real(transforms.lag_marginal(source, zero)))
     field = sum(abs(e.weight) * float(np.abs(e.amplitudes).sum()) for e in form.elements)
     bound = math.prod((high - low).tolist()) * field**2
-    # positions away from 0 have larger rounding errors
+    # Positions away from 0 have larger rounding errors.
     far = 1.0 + float(np.abs([low, high]).max()) / size
     allowed = _TOLERANCE * far * max(bound, energy)
 
@@ -109,7 +108,8 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
     yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
 
-    few = nu[: max(1, points // 25)] / 8.0  # the lattice resolves these frequencies
+    # Only the low frequencies in ``few`` are resolved by the lattice.
+    few = nu[: max(1, points // 25)] / 8.0
     lattice, cell = _lattice(low, high)
     integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)
     power = np.abs(transforms.fourier(source, few)) ** 2

@@ -6,10 +6,10 @@ module               content
 ``operations``       the operations namespaces that kernels are written over: NumPy, Python floats
 ``drjit_operations`` and Dr.Jit arrays
 ``choice``           the plan of a call: engine and strategy
-``evaluation``       NumPy arrays in and out, on any engine; sums over points
+``evaluation``       NumPy arrays in and out, on any engine; sums over points; F on a grid of
+                     frequencies, from its axes
 ``chunks``           samples chunk by chunk, threads, aligned memory for Dr.Jit
 ``progress``         progress bars on a terminal
-``frequency_grids``  F on a grid of frequencies, from its axes
 ``on_drjit``         compiled kernels: with an outline as code, or with outlines as data
 ``points``           Dr.Jit arrays of callers as component arrays, and results of their kind
 ``traced``           component arrays in and out, traced, with derivatives in closed form
@@ -29,8 +29,14 @@ from polywigner.execution.chunks import (
     kernel_threads,
 )
 from polywigner.execution.drjit_operations import DrjitOperations, ops_for
-from polywigner.execution.evaluation import Shear, evaluate, evaluate_rows, evaluate_sums, explained
-from polywigner.execution.frequency_grids import evaluate_on_grid
+from polywigner.execution.evaluation import (
+    Shear,
+    evaluate,
+    evaluate_on_grid,
+    evaluate_rows,
+    evaluate_sums,
+    explained,
+)
 from polywigner.execution.on_drjit import without_collection
 from polywigner.execution.operations import Drjit, NumpyOperations, ScalarOperations
 from polywigner.execution.points import (

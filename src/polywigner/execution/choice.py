@@ -1,4 +1,4 @@
-"""Choice of the engine and the strategy of a call."""
+"""Choice of the engine (NumPy, LLVM or CUDA) and of the strategy of a call."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from polywigner import llvm
 from polywigner.errors import EngineError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.kernels import Kernel
-from polywigner.kernels.arrays.repeated import RepeatedTables
+from polywigner.kernels.element_pairs import RepeatedTables
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline import Tables
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
 _PRECISIONS = ("double", "single")
 
-# Names of strategies, as `pw.explain` prints them and docs/performance.md explains them.
+# Names of the strategies, as `pw.explain` prints them and docs/performance.md explains them.
 GRID = "grid from its axes"
 LISTED = "slices listed"
 PAIRS = "pairs of edges"
@@ -29,7 +29,7 @@ CODE = "edges as code"
 SUM = "sum of terms"
 
 # Smallest number of samples for which compiled code with the source as data is faster than NumPy.
-# All thresholds here are measured by benchmarks/default_regret.py.
+# Like all thresholds in this module, it was measured by benchmarks/default_regret.py.
 _LEAST_SAMPLES = 1000
 # Smallest number of terms (samples times edges, waves and copies) for which a kernel compiled for
 # one source is faster than NumPy.
@@ -38,16 +38,17 @@ _LEAST_TERMS = 1 << 18
 # data.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
 # Smallest number of frequencies per position, and smallest number of edges, for which compiled code
-# sums listed slices. With fewer edges, cutting edges is as fast as reading a list.
+# sums the listed parts of slices. With fewer edges, cutting the edges again is as fast as reading
+# the list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Smallest number of terms per family of parallel edges for which F on a grid is computed from the
-# axes of the grid.
+# Smallest number of terms per family of parallel edges for which the Fourier transform on a grid is
+# computed from the axes of the grid.
 _TERMS_PER_FAMILY = 1 << 10
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Strategy and engine of a call, and the sizes that determined them."""
+    """Strategy and engine of a call, and the numbers of samples and terms that determined them."""
 
     strategy: str
     engine: str
@@ -55,12 +56,12 @@ class Plan:
     samples: int
     terms: int
     requested: str = "auto"
-    """Engine that the caller has requested."""
+    """Engine that the caller has requested, or "auto"."""
     detail: str = ""
 
     @property
     def reason(self) -> str:
-        """Text with the numbers of samples and terms that determined the strategy."""
+        """Explanation of the strategy: the numbers of samples and terms."""
         parts = [f"{self.samples} samples of {self.terms} terms"]
         parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
         return ", ".join([*parts, self.detail] if self.detail else parts)
@@ -83,7 +84,7 @@ def checked_precision(precision: str | None) -> str | None:
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
-    """Return the engine for a number of samples, and a number of terms per sample.
+    """Return the engine for a number of samples, with a number of terms per sample.
 
     ``"auto"`` is NumPy or LLVM; CUDA is used on request only.
 
@@ -117,7 +118,7 @@ def planned(
     engine : str
         Requested engine.
     shape : tuple of int, optional
-        (positions, frequencies) if each position meets every frequency.
+        Numbers of positions and frequencies if every position is combined with every frequency.
     families : int, optional
         Number of families of parallel edges if the frequencies of F are a grid.
 
@@ -128,8 +129,8 @@ def planned(
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
-    # NumPy takes ten times as long for W and A of arrays, so compiled kernels pay for fewer
-    # samples.
+    # NumPy takes ten times as long for W and A of arrays, so compiled kernels already pay off for
+    # fewer samples.
     by_samples = as_data or isinstance(tables, RepeatedTables)
     is_large = samples >= _LEAST_SAMPLES if by_samples else terms >= _LEAST_TERMS
     actual = _engine_for(engine, is_large)
@@ -154,7 +155,7 @@ def planned(
 
 
 def _engine_for(engine: str, is_large: bool) -> str:
-    """Return the engine of a call; ``is_large``: whether compiled code is faster."""
+    """Return the engine of a call; ``is_large``: whether compiled code is faster than NumPy."""
     if checked_engine(engine) == "llvm":
         llvm.require()
     elif engine == "cuda":
@@ -165,7 +166,7 @@ def _engine_for(engine: str, is_large: bool) -> str:
 
 
 def terms_of(kernel: Kernel, tables: Any) -> int:
-    """Return the number of terms that are summed at each sample."""
+    """Return the number of terms that a kernel sums at each sample."""
     if kernel.slices is not None:
         return max(1, len(tables.edges)) * tables.waves_per_cut * len(kernel.slices.views)
     if isinstance(tables, RepeatedTables):
@@ -174,7 +175,7 @@ def terms_of(kernel: Kernel, tables: Any) -> int:
 
 
 def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Return whether compiled kernels take the source as data: F, and sums over pairs of edges."""
+    """Return whether compiled kernels take the source as data: F, and sums over edge pairs."""
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
     return kernel.slices is not None and isinstance(tables, Tables)
@@ -182,7 +183,7 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Make ``"auto"`` NumPy within the block, for code that runs in a thread of Dr.Jit.
+    """Make ``"auto"`` select NumPy within the block, for code that runs in a thread of Dr.Jit.
 
     Mitsuba loads scenes in Dr.Jit's threads. Waiting for a kernel there can crash the
     process.

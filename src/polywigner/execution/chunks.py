@@ -33,7 +33,8 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 
     numbers = np.asarray(values)
     if drjit.flag(drjit.JitFlag.FreezingScope):
-        # Dr.Jit aborts the process if memory of NumPy is freed while a function is recorded.
+        # Dr.Jit aborts the process if memory of NumPy is freed while a function is being recorded.
+        # A list avoids memory of NumPy.
         return kind(numbers.ravel().tolist())
     letter = "f" if drjit.is_float_v(kind) else "u" if drjit.is_unsigned_v(kind) else "i"
     memory = aligned(numbers.size, f"{letter}{drjit.itemsize_v(kind)}")
@@ -44,16 +45,17 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 MOST_THREADS = 1024
 """Largest number of threads that callers may request."""
 
-# A process has only one pool of threads, and two simultaneous users would block each other forever.
+# A process has only one Dr.Jit thread pool, and two simultaneous users would block each other
+# forever.
 _POOL = threading.Lock()
 
 
 @contextmanager
 def kernel_threads(count: int | None = None) -> Iterator[None]:
-    """Reserve Dr.Jit's pool of threads within the block, among the users of this function.
+    """Reserve Dr.Jit's thread pool within the block.
 
-    ``count``: number of threads, the caller's included; None: unchanged. Without Dr.Jit the
-    function only makes simultaneous callers wait for each other.
+    Other users of this function wait until the block ends. ``count``: number of threads including
+    the calling thread; None leaves it unchanged. Without Dr.Jit, the function only takes a lock.
     """
     with _POOL:
         # Scalar variants of Mitsuba use Dr.Jit's thread pool even without an LLVM library. In that
@@ -76,9 +78,10 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
 
 Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
-"""Waits for the results of a chunk."""
+"""Function that waits for the results of a chunk and returns them."""
 Launched = Iterator[tuple[Sequence[Array], Any, Fetch]]
-"""Yields (result arrays, index of the chunk in these arrays, function that waits for the chunk)."""
+"""Iterator over (result arrays, index of the chunk in these arrays, function that waits for the
+chunk)."""
 
 
 def store(launched: Launched, samples: int) -> None:
@@ -94,7 +97,7 @@ def store(launched: Launched, samples: int) -> None:
 
 
 def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
-    """Write a chunk, and return the number of its samples."""
+    """Write the results of a chunk, and return the number of its samples."""
     parts = fetch()
     for result, values in zip(results, parts, strict=False):
         result[where] = values
@@ -109,7 +112,7 @@ def ready(values: tuple[Array, ...]) -> Fetch:
 def parts_of_results(
     components: Sequence[Array], results: Sequence[Array], size: int
 ) -> Iterator[tuple[list[Array], list[Array]]]:
-    """Yield float64 components and views of the results, by chunks in C order."""
+    """Yield the float64 components of each chunk with views of its results, in C order."""
     flat, shape = [result.reshape(-1) for result in results], results[0].shape
     full = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
     if 0 < full[0].size <= size:
@@ -125,7 +128,7 @@ def parts_of_results(
         buffersize=size,
     ) as iterator:
         for chunk in iterator:
-            # with one operand, nditer yields an array instead of a tuple of arrays
+            # With one operand, nditer yields an array instead of a tuple of arrays.
             arguments: list[Any] = list(chunk) if len(full) > 1 else [chunk]
             end = start + arguments[0].size
             if end > start:

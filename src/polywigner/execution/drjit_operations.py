@@ -1,4 +1,4 @@
-"""The operations namespace of Dr.Jit arrays, which are traced into a kernel."""
+"""The operations namespace for Dr.Jit arrays, which are traced into a kernel."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ from polywigner.execution.operations import (
 )
 
 MOST_TERMS_AS_CODE = 12
-"""Largest number of terms that become code of a kernel; a term compiles in about 20 ms."""
-# Largest total number of cuts in the terms of `sum_large_terms` that are compiled as code. 256 cuts
-# compile in 0.5 s.
+"""Largest number of terms that are unrolled into the code of a kernel. Each term takes about 20 ms
+to compile."""
+# Largest total number of cuts in the terms of `sum_large_terms` that are unrolled into code. Code
+# with 256 cuts compiles in 0.5 s.
 _MOST_CUTS_AS_CODE = 256
-# Largest number of steps of a recursion that are compiled as code. With four terms per step, 50
+# Largest number of steps of a recursion that are unrolled into code. With four terms per step, 50
 # steps compile in 1.5 s and 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s,
 # respectively, and runs as fast.
 _MOST_STEPS_AS_CODE = 8
 
 
 class DrjitOperations(RowByRow):
-    """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend.
+    """Operations on Dr.Jit arrays of one float type, of the LLVM or the CUDA backend.
 
-    ``target``: "compiled", or "data" if edges are rows of tables and never code. ``most_as_code``:
-    largest number of terms that are unrolled.
+    ``target``: "compiled", or "data" if edges are always rows of tables and never code.
+    ``most_as_code``: largest number of terms that are unrolled.
     """
 
     def __init__(
@@ -54,9 +55,9 @@ class DrjitOperations(RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums over rows of the values of ``term(*row)``; ``values``: their number.
+        """Return the sums of ``term(*row)`` over rows; ``values``: number of results of a term.
 
-        Few rows are unrolled. For more rows the kernel has a loop over a table, which compiles fast
+        A few rows are unrolled. For more rows the kernel loops over a table, which compiles fast
         and runs nearly as fast for long terms. ``unroll=False`` always makes a loop.
         """
         if unroll and len(rows) <= self.most_as_code:
@@ -78,8 +79,8 @@ class DrjitOperations(RowByRow):
     def repeated(self, count: int, state: Values, step: Term, like: Any) -> Values:
         """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1.
 
-        Many steps become a loop, unless ``like`` has derivatives: reverse mode would have to store
-        all states.
+        Many steps become a loop, unless ``like`` has derivatives, since reverse mode would have to
+        store all states.
         """
         if count <= _MOST_STEPS_AS_CODE or self.needs_gradient(like):
             return unrolled_steps(count, state, step)
@@ -89,14 +90,14 @@ class DrjitOperations(RowByRow):
         return any(self._dr.grad_enabled(value) for value in values)
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index] for integers within the table, given as floats or integers."""
+        """Return table[index] for indices within the table, given as floats or integers."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
-    # dr.minimum and dr.maximum abort the process on some LLVM versions.
+    # The functions dr.minimum and dr.maximum abort the process with some versions of LLVM.
     def minimum(self, a: Any, b: Any) -> Drjit:
         a, b = self._typed(a), self._typed(b)
         return self._dr.select(a < b, a, b)
@@ -135,14 +136,14 @@ class DrjitOperations(RowByRow):
         return self._dr.fma(ax, by, -product) + error
 
     def lost(self, a: Any, b: Any, product: Any) -> Drjit:
-        """Return the exact rounding error of ``product``, the rounded value of a b."""
+        """Return the exact difference of a b and its rounded value ``product``."""
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Drjit:
         return self.float_type(value) if isinstance(value, (int, float)) else value
 
     def on_device(self, table: Table) -> Drjit:
-        """Return the number of entries per row, and the entries of all rows, in memory."""
+        """Return the number of entries per row, and all entries in the engine's memory."""
         kind = self.float_type if table.dtype.kind == "f" else self._numbers
         return table.shape[1], array_of(kind, table)
 
@@ -151,7 +152,6 @@ class DrjitOperations(RowByRow):
         kind = type(flat)
         if width % 4:
             return tuple(self._dr.gather(kind, flat, width * row + k) for k in range(width))
-        # each load reads four entries
         four, packets = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__]), width // 4
         loaded = (self._dr.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in loaded for entry in packet)
@@ -165,7 +165,8 @@ class DrjitOperations(RowByRow):
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        # max_iterations=-1 declares that the loop only sums terms, so reverse mode stores no states
+        # The option max_iterations=-1 declares that the loop only adds terms, so that reverse mode
+        # stores no states.
         options = {"max_iterations": -1} if is_sum else {}
         start = (self._numbers(first), *map(self._initial, state))
         _, *result = self._dr.while_loop(start, lambda row, *_: row < end, next_row, **options)
@@ -191,11 +192,11 @@ class DrjitOperations(RowByRow):
         )
 
 
-# Names of the types of packets, by the type of their entries. One load reads a packet of four
-# values.
+# Names of Dr.Jit's packet types, by the type of their entries. One load instruction reads a packet
+# of four entries.
 _PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
 
 
 def ops_for(float_type: type) -> Any:
-    """Return the operations for a float type: ``float``, or a Dr.Jit type such as ``mi.Float``."""
+    """Return the operations namespace of a float type: ``float``, or one such as ``mi.Float``."""
     return ScalarOperations() if float_type is float else DrjitOperations(float_type)

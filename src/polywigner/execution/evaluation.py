@@ -1,7 +1,8 @@
 """Evaluation of kernels on NumPy arrays, by NumPy or by compiled code.
 
-A call needs memory for its result and one chunk, because arguments are broadcast chunk by chunk.
-NumPy computes in double precision also for results in single precision.
+A call needs memory only for its result and one chunk, because arguments are broadcast chunk by
+chunk. NumPy computes in double precision even if the result has single precision. Fourier
+transforms on a grid of frequencies are computed from the axes of the grid, (F4).
 """
 
 from __future__ import annotations
@@ -25,31 +26,141 @@ from polywigner.execution.choice import (
     terms_of,
 )
 from polywigner.execution.chunks import Launched, parts_of_results, ready, store
-from polywigner.execution.frequency_grids import plan_for_grid
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
 from polywigner.execution.operations import NumpyOperations
-from polywigner.kernels import Kernel
+from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 from polywigner.kernels.functions.slices import SliceSum
 
-# Number of samples in a chunk, so that temporary arrays stay below 128 KiB, in the cache of a core.
-# The C library maps memory of larger arrays anew each time, and page faults then cost more than the
-# computation.
+Array = npt.NDArray[Any]
+
+# Smallest number of frequencies along both axes of a grid for which tables along the axes save
+# work.
+_LEAST_SIDE = 8
+# Largest number of frequencies along an axis of a tile, so that the tables along the axes fit into
+# memory.
+_TILE = 512
+# Largest fraction of frequencies that may be too close to the origin for formula (F4). Each of
+# these frequencies costs 20 times as much.
+_MOST_BELOW = 1 / 8
+
+PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
+"""Function (nu_x, nu_y) -> real and imaginary part at these frequencies."""
+
+
+@dataclass(frozen=True)
+class GridPlan:
+    """A Fourier transform at the frequencies (x[i], y[j]), to be computed from the two axes."""
+
+    tables: GridTables
+    x: Array
+    y: Array
+    transposed: bool
+    """Whether the results have the indices [j, i]."""
+
+    @property
+    def families(self) -> int:
+        """Number of families of parallel edges; all edges along the axes count as one family."""
+        oblique = sum(not family.is_straight for family in self.tables.families)
+        return oblique + (oblique < len(self.tables.families))
+
+    def keeps_digits(self) -> bool:
+        """Return whether (F4) is accurate at most frequencies, which are far from the origin."""
+        below = 1.0
+        for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
+            below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
+        return below < _MOST_BELOW
+
+    def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
+        """Write the real and the imaginary part of F to two arrays.
+
+        ``point_by_point`` computes the few values near the origin, where (F4) loses digits.
+        """
+        ops = NumpyOperations()
+        targets = [result.T if self.transposed else result for result in results]
+        for i in range(0, len(self.x), _TILE):
+            for j in range(0, len(self.y), _TILE):
+                x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
+                # Formula (F4) divides by nu, so its results near the origin, and their warnings,
+                # are replaced afterwards.
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    *parts, below = fourier_on_grid(ops, self.tables, x, y)
+                if below.any():
+                    at = np.nonzero(below)
+                    values = point_by_point((x[at[0]], y[at[1]]))
+                    for part, exact in zip(parts, values, strict=True):
+                        part[at] = exact
+                for target, part in zip(targets, parts, strict=True):
+                    target[i : i + _TILE, j : j + _TILE] = part
+
+
+def plan_for_grid(
+    kernel: Kernel, source: Any, components: Sequence[Array], engine: str
+) -> GridPlan | None:
+    """Return a plan to compute F from the axes of a grid; None for other kernels or points."""
+    if not isinstance(kernel.edge_sum, OutlineSum) or engine not in ("auto", "numpy"):
+        return None
+    x, y = components
+    if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
+        return None
+    transposed = not _is_grid(x, y)
+    if transposed:
+        x, y = x.T, y.T
+        if not _is_grid(x, y):
+            return None
+    tables = kernel.edge_sum.on_grid(source)
+    if tables is None:
+        return None
+    axes = np.array(x[:, 0], np.float64), np.array(y[0], np.float64)
+    plan = GridPlan(tables, *axes, transposed)
+    return plan if plan.keeps_digits() else None
+
+
+def _is_grid(x: Array, y: Array) -> bool:
+    """Return whether x is constant along the second axis and y along the first; False for NaN."""
+    # A comparison of the corners rejects most arrays that are not a grid, in little time.
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
+        return False
+    return bool((x == x[:, :1]).all() and (y == y[:1]).all())
+
+
+def evaluate_on_grid(
+    kernel: Kernel,
+    source: Any,
+    components: Sequence[Array],
+    point_by_point: PointByPoint,
+    into: Sequence[Array],
+    engine: str,
+) -> bool:
+    """Write F to arrays if the points form a grid and this saves work; return whether it did."""
+    plan = plan_for_grid(kernel, source, components, engine)
+    if plan is None:
+        return False
+    size = components[-1].size
+    choice = planned(kernel, plan.tables, size, engine=engine, families=plan.families)
+    if choice.strategy == GRID:
+        plan.fill(into, point_by_point)
+    return choice.strategy == GRID
+
+
+# Number of samples in a chunk on NumPy, so that temporary arrays stay below 128 KiB, in the cache
+# of a core. For larger arrays the C library maps new memory each time, and page faults then cost
+# more than the computation.
 _CHUNK = 3 << 12
-# Numbers of samples per block with shared slices: on NumPy, and in compiled code. Compiled code
-# stores only rows and columns, so its blocks can be larger.
+# Number of samples in a block of positions and frequencies with shared slices, on NumPy and in
+# compiled code. Compiled code stores only the positions and the frequencies of a block, so its
+# blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Smallest number of frequencies per position for which sharing a slice is faster.
+# Smallest number of frequencies per position for which computing each slice only once is faster.
 _LEAST_COLUMNS = 64
-# Number of terms, one for each pair of a row and a point, that are stored at a time: 32 MiB in
+# Largest number of terms in memory, one for each pair of a table row and a point: 32 MiB in
 # float64.
 _BLOCK = 1 << 22
-# Number of rows times samples that are processed at a time: temporary arrays take 2 MB for each
-# number of a term.
+# Largest number of table rows times samples that are processed at a time, so that temporary arrays
+# take 2 MB for each number of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
 
-Array = npt.NDArray[Any]
 Shear = Callable[[Sequence[Array]], Sequence[Array]]
 
 
@@ -66,7 +177,8 @@ def evaluate(
 ) -> tuple[Array, ...]:
     """Return the results of a kernel for float64 or float32 components that broadcast.
 
-    Arguments enter the frame in float64, whatever the precision of the sums.
+    Arguments are converted to the frame of the source in float64, whatever the precision of the
+    sums.
 
     Parameters
     ----------
@@ -81,8 +193,8 @@ def evaluate(
     into : sequence of ndarray, optional
         Arrays of the broadcast shape for the results, such as both parts of a complex array.
     shear : callable, optional
-        Maps the components to those that the kernel takes. With listed slices it is applied block
-        by block.
+        Function that maps the components to the components that the kernel takes. With listed
+        slices it is applied block by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
@@ -132,7 +244,7 @@ def evaluate(
 
 
 class _ExplainedError(Exception):
-    """Exception that carries the plan of a call to :func:`explained`, and ends the call."""
+    """Exception that ends a call and carries its plan to :func:`explained`."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -160,7 +272,7 @@ def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
     """Return the results of a kernel computed by NumPy, as flat float64 arrays."""
-    # infinite and NaN arguments give NaN without a warning
+    # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
             components = shear(components)
@@ -180,18 +292,15 @@ def _in_chunks(
         yield targets, ..., ready(_on_numpy(kernel, tables, arguments)[: len(results)])
 
 
-# ---- slices that several frequencies share ------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Arguments of shape (rows, 1) or (1, columns), with the positions of slices along rows."""
+    """Arguments of shape (rows, 1) or (1, columns); all samples of a row share a slice."""
 
     components: tuple[Array, ...]
     rows: int
     columns: int
     transposed: bool = False
-    """Whether the rows are the columns of the results."""
+    """Whether rows and columns are swapped in the results."""
 
     def blocks(self, size: int) -> Iterator[tuple[tuple[slice, slice], tuple[Array, ...]]]:
         """Yield blocks of about ``size`` samples, with their arguments in float64."""
@@ -216,10 +325,10 @@ class SharedRows:
 def shared_rows(
     edge_sum: object, components: Sequence[Array], shape: tuple[int, ...]
 ) -> SharedRows | None:
-    """Return the arguments with one row for each position that several frequencies share.
+    """Return arguments with one row for each position that several frequencies share.
 
-    None if slices are not cut, or if the axes of the broadcast shape do not split into rows and
-    columns.
+    The result is None if the kernel cuts no slices, or if the axes of the broadcast shape do not
+    split into rows and columns.
     """
     positions = edge_sum.arguments if isinstance(edge_sum, SliceSum) else None
     if positions is None or math.prod(shape) < _LEAST_COLUMNS:
@@ -253,7 +362,7 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield chunks of results; the slice of each row is cut once, in double precision."""
+    """Yield chunks of results; the slice of each row is cut only once, in double precision."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -263,7 +372,7 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        # positions far away from the source may overflow
+        # Positions far away from the source may overflow; the warnings of NumPy are suppressed.
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
@@ -287,9 +396,6 @@ def _shared(
         yield targets, block, ready(tuple(values[: len(results)]))
 
 
-# ---- sums over positions and over tables ---------------------------------------------------------
-
-
 def evaluate_sums(
     kernel: Kernel,
     source: Any,
@@ -301,7 +407,7 @@ def evaluate_sums(
     double: bool,
     engine: str,
 ) -> Array:
-    """Return sum_j weights_j kernel(*positions_j, *point, *constants) at each point, float64 (n,).
+    """Return sum_j weights_j kernel(*positions_j, *point, *constants) at points, float64 (n,).
 
     Parameters
     ----------
@@ -341,14 +447,15 @@ def evaluate_rows(
     outputs: int,
     engine: str,
 ) -> tuple[Array, ...]:
-    """Return sums of term(ops, row, sample, constants) over a table, in double precision.
+    """Return the sums of term(ops, row, sample, constants) over a table, in double precision.
 
-    On Dr.Jit the rows and the constants are data of one loop, so other values compile nothing.
+    On Dr.Jit, rows and constants are data of one loop, so a call with other values compiles
+    nothing.
 
     Parameters
     ----------
     term : callable
-        Returns ``outputs`` numbers.
+        Function that returns ``outputs`` numbers.
     table : ndarray, shape (m, a)
         Rows to sum over.
     samples : ndarray, shape (n, b)

@@ -1,7 +1,7 @@
-"""Kernels compiled by Dr.Jit for NumPy arrays: with the outline as code, or as data.
+"""Kernels that Dr.Jit compiles for NumPy arrays: with the outline as code, or as data.
 
 A kernel with an outline as code compiles in 0.1 s and occupies some hundred kilobytes until the
-process ends. The kernel with outlines as data serves any outline, at a half to a third of the
+process ends. The kernel with outlines as data works for any outline, at a half to a third of the
 speed.
 """
 
@@ -28,15 +28,14 @@ from polywigner.kernels.cut.pair_grid import cells_at
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE
-from polywigner.kernels.outline.frame import Frame
-from polywigner.kernels.outline.tables import Tables, is_plain
+from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
-# Largest number of cached recorded functions, and of recordings of each function. Arguments of
-# width 1 need a separate recording.
+# Largest number of recorded functions in the cache, and of recordings of each function. Arguments
+# with a single entry need a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Number of samples in a chunk, for a source as code and as data. Launching a kernel is cheap
-# compared with computing, and the arguments take some 10 MB.
+# Number of samples in a chunk, for a source as code and for a source as data. The launch of a
+# kernel takes little time compared with such a chunk, whose arguments take some 10 MB.
 _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
@@ -53,7 +52,7 @@ class _Frozen:
         import drjit
 
         # Dr.Jit traverses the closure of a function in each call, but not the attributes of a
-        # namespace. The function is therefore an attribute.
+        # namespace. The recorded function is therefore stored as an attribute.
         cell = SimpleNamespace(function=function)
 
         def replayed(*arguments: Any) -> Values:
@@ -61,7 +60,7 @@ class _Frozen:
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
         self.owners = owners
-        # Dr.Jit aborts the process if two threads record one function at the same time.
+        # Dr.Jit aborts the process if two threads record the same function at the same time.
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
@@ -69,22 +68,22 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # Dr.Jit hides the exception that ended the function, such as an interrupt, behind a
-                # RuntimeError.
+                # Dr.Jit raises a RuntimeError in place of the exception that ended the function,
+                # such as an interrupt.
                 raise error.__cause__ or error from None
             return results
 
 
 _paused: list[bool] = []
-"""For each recording in progress: whether garbage collection was enabled before it."""
+"""Whether garbage collection was enabled before each recording in progress."""
 
 
 @contextmanager
 def without_collection() -> Iterator[None]:
     """Disable garbage collection within the block.
 
-    Dr.Jit ends the process if a thread that is recording frees an array with NumPy's memory, and a
-    collection could free one in that thread.
+    Dr.Jit ends the process if a thread that is recording frees an array with NumPy's memory. A
+    garbage collection could free such an array.
     """
     with _lock:
         _paused.append(gc.isenabled())
@@ -108,12 +107,12 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
     """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
     The function must not depend on the number of samples and must not allocate memory. It may
-    depend on ``owners``, by identity, and on ``kind``.
+    depend on ``owners``, which are compared by identity, and on ``kind``.
     """
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            # the cached function keeps references to its owners, so that their ids remain valid
+            # The cached function keeps references to its owners, so that their ids are not reused.
             _known[key] = _Frozen(function, owners)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
@@ -122,7 +121,7 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
 
 
 def is_code(kernel: Kernel, tables: Any) -> bool:
-    """Return whether the numbers of a source are constants in the compiled code of a kernel."""
+    """Return whether the coordinates of a source are constants in the compiled code of a kernel."""
     if isinstance(tables, Tables) and kernel.slices is not None:
         return tables.fits_code
     return isinstance(tables, Tables | OutlineTables) and len(tables.edges) <= MOST_TERMS_AS_CODE
@@ -137,7 +136,7 @@ def is_recording(kind: Any) -> bool:
 
 
 class OnDrjit:
-    """A kernel of a source, traced with Dr.Jit."""
+    """A kernel for one source, traced with Dr.Jit."""
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
@@ -159,7 +158,7 @@ class OnDrjit:
             )
 
     def _traced(self, *arguments: Any) -> tuple[Any, ...]:
-        """Return results for arguments in float64."""
+        """Return the results for arguments in float64."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -167,9 +166,9 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Return results at rows and columns of arguments, from listed parts of slices.
+        """Return results at all pairs of a row and a column, from listed parts of slices.
 
-        The parts of row k are the rows ``ends[k]`` to ``ends[k + 1]`` of ``table``.
+        The parts of the slice of row k are the rows ``ends[k]`` to ``ends[k + 1]`` of ``table``.
         """
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
@@ -184,13 +183,13 @@ class OnDrjit:
         sums = ops.plain_sum(
             first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
-        # infinite and NaN arguments give NaN
+        # Adding a - a makes results NaN for infinite and NaN arguments.
         lost = sum(a - a for a in (*at[slices.position], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
-        """Return an argument in the frame at the row and the column of each sample."""
+        """Return an argument, converted to the frame, at the row and the column of each sample."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -202,7 +201,7 @@ class OnDrjit:
 
 
 def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
-    """Start the computation of results; return a function that waits for them."""
+    """Start the computation of results, and return a function that waits for them."""
     import drjit
 
     drjit.eval(results)
@@ -210,13 +209,13 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return the row and the column of each sample of a block of rows x columns samples."""
+    """Return the row and the column of each sample in a block of rows x columns samples."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # The values are opaque, because literals would cause a new kernel to be compiled for each
-    # number of columns. The quotient is correct below 2^21 samples, where half a sample exceeds two
-    # roundings to float32.
+    # These numbers are opaque to the compiler, because literals would cause a new kernel to be
+    # compiled for each number of columns. The quotient is correct below 2^21 samples, where half a
+    # sample exceeds two roundings to float32.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -247,21 +246,21 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Smallest number of edges for which samples are sorted. Sorting costs more than it saves for
-# sources with fewer edges (benchmarks/call_rates.py).
+# Smallest number of edges for which samples are sorted by cell. For sources with fewer edges,
+# sorting costs more than it saves (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Dr.Jit records a function again if two arrays that had different sizes later have equal sizes, or
-# the reverse. The size of table k is therefore a multiple of _SIZES, plus (k + 1) _APART, so that
-# no two tables have equal sizes.
+# Dr.Jit records a function again if two arrays of different sizes later have equal sizes, or the
+# reverse. The size of table k is therefore a multiple of _SIZES, plus (k + 1) _APART, so that no
+# two tables have equal sizes.
 _SIZES, _APART = 256, 8
 
 
 Send = Callable[[Array], tuple[int, Any]]
-"""Table of numbers -> its width, and the numbers in the memory of an engine."""
+"""Function that copies a table to the memory of an engine and returns its width and the copy."""
 
 
 class OnDrjitData:
-    """A kernel on NumPy arrays, with the source as data."""
+    """A kernel for NumPy arrays, with the source as data."""
 
     def __init__(
         self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int
@@ -318,7 +317,7 @@ class OnDrjitData:
 
 
 class _Slices:
-    """Outlines that are cut, as lists of the pairs of edges that can meet.
+    """Outlines whose edges are cut, as lists of the pairs of edges that can meet.
 
     ``numbers``: tables of the source. ``owners``: objects on which the recording of a kernel
     depends. ``is_recorded``: whether a kernel may be recorded, which is the case if it reads no
@@ -336,11 +335,11 @@ class _Slices:
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # Recordings must not contain other memory, such as the nodes of rules or tables of waves.
+        # Recordings must not read other memory, such as quadrature nodes or tables of waves.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """Return the tables in the memory of the engine; tables of lists are cached."""
+        """Return the tables in the memory of the engine; the tables of lists are cached."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -352,18 +351,19 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
-        """Return the order of samples sorted by cell, so that neighbours read the same lists."""
+        """Return indices that sort samples by cell, so that neighbours read the same lists."""
         if not self.sorts:
             return ...
         x, y = inner[self.slices.position]
         (view, *_), grid = next(iter(self.pairs.items()))
         scale = view.side * self.slices.scale
         cell = cells_at(grid.on_host, scale * x, scale * y)
-        # The number of cells is below 2^16, and NumPy sorts 16-bit numbers in linear time.
+        # Since there are fewer than 2^16 cells, their numbers fit into 16 bits, which NumPy sorts
+        # in linear time.
         return np.argsort(cell.astype(np.uint16), kind="stable")
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
-        """Return the kernel's sums from the tables of any source of this class."""
+        """Return the sums of the kernel from the tables of any source of this class."""
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
@@ -408,12 +408,9 @@ class _OverRows(DrjitOperations):
         )
 
 
-# ---- outlines whose numbers are data of a traced kernel ------------------------------------------
-
-
 @dataclass(frozen=True)
 class _DataFrame(Frame):
-    """A frame with its centre in memory, as pairs of floats."""
+    """A frame whose centre is in memory, as pairs of floats."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         pairs: Any = self.centre
@@ -422,7 +419,7 @@ class _DataFrame(Frame):
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
-    """Return tables whose frame has its centre in memory rather than in the compiled code."""
+    """Return tables whose frame has its centre in memory instead of in the compiled code."""
     pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
     numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
     values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
@@ -431,7 +428,7 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
 
 
 def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
-    """Return each number of an array as an array with one entry."""
+    """Return each number of an array as a Dr.Jit array with one entry."""
     import drjit
 
     kind = ops.float_type

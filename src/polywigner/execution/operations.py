@@ -1,10 +1,10 @@
-"""The operations namespaces of NumPy arrays and of Python floats, on which kernels are based.
+"""The operations namespaces for NumPy arrays and Python floats, with which kernels are written.
 
-A kernel is straight-line code in ``+ - * /``, comparisons, ``abs`` and the methods here. The same
-lines run on NumPy arrays, on Python floats (Mitsuba's scalar variants), and, traced, on Dr.Jit
-arrays of any backend (module `drjit_operations`). Kernels with cells look up the edges for the
-position of a sample in tables. The methods on tables sum over ranges of rows that differ between
-samples.
+A kernel is straight-line code with ``+ - * /``, comparisons, ``abs`` and the methods of a
+namespace. The same code runs on NumPy arrays, on Python floats (Mitsuba's scalar variants), and,
+traced, on Dr.Jit arrays of any backend (module `drjit_operations`). Some kernels look up the edges
+near the position of a sample in tables. For them, methods sum over ranges of rows that differ
+between samples.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ import numpy.typing as npt
 
 from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
-# Number of values of a temporary array that fit into the cache of one core.
+# Number of values in a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
-# Number of rows that are listed at a time, before rows that do not contribute are dropped.
+# Largest number of table rows that are listed at a time, before rows that do not contribute are
+# dropped.
 _LISTED = 1 << 17
 
 Numbers: TypeAlias = Any
@@ -55,12 +56,12 @@ def _added(a: Sequence[Any], b: Sequence[Any]) -> Values:
 
 
 class Operations:
-    """Attributes and methods that all operations namespaces have."""
+    """Attributes and methods that all operations namespaces share."""
 
     target: str
     double: bool
     key: Hashable
-    """Namespaces with equal keys share tables."""
+    """Key of tables in the memory of an engine. Namespaces with equal keys share tables."""
 
     def needs_gradient(self, *values: Any) -> bool:
         return False
@@ -100,10 +101,10 @@ class NumpyOperations(_Unfused):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums over rows of the values of ``term(*row)``; ``values``: their number.
+        """Return the sums of ``term(*row)`` over rows; ``values``: number of results of a term.
 
-        As many rows as fit into the cache are computed at a time, on an axis before those of
-        ``like``, which has the shape of the samples.
+        Rows are evaluated in blocks that fit into the cache. The rows of a block form a leading
+        axis, in front of the axes of the samples (the shape of ``like``).
         """
         table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, int(np.size(like))))
@@ -123,8 +124,8 @@ class NumpyOperations(_Unfused):
     exp = staticmethod(np.exp)
 
     def on_device(self, table: Table) -> Numbers:
-        """Return a table (rows, columns) of integers or floats in the form for :meth:`gather`."""
-        # Columns are contiguous, so that gathering from one column stays in the cache.
+        """Return a table (rows, columns) of integers or floats, as :meth:`gather` reads it."""
+        # Columns are contiguous in memory, so that gathering from one column stays in the cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
@@ -132,7 +133,7 @@ class NumpyOperations(_Unfused):
         return tuple(table[:, k].take(row) for k in range(table.shape[1]))
 
     def truncated(self, value: Any) -> Numbers:
-        """Convert floats of at least 0 to indices of rows, by truncation."""
+        """Convert non-negative floats to row indices, by truncation."""
         return np.asarray(value).astype(np.int64)
 
     def sum_over_some(
@@ -165,7 +166,7 @@ class NumpyOperations(_Unfused):
     ) -> list[Any]:
         """Return the sums of ``term(*row, *samples)`` over the rows of one table per sample.
 
-        ``rule``: index of the table of each sample; -1 gives 0.
+        ``rule``: index of the table of each sample; -1 gives a sum of 0.
         """
         rule, *arrays = np.broadcast_arrays(rule, *samples)
         totals = [np.zeros(rule.shape) for _ in range(values)]
@@ -195,7 +196,7 @@ def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
 
 
 class RowByRow(Operations):
-    """Sums over tables in a loop over rows, with the methods of :class:`NumpyOperations`."""
+    """Operations that sum over tables by a loop over rows, like :class:`NumpyOperations`."""
 
     gather: Callable[[Any, Any], Values]
     select: Callable[[Any, Any, Any], Any]
@@ -267,7 +268,7 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over rows."""
+        """Return the sums over rows of the results of ``term(*row)``."""
         return unrolled_sum(rows, term)
 
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:

@@ -1,10 +1,11 @@
 """Dr.Jit arrays of callers: conversion of tensors to component arrays, and of results to tensors.
 
 Points are component arrays (``Point2f``, ``Array2f``, ``ArrayXf`` of two rows, ``Float`` in one
-dimension) or a ``TensorXf`` with the components last. Component arrays give a ``Float`` or
-``Complex2f``. Tensors give a tensor without the last axis; a complex result has real and imaginary
-parts on a last axis, because Dr.Jit has no complex tensors. :func:`on_components` converts once, at
-the public edge. The code behind it takes component arrays only.
+dimension) or a ``TensorXf`` with the components on the last axis. For component arrays the result
+is a ``Float`` or ``Complex2f``. For tensors it is a tensor without the last axis; a complex result
+has its real and imaginary part on a last axis, because Dr.Jit has no complex tensors.
+:func:`on_components` converts at the public interface, so all other code takes component arrays
+only.
 """
 
 from __future__ import annotations
@@ -59,12 +60,13 @@ def _float_of(name: str, value: Drjit) -> type:
     if not drjit.is_jit_v(value):
         raise ArgumentError(
             f"expected {name} as a Dr.Jit array of the LLVM or CUDA backend, got "
-            f"{type(value).__name__}; pass NumPy arrays instead"
+            f"{type(value).__name__}; pass such an array, or NumPy arrays"
         )
     kind: type = drjit.array_t(value) if _is_tensor(value) else drjit.leaf_t(value)
     if not drjit.is_float_v(kind) or drjit.itemsize_v(kind) not in (4, 8):
         raise ArgumentError(
-            f"expected {name} as real floats of 32 or 64 bits, got {type(value).__name__}"
+            f"expected {name} as a Dr.Jit array of 32-bit or 64-bit floats, got "
+            f"{type(value).__name__}"
         )
     return kind
 
@@ -75,27 +77,25 @@ def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
     if len(types) > 1:
         names = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
         raise ArgumentError(
-            f"expected arrays of equal backend and precision, got {names}; convert one of them"
+            f"expected Dr.Jit arrays of equal backend and precision, got {names}; convert one "
+            "of them"
         )
     float_type = types.pop()
     actual = "double" if float_type.__name__.endswith("64") else "single"
     if precision not in (None, actual):
         raise ArgumentError(
-            f"expected precision={actual!r} or None for arrays of {float_type.__name__}, got "
-            f"{precision!r}; to change the precision, convert the arrays"
+            f"expected precision={actual!r} or None for arrays of type {float_type.__name__}, "
+            f"got {precision!r}; to change the precision, convert the arrays"
         )
     backend = "cuda" if ".cuda" in float_type.__module__ else "llvm"
     if engine not in ("auto", backend):
         raise ArgumentError(
-            f"expected engine={backend!r} or 'auto' for arrays of {float_type.__module__}, got "
-            f"{engine!r}; to change the engine, convert the arrays"
+            f"expected engine={backend!r} or 'auto' for arrays of {float_type.__module__}, "
+            f"got {engine!r}; to use another engine, convert the arrays"
         )
     if backend == "llvm":
         llvm.require()
     return float_type
-
-
-# ---- points of callers --------------------------------------------------------------------------
 
 
 def on_components(
@@ -105,7 +105,7 @@ def on_components(
     precision: str | None,
     engine: str,
 ) -> Drjit:
-    """Return ``function(points)`` for component arrays, as the kind of array of the caller.
+    """Return ``function(points)`` for component arrays, in the kind of array that the caller uses.
 
     Points that are not Dr.Jit arrays are converted: to component arrays like the other points, or
     to tensors if only the source has Dr.Jit arrays.
@@ -113,13 +113,13 @@ def on_components(
     Parameters
     ----------
     function : callable
-        Takes component arrays by name.
+        Function of component arrays, which are passed by name.
     points : mapping
         Points by the names of the arguments.
     parameters : mapping
         The Dr.Jit arrays of the source, by name.
     precision, engine : str
-        Options of the call, which the arrays must agree with.
+        Options of the call, with which the types of the arrays must agree.
 
     Raises
     ------
@@ -142,10 +142,12 @@ def on_components(
     if len(widths - {1}) > 1:
         raise ArgumentError(
             "expected the same number of points in each argument, or a single point, got "
-            f"{' and '.join(map(str, sorted(widths)))} points; pass arrays of equal width"
+            f"{' and '.join(map(str, sorted(widths)))} points; pass arrays with equal numbers "
+            "of points"
         )
     size = 0 if 0 in widths else max(widths)
-    if not size:  # Dr.Jit cannot add an empty array and a number
+    # Dr.Jit cannot add an empty array and a number.
+    if not size:
         arrays = {name: drjit.zeros(type(array), 1) for name, array in arrays.items()}
     value = function(arrays)
     if not size:
@@ -167,22 +169,22 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
         array = _host_points(name, value)
         if array.ndim not in (1, 2) or not 0 < array.shape[-1] < 4:
             raise ArgumentError(
-                f"expected {name} of shape (d,) or (n, d) like the other argument, got an array of "
-                f"shape {array.shape}"
+                f"expected {name} of shape (d,) or (n, d), because the other argument has d "
+                f"components, got an array of shape {array.shape}"
             )
         return joined([array_of(float_type, column) for column in np.atleast_2d(array).T])
     if drjit.depth_v(value) == 1:
         return value
     if drjit.depth_v(value) != 2 or not 0 < len(value) < 4:
         raise ArgumentError(
-            f"expected {name} as an array whose first axis is 1 to 3 components, got "
+            f"expected {name} as an array with 1 to 3 components on its first axis, got "
             f"{type(value).__name__}"
         )
     return joined([value[k] for k in range(len(value))])
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
-    """Return tensors and NumPy points as broadcast component arrays, and their shape."""
+    """Return tensors and NumPy points as broadcast component arrays, and their common shape."""
     import drjit
 
     flat: dict[str, Drjit] = {}
@@ -192,7 +194,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
             shapes[name], flat[name] = tuple(value.shape), value.array
         elif is_drjit(value):
             raise ArgumentError(
-                f"expected {name} as a tensor like the other argument, got "
+                f"expected {name} as a tensor, like the other argument, got "
                 f"{type(value).__name__}; use one kind of array for all points"
             )
         else:
@@ -200,13 +202,14 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
             shapes[name], flat[name] = array.shape, array_of(float_type, array)
         if not shapes[name] or not 0 < shapes[name][-1] < 4:
             raise ArgumentError(
-                f"expected {name} with a last axis of 1 to 3 components, got shape {shapes[name]}"
+                f"expected {name} with 1 to 3 components on its last axis, got shape {shapes[name]}"
             )
     try:
         shape = np.broadcast_shapes(*(full[:-1] for full in shapes.values()))
     except ValueError:
         raise ArgumentError(
-            f"expected shapes that broadcast against each other, got {list(shapes.values())}"
+            "expected points with shapes that broadcast against each other, got "
+            f"{list(shapes.values())}"
         ) from None
     arrays = {}
     for name, (*before, dimension) in shapes.items():
@@ -228,11 +231,8 @@ def _host_points(name: str, value: Any) -> NDArray[np.float64]:
         numbers = isinstance(value, np.ndarray) and not np.ma.is_masked(value)
         got = f"an array of {value.dtype}" if numbers else error
         raise ArgumentError(
-            f"expected {name} as real numbers with the components along the last axis, got {got}"
+            f"expected {name} as real numbers with the components on the last axis, got {got}"
         ) from None
-
-
-# ---- component arrays ----------------------------------------------------------------------------
 
 
 def components_of(name: str, point: Drjit, dimension: int) -> list[Drjit]:
@@ -241,8 +241,8 @@ def components_of(name: str, point: Drjit, dimension: int) -> list[Drjit]:
     if len(components) != dimension:
         plural = "s" if dimension > 1 else ""
         raise ArgumentError(
-            f"expected {name} with {dimension} component{plural}, got {len(components)}; pass an "
-            f"Array{dimension}f, or a tensor of shape (..., {dimension})"
+            f"expected {name} with {dimension} component{plural}, got {len(components)}; pass "
+            f"an Array{dimension}f, or a tensor of shape (..., {dimension})"
         )
     return components
 
@@ -255,7 +255,7 @@ def split(point: Any) -> list[Any]:
 
 
 def joined(components: Sequence[Any]) -> Numbers:
-    """Return points with these components, the inverse of :func:`split`."""
+    """Return points that have these components, the inverse of :func:`split`."""
     if not is_drjit(components[0]):
         return np.stack(np.broadcast_arrays(*components), axis=-1)
     if len(components) == 1:
@@ -270,7 +270,7 @@ def shifted(point: Drjit, shift: NDArray[np.float64]) -> Drjit:
 
 
 def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list[Any]:
-    """Return the components of a matrix times a vector; zeros of the matrix are skipped."""
+    """Return the components of a matrix times a vector, without multiplications by zero."""
     return [
         sum((c * m for c, m in zip(components, row, strict=True) if m), 0.0)
         for row in matrix.tolist()
@@ -286,24 +286,21 @@ def unit_wave(cycles: Numbers) -> Numbers:
 
 
 def times_complex(value: Numbers, factor: complex) -> Numbers:
-    """Return a complex result (NumPy or ``Complex2f``) times a number."""
+    """Return a complex array (NumPy or ``Complex2f``) times a number."""
     if is_drjit(value):
         return value * type(value)(factor.real, factor.imag)
     return value * factor
 
 
-# ---- numbers of a source -------------------------------------------------------------------------
-
-
 def numbers_of(name: str, value: Any, kind: str) -> Drjit:
-    """Return numbers of a source as an ``Array2f`` or a ``Complex2f`` (``kind``).
+    """Return vertices or weights of a source as an ``Array2f`` or a ``Complex2f`` (``kind``).
 
-    Points may also be a tensor (n, 2); complex numbers a ``Float``, or a tensor (n,) or (n, 2).
-    Raises ArgumentError for anything else.
+    Vertices may also be given as a tensor (n, 2); weights as a ``Float``, or a tensor (n,) or
+    (n, 2). Raises ArgumentError for anything else.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
-    # The caller already has a Dr.Jit array, so an LLVM library has been chosen and Dr.Jit may be
-    # imported.
+    # The caller already has a Dr.Jit array. An LLVM library has therefore been chosen, and Dr.Jit
+    # may be imported.
     if is_drjit(value):
         import drjit
 
@@ -317,12 +314,12 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
             if is_complex and drjit.depth_v(value) == 1:
                 return pair(value, drjit.zeros(type(value), drjit.width(value)))
             if drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
-                # adding zeros broadcasts both parts to a common width
+                # The addition of zeros broadcasts both parts to a common width.
                 return pair(value[0], value[1]) + drjit.zeros(pair, drjit.width(value))
     forms = "a Float, or a tensor (n,) or (n, 2)" if is_complex else "or a tensor (n, 2)"
     raise ArgumentError(
-        f"expected {name} as a Dr.Jit {kind}, {forms}, with floats of the LLVM or CUDA backend, "
-        f"got {got}; convert the numbers, or build the source from plain numbers"
+        f"expected {name} as a Dr.Jit {kind}, {forms}, with floats of the LLVM or CUDA "
+        f"backend, got {got}; convert the numbers, or build the source from plain numbers"
     )
 
 

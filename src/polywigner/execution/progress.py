@@ -1,4 +1,4 @@
-"""Progress bars on a terminal for calls that take long."""
+"""Progress bars on a terminal, for calls that take long."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from typing import TypeVar
 from polywigner.geometry.arguments import checked_flag
 
 Part = TypeVar("Part")
-Advance = Callable[..., None]  # the argument is the number of finished parts, by default 1
+# The argument is the number of finished parts, by default 1.
+Advance = Callable[..., None]
 
-# Time in s after which a slow call draws a bar.
+# Time in seconds after which a slow call draws a progress bar.
 _PATIENCE = 5.0
 
-# Number of bars on the screen. A slow call draws no bar while another bar is visible.
+# Number of progress bars on the screen. A slow call draws no bar while another bar is visible.
 _bars = 0
 
 
@@ -32,9 +33,9 @@ def _is_terminal() -> bool:
 def progress_bar(
     title: str, total: int, done: int = 0, show: bool | None = None
 ) -> Iterator[Advance]:
-    """Draw a bar of ``total`` parts on stderr, and erase it at the end of the block.
+    """Draw a progress bar of ``total`` parts on stderr, and erase it at the end of the block.
 
-    Yields a function to call after each part, or with the number of finished parts.
+    Yields a function to be called after each part, or with the number of finished parts.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def progress_bar(
 
 @contextmanager
 def slow_bar(title: str, total: int) -> Iterator[Advance]:
-    """Draw a bar on a terminal after five seconds of work, unless another bar is visible."""
+    """Draw a progress bar after five seconds of work, unless another bar is visible."""
     start, done = time.monotonic(), 0
     draw: Advance | None = None
     with ExitStack() as stack:
@@ -80,9 +81,9 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 
 @contextmanager
 def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
-    """Yield an iterator over work items that displays the progress bar of :func:`slow_bar`.
+    """Yield an iterator over work items that draws the progress bar of :func:`slow_bar`.
 
-    A context manager ends the bar at once after an exception; a generator would not.
+    As a context manager, it erases the bar at once after an exception; a generator would not.
     """
 
     def iterate() -> Iterator[Part]:

@@ -16,35 +16,35 @@ from polywigner.execution.on_drjit import is_code, with_frame_as_data
 from polywigner.execution.points import Drjit, Points, components_of, sibling
 from polywigner.kernels import Kernel
 from polywigner.kernels.gradients import gradient_kernel_of
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest number of samples for which edges are data, because compiling edges as code would cost
-# more than it saves.
+# Largest number of samples for which edges are data. For fewer samples, compiling edges as code
+# would cost more time than it saves.
 _MOST_AS_DATA = 1 << 16
 
 Numbers = tuple[Any, Any]
-"""Pairs of numbers: two arrays, or two tuples of arrays in a kernel that is being traced."""
+"""Pair of numbers: two arrays, or two tuples of arrays in a kernel that is being traced."""
 
 
 @dataclass(frozen=True)
 class Traced:
-    """Numbers of a source in its frame that are Dr.Jit arrays; None for constant numbers.
+    """Vertices and weights of a source that are Dr.Jit arrays, in the frame of the source.
 
-    While a kernel is traced each number is a separate array, and the pairs consist of tuples.
+    None stands for constant numbers. While a kernel is traced, each number is a separate array, and
+    the pairs consist of tuples.
     """
 
     vertices: Numbers | None = None
-    """x and y coordinates of all vertices."""
+    """x and y coordinates of all vertices, or None if they are constant."""
     weights: Numbers | None = None
-    """Real and imaginary parts of the weights of all elements."""
+    """Real and imaginary parts of the weights of all elements, or None if they are constant."""
 
 
 @dataclass(frozen=True, eq=False)
 class Differentiable:
-    """A source with the current values of its numbers, and the Dr.Jit arrays that contain them.
+    """A source with the current values of its vertices and weights, and their Dr.Jit arrays.
 
-    :func:`polywigner.differentiable` returns it.
+    The function :func:`polywigner.differentiable` returns such a source.
     """
 
     source: Any
@@ -56,7 +56,7 @@ class Differentiable:
 
     @property
     def numbers(self) -> dict[str, Drjit]:
-        """The Dr.Jit arrays by name."""
+        """The Dr.Jit arrays by name, ``"vertices"`` and ``"weights"``."""
         values = {"vertices": self.vertices, "weights": self.weights}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -75,7 +75,7 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Sums of derivatives by vertices and weights, times the changes of these numbers."""
+    """Total change of a value V due to changes of vertices and weights."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -108,11 +108,11 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        # arrays from inside a loop cannot be used outside the loop
+        # Arrays that were created inside a Dr.Jit loop cannot be used outside the loop.
         if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Each vertex is gathered once for all edges. Otherwise each edge would scatter its gradient
-        # to memory.
+        # Each vertex is gathered only once for all edges that end in it. Otherwise reverse mode
+        # would scatter the gradient of each edge to memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -120,9 +120,9 @@ class _Accumulator:
 
 
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
-    """Return zeros with the derivatives of arrays of numbers.
+    """Return zeros that carry the derivatives of the given arrays.
 
-    The zeros are in memory, because loops drop constants.
+    The zeros are stored in memory, because the loops of Dr.Jit drop constants.
     """
     import drjit as dr
 
@@ -144,7 +144,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # closed forms give derivatives with respect to the last arguments only
+    # The derivatives in closed form are those of the last arguments of the kernel.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -179,14 +179,14 @@ def evaluate_traced(
     numbers = source if isinstance(source, Differentiable) else Differentiable(source)
     make_tables: Any = kernel.tables_for
     if numbers.vertices is not None:
-        # The cache is skipped, because it could return tables of an equal aperture whose rings
+        # The cache is skipped, because it could return the tables of an equal aperture whose rings
         # begin at other vertices.
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
     traced = numbers.traced(ops, tables)
-    # Kernels with edges as data are compiled once for all outlines. For many samples, edges as code
+    # A kernel with edges as data is compiled once for all outlines. For many samples, edges as code
     # are up to four times as fast. A function that the caller freezes must not contain cached
     # memory, so its edges are code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
@@ -197,9 +197,9 @@ def evaluate_traced(
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component; a constant that is infinite or NaN becomes an array in memory.
+    """Return a component; a constant that is infinite or NaN is converted to an array in memory.
 
-    Dr.Jit folds constants into the code, and would lose NaN.
+    Dr.Jit folds constants into the code, where NaN would be lost.
     """
     import drjit
 
@@ -233,9 +233,9 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 def with_jacobian(
     values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
 ) -> Drjit:
-    """Return values (n,) as a ``Float`` with a Jacobian (n, m) as its derivatives in numbers.
+    """Return values (n,) as a ``Float`` whose derivatives by ``numbers`` are a Jacobian (n, m).
 
-    ``numbers``: Dr.Jit floats with m entries in all, in the order of the columns.
+    ``numbers``: Dr.Jit floats with m entries in total, in the order of the columns.
     """
     import drjit as dr
 

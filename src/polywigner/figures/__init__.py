@@ -3,9 +3,9 @@
 ``style`` has the maps of levels and of signed values in all figures, their axes and colour bars.
 ``levels`` converts signed radiance to dB above a floor and reads labelled arrays. ``field_plots``
 and ``volumes`` draw fields in front of a source, ``far_field_plots`` radiation patterns and cross
-sections, ``scene_plots`` rendered images, channels and the power of receivers, ``transforms`` the
-transforms of a source, ``lens_plots`` spots, images and transfer functions, ``projections``
-projections of phase space. No window is opened: the caller saves the figures.
+sections, ``scene_plots`` rendered images, channels and the power of receivers,
+``transform_plots`` the transforms of a source and projections of phase space, ``lens_plots`` spots,
+images and transfer functions. No window is opened: the caller saves the figures.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from polywigner.figures.far_field_plots import draw_pattern, draw_rcs, draw_tole
 from polywigner.figures.field_plots import draw_hemispheres, draw_lines, draw_planes
 from polywigner.figures.lens_plots import draw_image, draw_mtf, draw_psf
 from polywigner.figures.levels import image_peak, level_db
-from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene_plots import (
     DirectArrival,
     draw_arrivals,
@@ -25,9 +24,10 @@ from polywigner.figures.scene_plots import (
     draw_scene,
     draw_stokes,
 )
-from polywigner.figures.transforms import (
+from polywigner.figures.transform_plots import (
     LARGEST_SAMPLES,
     TransformSlices,
+    draw_projections,
     draw_transforms,
     outline_of,
     samples_needed,

@@ -1,4 +1,4 @@
-"""The aperture, an immutable set of polygons in a plane; its automean, lag and position slices."""
+"""The aperture, an immutable set of polygons in a plane; its automean and its slices."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Aperture(TakesWaves):
         illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
-        """Make an aperture of parts that are known to be valid."""
+        """Make an aperture from parts that are known to be valid."""
         aperture = object.__new__(cls)
         aperture._set(parts, illumination, segments)
         return aperture
@@ -233,7 +233,7 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """Tuple of the elements, which is the aperture itself; arrays have several elements."""
+        """The elements as a tuple, here the aperture itself; arrays have several elements."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
@@ -262,11 +262,11 @@ class Aperture(TakesWaves):
         return self._combined(shapely.union, other)
 
     def __and__(self, other: Aperture) -> Aperture:
-        """Return the intersection with another aperture, with the field of this aperture."""
+        """Return the intersection with another aperture, with this aperture's field."""
         return self._combined(shapely.intersection, other)
 
     def __sub__(self, other: Aperture) -> Aperture:
-        """Return the difference from another aperture, with the field of this aperture."""
+        """Return the part of this aperture outside another one, with this aperture's field."""
         return self._combined(shapely.difference, other)
 
     def _combined(self, operation: Callable[..., Any], other: object) -> Aperture:
@@ -275,14 +275,15 @@ class Aperture(TakesWaves):
         is_outline = other.illumination is None and operation is not shapely.union
         if not is_outline and other.illumination != self.illumination:
             raise IlluminationError(
-                "expected apertures with equal fields, or a second aperture without a field, got "
-                "different fields; remove one field by with_illumination(None)"
+                "expected two apertures with the same field, or a second aperture without a "
+                "field, got different fields; remove one of them with "
+                ".with_illumination(None)"
             )
         region = combined_on_grid(operation, self.polygons, other.polygons)
         if region.is_empty:
             raise GeometryError(
-                "expected a result with an area, got none: one aperture covers the other, or they "
-                "have no area in common; check the operands and their units"
+                "expected a result with an area, got none, because one aperture covers the "
+                "other or they have no area in common; check the operands and their units"
             )
         return Aperture(region).with_illumination(self.illumination)
 
@@ -322,7 +323,7 @@ class Aperture(TakesWaves):
 
     @property
     def segments(self) -> tuple[Aperture, ...]:
-        """Segments of a mirror, or the separate parts, as apertures with this field.
+        """Segments of a segmented mirror, or the separate parts, as apertures with this field.
 
         Segments of ``polywigner.shapes.hexagonal_segments`` may touch; other parts do not.
         """
@@ -364,7 +365,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, independent of the order of parts and of the first vertices."""
+        """Field and outline, which do not depend on the order of parts and the first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
-"""Checks of arguments: numbers, arrays, wavelengths and frequencies, poses, plausible units."""
+"""Checks of arguments: numbers, arrays, wavelengths and frequencies, poses, and plausible units."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ Outline: TypeAlias = (
 def real_numbers(values: Any) -> NDArray[np.float64]:
     """Return a float64 copy of real numbers.
 
-    Raise ValueError for complex numbers, texts and masked elements.
+    Raise ValueError for complex numbers, strings and masked elements.
     """
     if np.ma.is_masked(values):
         raise ValueError("masked elements; remove them")
@@ -79,7 +79,8 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Largest absolute value of a coordinate or parameter: products of a few larger numbers overflow.
+# Largest absolute value of a coordinate or parameter. Products of a few larger numbers would
+# overflow.
 _LARGEST = 1e100
 
 
@@ -118,7 +119,7 @@ def finite_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a :func:`real_array`, whose numbers must be finite and below 1e100."""
+    """Return a :func:`real_array` whose numbers are finite and below 1e100."""
     array = real_array(values, expected, *shapes, error=error)
     is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
     if not is_finite.all():
@@ -142,7 +143,7 @@ def checked_vectors(
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
     """Return an array with ``dimension`` axes, none empty; raise ArgumentError for others."""
-    expected = f"expected {name} as an array of real numbers of {dimension} dimensions, not empty"
+    expected = f"expected {name} as a non-empty array of real numbers with {dimension} dimensions"
     return real_array(values, expected, (None,) * dimension)
 
 
@@ -160,21 +161,24 @@ class Immutable:
         return hash(self._key)
 
     def __setattr__(self, name: str, value: object = None) -> NoReturn:
-        raise AttributeError(f"{type(self).__name__} cannot be changed ({name}); build a new one")
+        raise AttributeError(
+            f"{type(self).__name__} objects cannot be changed (attribute {name}); build a new one"
+        )
 
     __delattr__ = __setattr__
 
 
-# Largest count for parameters without a limit of their own: larger counts would exhaust the memory.
+# Largest count for parameters without a specific limit. Larger counts would exhaust the memory.
 _LARGEST_COUNT = 1_000_000
 
 
 def checked_number(
     value: Any, name: str, meaning: str, is_valid: Callable[[float], bool] = math.isfinite
 ) -> float:
-    """Return a finite, valid number; ArgumentError "expected `name` as `meaning`" for other values.
+    """Return a finite number that is valid; raise ArgumentError for other values.
 
-    ``is_valid``: condition of finite numbers, by default none.
+    The message is "expected ``name`` as ``meaning``". ``is_valid``: condition that a finite number
+    has to satisfy, by default none.
     """
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
@@ -196,11 +200,11 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
 
 
 def check_options(options: Collection[str], known: type) -> None:
-    """Raise ArgumentError unless the names of options are keys of the TypedDict ``known``."""
+    """Raise ArgumentError unless all option names are keys of the TypedDict ``known``."""
     names = known.__annotations__
     for name in options:
         if name not in names:
-            raise ArgumentError(f"expected options among {', '.join(names)}, got {name!r}")
+            raise ArgumentError(f"expected one of the options {', '.join(names)}, got {name!r}")
 
 
 def checked_flag(value: Any, name: str) -> bool:
@@ -227,8 +231,9 @@ def checked_wavelength(value: Any) -> float:
     """Return a wavelength in m, above zero; raise ArgumentError for other values."""
     if isinstance(value, str):
         raise ArgumentError(
-            f"expected a wavelength as a number in metres, got the text {value[:40]!r}; write 3e-3 "
-            "or 299792458 / 94e9, because only files and the command line accept units"
+            f"expected a wavelength as a number in metres, got the string {value[:40]!r}; "
+            "write 3e-3 or 299792458 / 94e9, because only files and the command line accept "
+            "units"
         )
     return checked_length(value, "wavelength")
 
@@ -239,13 +244,13 @@ def checked_generator(seed: Any) -> np.random.Generator:
         return np.random.default_rng(seed)
     except (TypeError, ValueError):
         raise ArgumentError(
-            f"expected seed as a whole number of at least zero or a Generator, "
+            "expected seed as a whole number of at least zero or a numpy.random.Generator, "
             f"got {value_text(seed)}"
         ) from None
 
 
 def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT) -> int:
-    """Return a whole number within bounds; raise ArgumentError for other values."""
+    """Return a whole number from ``least`` to ``most``; raise ArgumentError for other values."""
     is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not is_integer or not least <= value <= most:
         raise ArgumentError(
@@ -261,12 +266,12 @@ def checked_path(path: Any) -> Path:
     except TypeError:
         text = None
     if not isinstance(text, str) or not text or "\0" in text:
-        raise ArgumentError(f"expected a path of a file or folder, got {value_text(path)}")
+        raise ArgumentError(f"expected the path of a file or folder, got {value_text(path)}")
     return Path(os.path.abspath(text))  # noqa: PTH100 (pathlib does not resolve "..")
 
 
-# Wavelengths in this range, in m, are probably frequencies in Hz: no antenna has such a long
-# wavelength.
+# Range of numbers, in metres, that are probably frequencies in Hz instead of wavelengths: no
+# antenna has such a long wavelength.
 _LIKE_A_FREQUENCY = 1e6, 1e17
 # Largest plausible ratio of the wavelength to the diameter of the source.
 _LONGEST = 1e4
@@ -277,7 +282,7 @@ _WIDEST_RADIO, _WIDEST_OPTICAL = 1e3, 1e6
 # Shortest radio wavelength in m.
 _SHORTEST_RADIO = 1e-4
 # Largest plausible ratio of the length of a link to the diameter of its source or to the
-# wavelength, whichever is larger. Automotive radar reaches a hundredth of this distance.
+# wavelength, whichever is larger. Automotive radar reaches a hundredth of this ratio.
 _LONGEST_LINK = 1e5
 
 
@@ -290,8 +295,8 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
     size = f"a source of {diameter:.3g} m at a wavelength of {wavelength:.3g} m"
     if ratio < 1:
         return (
-            f"{size}, which is {1 / ratio:.3g} times longer than the source; check whether the "
-            "frequency was meant in GHz"
+            f"{size}, which is {1 / ratio:.3g} times longer than the source; check whether "
+            "the frequency was meant in GHz"
         )
     return f"{size}, which is {ratio:.3g} wavelengths across; check whether mm were passed as m"
 
@@ -300,8 +305,8 @@ def _warn_of_wavelength(source: Any, wavelength: float) -> None:
     """Warn if a wavelength in m looks like a frequency, or is implausible for the source."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
-            f"a wavelength of {wavelength:g} m, which looks like a frequency in Hz; pass it as "
-            f"frequency={wavelength:g}"
+            f"a wavelength of {wavelength:g} m, which looks like a frequency in Hz; pass it "
+            f"as frequency={wavelength:g}"
         )
     else:
         diameter = _diameter(source)
@@ -311,19 +316,20 @@ def _warn_of_wavelength(source: Any, wavelength: float) -> None:
 
 
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
-    """Warn if points (n, 3) are implausibly far away for sources of this size."""
+    """Warn if points (n, 3) are implausibly far away for sources of the given size."""
     distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0))
     size = max(_diameter(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
         warn_caller(
-            f"got a link of {distance:.6g} m, which is {distance / size:.3g} times the size of its "
-            "sources; check whether mm were passed as m"
+            f"got a link of {distance:.6g} m, which is {distance / size:.3g} times the size "
+            "of its sources; check whether mm were passed as m"
         )
 
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    outline = getattr(source, "source", source)  # a Differentiable contains its source
+    # The attribute ``source`` of a Differentiable is its source.
+    outline = getattr(source, "source", source)
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
     except PolywignerError:
@@ -335,14 +341,15 @@ def _diameter(source: Any) -> float | None:
 
 
 def warn_caller(message: str, stacklevel: int = 3) -> None:
-    """Issue a :class:`PolywignerWarning`, by default at the caller of the calling function."""
+    """Issue a :class:`PolywignerWarning` that points to the caller of the calling function."""
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# True within a call of a function with a wavelength, which has already issued the warnings.
+# Whether a function that takes a wavelength is being called. Nested calls do not repeat its
+# warnings.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
-# Lowest frequency in Hz, with a wavelength of a thousand kilometres; lower numbers are probably
+# Lowest frequency in Hz, whose wavelength is a thousand kilometres. Lower numbers are probably
 # meant in GHz.
 _LOWEST_FREQUENCY = 300.0
 
@@ -366,15 +373,15 @@ class _WithFrequency(Protocol[P, R]):
 def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     """Add a keyword ``frequency`` (Hz) to a function with a parameter ``wavelength`` (m).
 
-    A call with the frequency omits the wavelength, also among positional arguments:
+    A call with the frequency omits the wavelength, even as a positional argument:
     ``radiation_pattern(source, theta, phi, frequency=77e9)``. Sources among the arguments are
     converted by their ``at_wavelength``, and implausible wavelengths cause a warning.
     """
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # A number at the position of the wavelength is the wavelength if the next parameter has a
-    # default.
+    # A number at the position of the wavelength can be another argument, unless the next parameter
+    # has a default.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -431,15 +438,15 @@ def _checked(frequency: Any) -> float:
     number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
     if number < _LOWEST_FREQUENCY:
         raise ArgumentError(
-            f"expected frequency in Hz, got {number:g}, which corresponds to a wavelength of "
-            f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
+            f"expected frequency in Hz, got {number:g} Hz, which corresponds to a wavelength "
+            f"of {SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
         )
     return number
 
 
 # Largest deviation of a matrix from a rotation that counts as rounding. Scene files contain angles
-# in single precision, so products of a few rotations deviate by about 1e-6. Scales that users
-# intend deviate by more.
+# in single precision, so products of a few rotations deviate by about 1e-6. Scale factors that
+# users intend deviate by more.
 RIGID_TOLERANCE = 1e-4
 
 
@@ -470,7 +477,9 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError for others."""
-    expected = f"expected {name} as rigid poses (..., 4, 4), rotations and translations only"
+    expected = (
+        f"expected {name} as rigid poses of shape (..., 4, 4), with rotation and translation only"
+    )
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
     if not np.isfinite(poses).all():
         raise GeometryError(f"{expected}, got elements that are not finite")
@@ -502,5 +511,6 @@ def write_lines(file: Path, lines: Iterable[str]) -> None:
     try:
         with atomic_path(file) as scratch:
             scratch.write_text(text, encoding="utf-8", newline="\n")
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        raise ArgumentError(f"expected to write {file}, got: {error}") from None
+    # A path with a null character raises a ValueError.
+    except (OSError, ValueError) as error:
+        raise ArgumentError(f"{file} cannot be written: {error}") from None

@@ -1,7 +1,7 @@
 """Net contours of the surfaces that are visible from a point: the edges of their shadow.
 
 Triangles are clipped to pyramids around the observer and projected. Their visible parts are exact
-polygons. Segments that two polygons share cancel, and the other segments bound the shadow.
+polygons. Segments that two polygons have in common cancel, and the other segments bound the shadow.
 """
 
 from __future__ import annotations
@@ -22,27 +22,26 @@ from polywigner.geometry.hidden_parts import (
     in_perspective,
     less_shadows,
 )
+from polywigner.numerics import Floats, Indices
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
-# Cosine of the largest half-angle of a cone that is projected onto one plane.
+# Cosine of the largest half-angle of a cone of triangles that is projected onto one plane.
 _NARROW = 0.5
 # Relative rounding error of a difference of coordinates.
 _ULPS = 8.0 * float(np.finfo(float).eps)
-# Largest distance of contours that coincide, as a fraction of the extent of the figure.
+# Largest distance of contours that count as coincident, as a fraction of the extent of the figure.
 _COINCIDENT = 1e-10
-# Largest distance between touching surfaces along the line of sight, as a fraction of the extent of
-# the figure.
+# Largest distance along the line of sight between surfaces that count as touching, as a fraction of
+# the extent of the figure.
 _TOUCHING = 1e-6
-# Largest distance of a triangle side from the border of a figure at which the side counts as on
-# the border, as a fraction of half the width of the figure.
+# Largest distance from the border of a figure at which a triangle side counts as lying on the
+# border, as a fraction of half the width of the figure.
 _BORDER = 1e-11
-# Value stored instead of an edge index for such sides.
+# Value that is stored instead of an edge number for triangle sides on the border of a figure.
 _BORDER_SIDE = -2
-# Largest difference of two equal silhouettes, as a fraction of their extent.
+# Largest difference of two silhouettes that count as equal, as a fraction of their extent.
 _EQUAL = 1e-6
-# Axes of the six pyramids, rotated out of the planes in which faces of bodies usually lie.
+# Axes of the six pyramids around the observer, rotated away from the planes in which faces of
+# bodies usually lie.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
 
@@ -68,7 +67,8 @@ class Surface(_Columns):
     corners: Floats
     """Positions of the corners, shape (t, 3, 3)."""
     sides: Indices
-    """Number of the edge from each corner to the next, shape (t, 3); -1 for edges of a cut."""
+    """Number of the edge from each corner to the next corner, shape (t, 3); -1 for edges made by
+    clipping."""
     faces: Indices
     """Number of the planar face that contains each triangle, shape (t,)."""
     bodies: Indices
@@ -77,18 +77,18 @@ class Surface(_Columns):
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Directed edges of shadows, with the body on the left as seen from the source."""
+    """Directed edges of shadows. The body is on their left as seen from the source."""
 
     edges: Floats
     """Start and end of each edge, shape (m, 2, 3)."""
     numbers: Indices
-    """Number of the mesh edge that contains each edge, shape (m,); -1 if none does."""
+    """Number of the mesh edge on which each edge lies, shape (m,); -1 for none."""
     bodies: Indices
     """Number of the body of each edge, shape (m,)."""
     behind: Indices
     """Number of the face behind each edge as seen from the source, shape (m,); -1 for none."""
     touching: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of bodies whose surfaces adjoin."""
+    """Pairs of bodies whose surfaces touch."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
     """Plane (a, b, c, d) of the face behind each edge, shape (m, 4).
 
@@ -96,7 +96,7 @@ class Silhouette:
     them have (0, 0, 0, 1).
     """
     is_closed: bool = True
-    """Whether no edge has been removed or shortened."""
+    """Whether the silhouette is complete: no edge has been removed or shortened."""
 
     @classmethod
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
@@ -118,7 +118,7 @@ class Silhouette:
         )
 
     def _lengths(self) -> tuple[Indices, Floats]:
-        """Return lengths (k,) and centroids of all edges of one number before one face."""
+        """Return lengths (k,) and centroids of all edges with the same number and face behind."""
         keys = np.column_stack([self.numbers, self.bodies, self.behind])
         unique, which = np.unique(keys, axis=0, return_inverse=True)
         length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
@@ -128,7 +128,7 @@ class Silhouette:
         return unique, np.column_stack([sums[:, 0], sums[:, 1:] / sums[:, :1]])
 
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
-        """Return the masked edges, shortened to ``edges`` (m, 2, 3)."""
+        """Return the edges of a mask, shortened to ``edges`` (m, 2, 3)."""
         return replace(
             self,
             edges=edges[rows],
@@ -174,7 +174,7 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
 
 
 def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
-    """Project a surface; yield figures with their triangles, except triangles without width."""
+    """Project a surface; yield figures with their triangles, without triangles of zero width."""
     if not len(surface.faces):
         return
     corners = surface.corners - observer
@@ -198,7 +198,7 @@ def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Su
 def _projected(
     surface: Surface, observer: Floats, frame: Floats, border: bool
 ) -> tuple[Projected, Surface]:
-    """Project a surface along the z axis of a frame; ``border``: whether it has been clipped."""
+    """Project a surface along the z axis of a frame; ``border``: whether it was clipped before."""
     corners = surface.corners - observer
     distance = float(np.exp(np.log(corners @ frame[2]).mean()))
     figure = in_perspective(corners, frame, distance, 1.0)
@@ -229,7 +229,8 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
         ring = [*zip(surface.corners[t], surface.sides[t], strict=True)]
         for plane in planes:
             ring = _cut_ring(ring, plane, observer)
-        # The diagonals of the fan of triangles are no edges of the mesh: they get new numbers.
+        # The diagonals that divide a clipped polygon into triangles are not edges of the mesh and
+        # get new numbers.
         for k in range(1, len(ring) - 1):
             three = ring[0], ring[k], ring[k + 1]
             diagonals = following + t * 16 + k
@@ -266,7 +267,7 @@ def _cut_ring(
 
 
 def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouette:
-    """Return the net contours in one figure."""
+    """Return the net contours within one figure."""
     polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
     hidden, left = less_shadows(figure, polygons, polygons)
     visible = np.setdiff1d(np.arange(len(polygons)), hidden)
@@ -287,19 +288,19 @@ class _Segments(_Columns):
     """Segments of the boundaries of visible parts in a figure."""
 
     begin: Floats
-    """Start points, shape (n, 2)."""
+    """Start points of the segments, shape (n, 2)."""
     end: Floats
-    """End points, shape (n, 2)."""
+    """End points of the segments, shape (n, 2)."""
     triangle: Indices
     """Number of the triangle that contains each segment, shape (n,)."""
     side: Indices
-    """Number of the triangle's side that contains the segment, shape (n,); -1 if none does."""
+    """Number of the triangle's side on which the segment lies, shape (n,); -1 for none."""
     edge: Indices
-    """Number of the mesh edge that contains the segment, shape (n,); -1 if none does."""
+    """Number of the mesh edge on which the segment lies, shape (n,); -1 for none."""
 
     @cached_property
     def length(self) -> Floats:
-        """Lengths, shape (n,)."""
+        """Lengths of the segments, shape (n,)."""
         return np.asarray(np.linalg.norm(self.end - self.begin, axis=1))
 
     @cached_property
@@ -309,7 +310,7 @@ class _Segments(_Columns):
 
 
 def _triangle_sides(figure: Projected, surface: Surface, rows: Indices) -> _Segments:
-    """Return all sides of completely visible triangles."""
+    """Return all sides of the triangles that are completely visible."""
     points = figure.points[rows]
     return _Segments(
         points.reshape(-1, 2),
@@ -323,12 +324,12 @@ def _triangle_sides(figure: Projected, surface: Surface, rows: Indices) -> _Segm
 def _part_boundaries(
     figure: Projected, surface: Surface, rows: Indices, parts: NDArray[np.object_], within: float
 ) -> _Segments:
-    """Return the boundaries of the visible parts of triangles ``rows``."""
+    """Return the boundaries of the visible parts of the triangles ``rows``."""
     polygons, owner = shapely.get_parts(parts, return_index=True)
     has_width = shapely.area(polygons) > NOTHING * figure.size * shapely.length(polygons)
     number, begin, end = edges_around(polygons[has_width])
     triangle = rows[owner[has_width]][number]
-    # A segment belongs to the side of its triangle that contains both of its ends.
+    # A segment of an outline lies on the side of its triangle that contains both of its ends.
     corners = figure.points[triangle]
     along = np.roll(corners, -1, axis=1) - corners
     along /= np.linalg.norm(along, axis=2, keepdims=True)
@@ -341,7 +342,7 @@ def _part_boundaries(
 
 
 class _Pairing:
-    """Segments in one figure, less the intervals that two surfaces share."""
+    """Segments in one figure, without the intervals that two surfaces have in common."""
 
     def __init__(
         self,
@@ -353,16 +354,20 @@ class _Pairing:
         touching: float,
     ) -> None:
         self.figure, self.surface, self.segments = figure, surface, segments
-        # Distance below which points coincide, distance of segments that run along each other, and
-        # distance along the line of sight of surfaces that touch.
+        # ``within``: distance below which points coincide. ``beside``: largest distance of segments
+        # that run along each other. ``touching``: largest distance along the line of sight of
+        # surfaces that touch.
         self.within, self.beside, self.touching = within, beside, touching
-        # For each segment, the intervals of its length that no other segment shares.
+        # ``free``: for each segment, the intervals of its length that it does not have in common
+        # with another segment.
         self.free = [[(0.0, float(length))] for length in segments.length]
 
     def resolved(self) -> Silhouette:
-        """Return the net contours: all segments that no two surfaces share."""
+        """Return the net contours: all segments that no two surfaces have in common."""
         s, bodies = self.segments, self.surface.bodies
-        pieces: list[tuple[int, float, float, int]] = []  # segment, interval, segment behind
+        # Each piece consists of: index of a segment, start and end of an interval along it, and
+        # index of the segment behind it.
+        pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
             for low, high, at in self._shared(j, k):
@@ -380,7 +385,8 @@ class _Pairing:
             pieces += [
                 (k, low, high, -1)
                 for low, high in intervals
-                # Shorter pieces are the ends of closed slits.
+                # Pieces shorter than the width of closed slits are the ends of such slits and are
+                # dropped.
                 if high - low > self.beside or high - low == s.length[k]
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
@@ -407,7 +413,7 @@ class _Pairing:
             slope = (off1 - off0) / (t1 - t0)
             off = np.abs([off0 + slope * (t - t0) for t in (low, high)]).max(axis=0)
         is_near = (high - low > self.within) & (off <= self.beside)
-        # Slits are between different bodies.
+        # Slits within one body stay open; only slits between different bodies are closed.
         bodies = self.surface.bodies[s.triangle]
         is_near &= (off <= self.within) | (bodies[j] != bodies[k])
         j, k, off = j[is_near], k[is_near], off[is_near]
@@ -422,7 +428,7 @@ class _Pairing:
         return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]
 
     def _shared(self, j: int, k: int) -> Iterator[tuple[float, float, float]]:
-        """Remove the intervals that two opposite segments share from the free intervals.
+        """Remove the intervals that two opposite segments have in common from their free intervals.
 
         Yields start and end along segment j, and the midpoint along segment k.
         """
@@ -438,7 +444,7 @@ class _Pairing:
                 yield first, last, 0.5 * (u0 + u1)
 
     def _nearer(self, j: int, k: int, at_j: float, at_k: float) -> int:
-        """Return 1 if segment j is in front of segment k, -1 if it is behind, else 0."""
+        """Return 1 if segment j is in front of segment k, -1 if it is behind, and 0 otherwise."""
         s, faces = self.segments, self.surface.faces
         is_one_edge = s.edge[j] >= 0 and s.edge[j] == s.edge[k]
         if is_one_edge or faces[s.triangle[j]] == faces[s.triangle[k]]:
@@ -463,7 +469,7 @@ class _Pairing:
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
     def _lifted(self, rows: Indices, at: Floats) -> Floats:
-        """Return the points (m, 3) in space at lengths along segments."""
+        """Return the points (m, 3) in space at given lengths along segments."""
         s = self.segments.subset(rows)
         points = s.begin + at[:, None] * s.unit
         corners, k = self.figure.points[s.triangle], np.maximum(s.side, 0)
@@ -478,7 +484,8 @@ class _Pairing:
         near, far = fraction * ranges[n, k], (1.0 - fraction) * ranges[n, (k + 1) % 3]
         fraction = (near / (near + far))[:, None]
         on_side = (1.0 - fraction) * space[n, k] + fraction * space[n, (k + 1) % 3]
-        # Points on the edge of a shadow, inside the triangle, have barycentric coordinates.
+        # Points on the edge of a shadow lie inside the triangle and are interpolated with
+        # barycentric coordinates.
         edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
         inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
         weights = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
@@ -492,7 +499,7 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 
 def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the segments that occur in both directions, on one mesh edge."""
+    """Return a mask (n,) of segments on a mesh edge that occur in both directions."""
     edge, begin, end = segments.edge, segments.begin, segments.end
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]
@@ -507,6 +514,6 @@ def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
 def _without(
     intervals: list[tuple[float, float]], low: float, high: float
 ) -> list[tuple[float, float]]:
-    """Subtract an interval from intervals."""
+    """Subtract an interval from a list of intervals."""
     parts = [[(a, min(b, low)), (max(a, high), b)] for a, b in intervals]
     return [(a, b) for pair in parts for a, b in pair if b > a]

@@ -1,8 +1,8 @@
 """Tilings of outlines: triangles, convex pieces, and trapezoids for random points.
 
 Samples of the unit square are mapped to trapezoids: the first coordinate selects the trapezoid and
-x. Stratified samples remain stratified. A map to triangles folds the square, and would not preserve
-the strata.
+x. Stratified samples remain stratified. A map to triangles would fold the square and destroy the
+strata.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.rings import Part, Ring, orientations, polygon_of_part, shoelace, turn
-
-Indices = NDArray[np.intp]
+from polywigner.numerics import Indices
 
 
 def triangulate_part(part: Part) -> tuple[Ring, Indices]:
@@ -31,20 +30,20 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     vertices, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     triangles = numbers.reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # Triangles of zero area are included: neighbours need their common edge in opposite
+        # Triangles of zero area are included, because neighbours need their common edge in opposite
         # directions.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
-            "expected an outline that can be triangulated, got triangles whose total area differs "
-            "from the area of the outline; round its coordinates, for example with "
+            "expected an outline that can be triangulated, got triangles whose total area "
+            "differs from the area of the outline; round its coordinates, for example with "
             "shapely.set_precision"
         )
     return vertices, triangles
 
 
 class _Merger:
-    """Convex pieces (lists of vertex indices), merged across diagonals while they stay convex."""
+    """Convex pieces (lists of vertex indices), which are merged as long as they stay convex."""
 
     def __init__(self, vertices: Ring, triangles: Indices) -> None:
         self.points = [(float(x), float(y)) for x, y in vertices]
@@ -64,8 +63,8 @@ class _Merger:
         at_j = back[q - 2], j, ahead[(p + 1) % len(ahead)]
         if left == right or any(turn(*(self.points[k] for k in at)) < 0 for at in (at_i, at_j)):
             return
-        # the merged outline runs from j around the left piece to i, then around the right piece to
-        # j
+        # The merged outline runs from j around the left piece to i, then around the right piece
+        # back to j.
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
         self.pieces[left], self.pieces[right] = merged, []
         for k in range(len(merged)):
@@ -81,9 +80,9 @@ class _Merger:
 def convex_pieces(part: Part) -> list[Ring]:
     """Split a part into convex counter-clockwise polygons without new vertices.
 
-    Constrained Delaunay triangles are merged greedily while they stay convex, which yields at most
-    four times the minimum number of pieces (Hertel and Mehlhorn 1983). Triangles are merged in two
-    orders, across the longest or across the shortest diagonals first, and the smaller set is
+    Constrained Delaunay triangles are merged greedily as long as they stay convex, which yields at
+    most four times the minimum number of pieces (Hertel and Mehlhorn 1983). Triangles are merged in
+    two orders, across the longest or across the shortest diagonals first, and the smaller set is
     returned.
     """
     if len(part) == 1:
@@ -114,22 +113,25 @@ def mean_polygon(first: Ring, second: Ring) -> Ring:
         side = np.roll(lowest_first, -1, axis=0) - lowest_first
         direction = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
         rings.append(lowest_first)
-        angles.append(np.maximum.accumulate(direction))  # rounding may have reversed a side
+        # The directions of the sides are made ascending, because rounding may have reversed two of
+        # them.
+        angles.append(np.maximum.accumulate(direction))
     is_of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
-    # index of a vertex of the second ring
+    # ``k`` and ``j``: indices of the vertices of the second and the first ring whose midpoint is a
+    # vertex of the result.
     k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second
-    j = np.arange(len(is_of_second)) - k  # index of a vertex of the first ring
+    j = np.arange(len(is_of_second)) - k
     a, b = rings
     return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
 
 
 # Largest area of a trapezoid that is dropped, as a fraction of the total area. Such trapezoids lie
-# between vertices whose x differs only by rounding. Dropping them changes the density of random
-# points by less than the rounding of single precision.
+# between vertices whose x differs only by rounding. Without them, the density of random points
+# changes by less than the rounding of single precision.
 _NEGLIGIBLE = 1e-12
 
-# This number replaces denominators of zero. It is smaller than any height of an aperture, and above
-# zero in single precision.
+# Smallest divisor. It is smaller than the height of any aperture, and above zero in single
+# precision.
 _TINY = 1e-30
 
 
@@ -172,7 +174,7 @@ class Trapezoids(NamedTuple):
         step = np.arange(count + 1) / count
         u, v = step[:, None, None], step[:-1, None]
         height = self.height_left + u * (self.height_right - self.height_left)
-        # axes: strip, piece, trapezoid
+        # The axes of the following arrays are strip, piece and trapezoid.
         low = self.low_left + u * (self.low_right - self.low_left) + v * height
         left, part = self.left + u[:-1] * self.width, height / count
         parts = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]
@@ -204,7 +206,7 @@ def _slab(
     at_right = a[:, 1] + slope * (right - a[:, 0])
     order = np.argsort(at_left + at_right, kind="stable")
     # From below, edges alternately enter and leave the aperture. Edges of parts that touch
-    # coincide, and the order of coinciding edges does not matter.
+    # coincide, and their order does not matter.
     low, high = order[0::2], order[1::2]
     heights = at_left[high] - at_left[low], at_right[high] - at_right[low]
     sides = np.full(low.shape, left), np.full(low.shape, right - left), *heights
@@ -214,10 +216,11 @@ def _slab(
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
     """Map (u, v), uniform in the unit square, to a point uniform in a trapezoid.
 
-    ``row``: the six numbers of a trapezoid; ``ops``: the operations namespace of their type.
+    ``row``: the six numbers of a trapezoid. ``ops``: the operations namespace of their type.
     """
     left, width, height_left, height_right, low_left, low_right = row
-    # This form solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without cancellation.
+    # This expression solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without
+    # cancellation.
     root = ops.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
     below = height_left + root
     t = u * (height_left + height_right) / ops.select(below > _TINY, below, _TINY)

@@ -1,7 +1,7 @@
-"""Exact polygons for the visible parts of projected triangles.
+"""Visible parts of projected triangles, as exact polygons.
 
-Radar cross sections use the visible parts as surfaces, and silhouettes use their contours. The set
-operations on arrays of polygons are at the end of the module.
+Radar cross sections integrate over the visible parts, and silhouettes are their contours. The end
+of the module contains set operations on arrays of polygons.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from shapely.errors import GEOSException
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import ArgumentError
+from polywigner.numerics import Floats, Indices
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Shapes = NDArray[np.object_]
 
-# Lengths below this fraction of the size of the body count as zero: a hundred times the rounding
-# of a projection, and too short to cast a shadow.
+# Largest length that counts as zero, as a fraction of the size of the body. It is a hundred times
+# the rounding error of a projection, and a part of this size casts no shadow.
 NOTHING = 1e-12
-# Least width of triangles, in units of NOTHING: parts whose area is below NOTHING times their
+# Smallest width of triangles, in units of NOTHING. Parts whose area is below NOTHING times their
 # perimeter count as hidden, and complete triangles must be larger.
 _WIDTH = 8.0
-# Pairs of triangles whose projections overlap: half a gigabyte of polygons. Crossings are pairs of
-# triangles in front of one triangle: unions with more crossings take minutes.
+# Largest number of pairs of triangles whose projections overlap, which need half a gigabyte for
+# polygons. Largest number of crossings, which are pairs of triangles in front of one triangle.
+# Unions with more crossings take minutes.
 _MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e8
 
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """Projections of n triangles, counter-clockwise."""
+    """Projections of n triangles, with corners in counter-clockwise order."""
 
     points: Floats
     """Corners in the projection plane, shape (n, 3, 2)."""
@@ -46,7 +46,8 @@ class Projected:
     size: float
     """Size of the body."""
     ranges: Floats
-    """Relative distance of each corner from the observer, shape (n, 3); 1 if it is far away."""
+    """Distance of each corner from the observer, divided by the distance of the projection plane,
+    shape (n, 3); 1 for a distant observer."""
 
     @cached_property
     def sides(self) -> Floats:
@@ -108,7 +109,7 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
 
 def _too_many(triangles: int) -> ArgumentError:
     return ArgumentError(
-        f"too many of the {triangles} triangles of the bodies overlap in projection; leave out "
+        f"too many of the {triangles} triangles of the bodies overlap in projection; remove "
         "hidden surfaces, or simplify the mesh"
     )
 
@@ -116,7 +117,7 @@ def _too_many(triangles: int) -> ArgumentError:
 def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
     """Return the triangles (m,) and (m,) of all pairs whose projections overlap.
 
-    ``polygons``: the triangles, or boxes around them; pairs with separate boxes are skipped.
+    ``polygons``: the triangles, or boxes around them. Pairs whose boxes do not overlap are skipped.
     """
     tree, pairs, total = shapely.STRtree(polygons), [np.empty((2, 0), np.intp)], 0
     for start in range(0, len(polygons), _BLOCK):
@@ -133,7 +134,7 @@ def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indic
 
 
 def _apart(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
-    """Return a mask of the pairs that an edge of the first triangle separates."""
+    """Return a mask of the pairs that are separated by an edge of the first triangle."""
     apart = np.zeros(len(one), np.bool_)
     points, least = projected.points, NOTHING * projected.size
     for k in range(3):
@@ -151,7 +152,8 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
     plane = projected.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
-    ahead = plane - projected.depth[before]  # distance of the corners in front of the hidden plane
+    # ``ahead``: distances of the corners in front of the plane of the hidden triangle.
+    ahead = plane - projected.depth[before]
     steep = 1 + np.abs(slopes[hidden]).sum(axis=1) + np.abs(slopes[before]).sum(axis=1)
     level = (NOTHING * projected.size * steep)[:, None]
     coincide = (np.abs(ahead) <= level).all(axis=1)
@@ -167,8 +169,8 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
 def _cut(points: Floats, ahead: Floats) -> Shapes:
     """Return the parts of triangles (n, 3, 2) in which a linear function is positive.
 
-    ``ahead``: (n, 3) values of the function at the corners, one of them positive for each triangle
-    (Sutherland and Hodgman 1974). Parts without area may be lines.
+    ``ahead`` (n, 3): values of the function at the corners, at least one of them positive for each
+    triangle (Sutherland and Hodgman 1974). Parts without area may be lines.
     """
     following, there = np.roll(points, -1, axis=1), np.roll(ahead, -1, axis=1)
     crosses = (ahead > 0) != (there > 0)
@@ -179,7 +181,9 @@ def _cut(points: Floats, ahead: Floats) -> Shapes:
     owner = np.repeat(np.arange(len(points)), used.sum(axis=1))
     rings = shapely.linearrings(candidates[used], indices=owner)
     parts = np.asarray(shapely.polygons(rings), dtype=object)
-    bent = ~shapely.is_valid(parts)  # by rounding: the parts are convex
+    # Parts of triangles are convex, except for rounding errors, so an invalid part is replaced by
+    # its hull.
+    bent = ~shapely.is_valid(parts)
     parts[bent] = shapely.convex_hull(parts[bent])
     return parts
 
@@ -191,7 +195,7 @@ def less_shadows(
     boxes: Shapes | None = None,
     grid: float | None = None,
 ) -> tuple[Indices, Shapes]:
-    """Subtract from triangles the parts that other triangles hide.
+    """Subtract from each triangle the parts that other triangles hide.
 
     If two triangles coincide, the first one hides the second one.
 
@@ -253,7 +257,7 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     Exteriors are counter-clockwise, holes clockwise.
     """
     single, owner = shapely.get_parts(shapes, return_index=True)
-    single, inner = shapely.get_parts(single, return_index=True)  # polygons in collections
+    single, inner = shapely.get_parts(single, return_index=True)
     flat = shapely.get_type_id(single) == shapely.GeometryType.POLYGON
     polygons, owner = single[flat], owner[inner][flat]
     rings, of_polygon = shapely.get_rings(polygons, return_index=True)
@@ -261,7 +265,8 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # By area: shapely looks at one corner, which may be the corner of a spike after rounding.
+    # The orientation of a ring follows from its area. The test of shapely looks at one corner,
+    # which may be the corner of a spike after rounding.
     crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
     swapped = turned[of_edge][:, None]
@@ -269,16 +274,17 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     return owner[of_polygon[of_edge]], begin, end
 
 
-# Set operations on arrays of polygons that return polygons only. GEOS also returns the lines and
-# points in which polygons touch, and refuses such mixtures as arguments. If edges almost coincide,
-# it may fail or silently lose a polygon.
+# The following set operations on arrays of polygons return only polygons. GEOS also returns the
+# lines and points in which polygons touch, but refuses such mixtures as arguments. If edges almost
+# coincide, it may fail or silently lose a polygon.
 
-# Grid of set operations as a fraction of the size of the figure, above rounding.
+# Grid spacing of set operations, as a fraction of the size of the figure. It is above the rounding
+# errors.
 GRID = 1e-14
-# Grids that are tried after GEOS has failed, as fractions of the extent. The last one moves edges
-# by less than the rounding of single precision.
+# Grid spacings that are tried after GEOS has failed, as fractions of the extent. The last one moves
+# edges by less than the rounding of single precision.
 _GRIDS = (GRID, 1e-12, 1e-10)
-# Rounding of areas, as a fraction of the extent times a length of the outline.
+# Rounding error of areas, as a fraction of the extent times a length of the outline.
 _ROUNDING = 1e-14
 
 
@@ -290,8 +296,8 @@ def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shap
 def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
     """Subtract the second polygon of each pair from the first one.
 
-    Without a grid GEOS may lose a narrow polygon. The sum of the areas of difference and
-    intersection reveals the loss; a grid is used then.
+    Without a grid, GEOS may lose a narrow polygon. If the areas of difference and intersection do
+    not add up, the difference is computed again on a grid.
     """
     result = _overlay(shapely.difference, one, other, grid)
     if grid is None and len(one):
@@ -328,7 +334,7 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
     groups = np.asarray(shapely.geometrycollections(polygons, indices=numbers))[:, None]
     sums = np.bincount(numbers, shapely.area(polygons))
     try:
-        result = shapely.union_all(groups, axis=1)  # along an axis of length one: of each group
+        result = shapely.union_all(groups, axis=1)
         some = sums - shapely.area(result) > _ROUNDING * extent**2
         result[some] = shapely.union_all(groups[some], grid_size=GRID * extent, axis=1)
     except GEOSException:
@@ -340,7 +346,8 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
 def mended(shapes: Shapes) -> Shapes:
     """Repair polygons that rounding has made invalid.
 
-    Each of GEOS' two methods may lose a part, so the result with the more similar area is used.
+    Each of the two methods of GEOS may lose a part, so the result with the more similar area is
+    used.
     """
     bent = ~shapely.is_valid(shapes)
     result, some = shapes.copy(), shapes[bent]
@@ -363,7 +370,8 @@ def polygonal(shapes: Any) -> Shapes:
     kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
     mixed = ~np.isin(shapely.get_type_id(result), kinds) & ~shapely.is_missing(result)
     parts, owner = shapely.get_parts(result[mixed], return_index=True)
-    parts, inner = shapely.get_parts(parts, return_index=True)  # collections may be nested
+    # Geometry collections may be nested.
+    parts, inner = shapely.get_parts(parts, return_index=True)
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     owner, number = np.unique(owner[inner][flat], return_inverse=True)
     result[mixed] = shapely.Polygon()
@@ -377,7 +385,8 @@ def _overlay(
 ) -> Shapes:
     try:
         return polygonal(operation(one, other, grid_size=grid))
-    except GEOSException:  # does not name the pair that fails
+    # GEOS does not report the pair of polygons that fails.
+    except GEOSException:
         pairs = zip(mended(one), mended(other), strict=True)
         return polygonal([_alone(partial(operation, *pair), pair, grid) for pair in pairs])
 
@@ -387,7 +396,7 @@ def _alone(
     shapes: BaseGeometry | Sequence[BaseGeometry],
     first: float | None = None,
 ) -> BaseGeometry:
-    """Return the result of an operation on the first grid on which GEOS does not fail."""
+    """Return the result of an operation, on the first grid on which GEOS does not fail."""
     extent = float(np.ptp(shapely.get_coordinates(shapes), axis=0).max(initial=0.0))
     *grids, last = first, *(size * extent for size in _GRIDS)
     for grid in grids:

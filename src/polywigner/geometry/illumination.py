@@ -36,7 +36,7 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     if radians == quarters * (math.pi / 2):
         c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
     x, y = points.T
-    # adding 0.0 replaces negative zeros
+    # The addition of 0.0 replaces negative zeros.
     return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0
 
 
@@ -45,7 +45,7 @@ class Illumination(Immutable):
     """A field u(x) = sum_m c_m exp(2 pi i kappa_m.x) on an aperture (d = 2) or on slits (d = 1).
 
     All transforms have closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2` scale a
-    field, and `a + b` and `a - b` superpose fields. Waves of one frequency are merged.
+    field, and `a + b` and `a - b` superpose fields. Waves of the same frequency are merged.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Illumination(Immutable):
         """
         if self.dimension != 2:
             raise IlluminationError(
-                "expected a field on an aperture to rotate, got a field on slits"
+                "expected a field on an aperture, got a field on slits, which cannot be rotated"
             )
         return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
 
@@ -135,14 +135,15 @@ class Illumination(Immutable):
     def _check_dimension(self, other: Illumination) -> None:
         if other.dimension != self.dimension:
             raise IlluminationError(
-                f"expected fields of equal dimension, got {self.dimension} and {other.dimension}"
+                f"expected fields of equal dimension, got dimensions {self.dimension} and "
+                f"{other.dimension}"
             )
 
     def __truediv__(self, other: complex) -> Illumination:
         if not isinstance(other, Complex):
             return NotImplemented
         if other == 0:
-            raise IlluminationError("expected a number other than zero to divide a field by, got 0")
+            raise IlluminationError("a field cannot be divided by 0; pass another number")
         return Illumination(self.amplitudes / complex(other), self.frequencies)
 
     def __neg__(self) -> Illumination:
@@ -181,7 +182,7 @@ def shift_phases(
 ) -> NDArray[np.complex128]:
     """Return exp(-2 pi i kappa.shift) (m,) for frequencies kappa (m, d) and a shift (d,).
 
-    The products are exact: rounding would change the phase of a large product.
+    The products are computed exactly, because rounding would change the phase of a large product.
     """
     offset = [Fraction(s) for s in shift.tolist()]
     cycles = (
@@ -201,18 +202,19 @@ def _checked(
         kappa = real_numbers(frequencies)
     except (TypeError, ValueError, OverflowError):
         raise IlluminationError(
-            "expected complex amplitudes (m,) and real frequencies (m, d), got "
-            f"{type(amplitudes).__name__} and {type(frequencies).__name__}"
+            "expected complex amplitudes of shape (m,) and real frequencies of shape (m, d), "
+            f"got {type(amplitudes).__name__} and {type(frequencies).__name__}"
         ) from None
     if kappa.ndim == 1:
         kappa = kappa[None, :] if waves.size == 1 and kappa.size == 2 else kappa[:, None]
     if waves.ndim != 1 or kappa.ndim != 2 or len(waves) != len(kappa) or not waves.size:
         raise IlluminationError(
-            f"expected one frequency for each amplitude, got shapes {waves.shape} and {kappa.shape}"
+            "expected one frequency for each amplitude, got amplitudes of shape "
+            f"{waves.shape} and frequencies of shape {kappa.shape}"
         )
     if kappa.shape[1] not in (1, 2):
         raise IlluminationError(
-            f"expected frequencies of one or two components, got {kappa.shape[1]}"
+            f"expected frequencies with one or two components, got {kappa.shape[1]} components"
         )
     if not (np.isfinite(waves).all() and np.isfinite(kappa).all()):
         raise IlluminationError("expected finite amplitudes and frequencies, got inf or nan")
@@ -232,7 +234,7 @@ def _merged(
     np.add.at(size, number.ravel(), np.abs(amplitudes))
     nonzero = np.abs(total) > 1e-15 * size
     if not nonzero.any():
-        raise IlluminationError("expected a field other than zero, got amplitudes of zero only")
+        raise IlluminationError("expected a field other than zero, got only amplitudes of zero")
     return total[nonzero] + 0.0, distinct[nonzero]
 
 
@@ -248,7 +250,7 @@ def checked_field(field: Any, dimension: int) -> Illumination:
         raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
     if field.dimension != dimension:
         raise IlluminationError(
-            f"expected an illumination with frequencies of {dimension} components, got "
+            f"expected an illumination whose frequencies have {dimension} components, got "
             f"{field.dimension}"
         )
     return field

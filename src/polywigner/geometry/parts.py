@@ -1,7 +1,7 @@
-"""Valid sets of polygons from rings: simple, separate, and merged if they touch.
+"""Valid sets of polygons from rings: simple polygons that do not overlap, merged if they touch.
 
-Exact predicates of GEOS decide on validity. Vertices that differ by rounding only, such as corners
-of rotated tiles, are welded within 64 ulp before parts are merged.
+The exact predicates of GEOS decide whether a polygon is valid. Vertices that differ only by
+rounding, such as corners of rotated tiles, are welded within 64 ulp before parts are merged.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _GRID = 2.0**-44
 
 
 def grid_size(points: Ring) -> float:
-    """Return a power of two near 2^-44 times the extent or the largest coordinate, if larger."""
+    """Return a power of two near 2^-44 times the extent, or the largest coordinate if larger."""
     scale = max(extent(points), float(np.abs(points).max()))
     return float(_GRID * 2.0 ** np.ceil(np.log2(scale)))
 
@@ -76,7 +76,7 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
     """Drop vertices within `reach` of the line between neighbours, if the result stays valid."""
-    # Normalised rings begin at the lowest vertex, so the result does not depend on the first
+    # Normalised rings start at the lowest vertex, so the result does not depend on the first
     # vertex.
     polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
@@ -89,7 +89,7 @@ def _is_hairline(region: BaseGeometry, width: float) -> bool:
 
 
 def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return labels (count,), equal for items that are connected by pairs (first, second)."""
+    """Return labels (count,), which are equal for items connected by pairs (first, second)."""
     labels = np.arange(count)
     while True:
         least = np.minimum(labels[first], labels[second])
@@ -154,7 +154,7 @@ def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
 
 
 def _joined_vertices(points: Ring, reach: float) -> Ring:
-    """Replace each point by the first point of the set within reach."""
+    """Replace each point by the first point of the set within ``reach``."""
     geometries = shapely.points(points)
     later, earlier = shapely.STRtree(geometries).query(
         geometries, predicate="dwithin", distance=reach
@@ -165,7 +165,7 @@ def _joined_vertices(points: Ring, reach: float) -> Ring:
 
 
 def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, reach: float) -> Ring:
-    """Insert into each edge of a ring the points within reach of the edge."""
+    """Insert into each edge of a ring the points within ``reach`` of the edge."""
     following = np.roll(ring, -1, axis=0)
     edges = shapely.linestrings(np.stack([ring, following], axis=1))
     edge, point = tree.query(edges, predicate="dwithin", distance=reach)
@@ -202,16 +202,18 @@ def weld(parts: Sequence[Part]) -> list[Part]:
 
 
 # Largest distance of a dropped vertex from the line between its neighbours, as a multiple of
-# area/diameter. The relative change of the area is then about the same for thin and for compact
-# parts. For a unit square this distance is 16 ulp.
+# area/diameter. With this definition, the relative change of the area is about the same for thin
+# and for compact parts. For a unit square this distance is 16 ulp.
 _STRAIGHT = 2.0**-48
 
-# Number of vertices that are intersected at once. This takes about a second if all parts overlap.
+# Largest number of vertices that are intersected at once, which takes about a second if all parts
+# overlap.
 _VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
-_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")  # position in an error message of GEOS
+# Position in an error message of GEOS.
+_COORDINATES = re.compile(r"\[(\S+) (\S+)\]")
 
 
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
@@ -226,8 +228,8 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
         point = _COORDINATES.search(reason)
         where = f" at ({point[1]}, {point[2]})" if point else ""
         raise GeometryError(
-            f"expected a simple outline, got {name} that {what}{where}; "
-            'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
+            f"expected a simple outline, got {name} that {what}{where}; split it with "
+            'Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
         )
     if not spans:
         raise GeometryError(f"expected {name} to enclose an area, got zero area")
@@ -235,7 +237,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
-    """Drop vertices on straight lines, up to rounding, until none is left."""
+    """Drop vertices that lie on straight lines, up to rounding, until none is left."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
@@ -249,7 +251,7 @@ def part_of_rings(
     name: str = "the polygon",
     remedy: str = "repair it with shapely.make_valid or shapely.difference",
 ) -> Part:
-    """Convert an exterior and its holes to a part; GeometryError if rings cross."""
+    """Convert an exterior and its holes to a part; raise GeometryError if rings cross."""
     outer, *holes = (
         part_of_ring(ring, f"hole {number} of {name}" if number else f"the exterior of {name}")[0]
         for number, ring in enumerate(rings)
@@ -261,19 +263,18 @@ def part_of_rings(
     welded = weld([part])[0]
     if all(len(ring) >= 3 for ring in welded) and shapely.is_valid(polygon_of_part(welded)):
         return welded
-    raise GeometryError(
-        f"expected holes inside {name} and apart from each other, got {reason}; {remedy}"
-    )
+    raise GeometryError(f"expected holes inside {name} that do not overlap, got {reason}; {remedy}")
 
 
 def _check_overlaps(
     parts: Sequence[Part], polygons: Sequence[shapely.Polygon], remedy: str
 ) -> bool:
-    """Return whether any two parts touch; GeometryError if two parts overlap by more than rounding.
+    """Return whether any parts touch; raise GeometryError if parts overlap by more than rounding.
 
-    Blocks of parts limit the memory: a thousand parts on top of each other form a million pairs.
+    Parts are tested in blocks to limit the memory: a thousand parts on top of each other form a
+    million pairs.
     """
-    # Parts within a rounding error of each other count as touching.
+    # Parts of an aperture at a distance of a rounding error count as touching.
     shift = max(rounding_tolerance(part[0]) for part in parts)
     array = np.array(polygons, dtype=object)
     tree = shapely.STRtree(array)
@@ -300,8 +301,8 @@ def check_pairs(
 ) -> None:
     """Raise GeometryError if pairs of polygons overlap by more than a rounding error `shift`."""
     common = shapely.intersection(array[first], array[second])
-    # An edge that moves by the rounding tolerance sweeps an area of the tolerance times its length.
-    # For slivers, which may be thinner than the tolerance, the limit is half of their area.
+    # An edge that is displaced by the rounding tolerance sweeps an area of the tolerance times its
+    # length. For slivers, which may be thinner than the tolerance, the limit is half of their area.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
     smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
     excess = shapely.area(common) - np.minimum(allowed, smaller / 2)
@@ -320,7 +321,8 @@ def check_pairs(
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
     """Return the union of touching parts; None if GEOS changes its area or adds vertices."""
     if any(len(ring) < 3 for part in parts for ring in part):
-        return None  # a sliver has lost its area by welding
+        # The vertices of a sliver may coincide after welding.
+        return None
     try:
         merged = shapely.union_all([polygon_of_part(part) for part in parts])
     except shapely.errors.GEOSException:
@@ -335,23 +337,23 @@ def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
 
 
 def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
-    """Join parts that touch, so that no inner edges are left; GeometryError if parts overlap."""
+    """Join parts that touch, without inner edges; raise GeometryError if parts overlap."""
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not _check_overlaps(parts, polygons, remedy):
         return list(parts)
     merged = _clean_union(weld(parts)) or _clean_union(parts)
     if merged is not None:
-        # Corners of tiles along a side of the union lie on one line, up to rounding.
+        # The corners of tiles along a side of the union lie on one line, up to rounding.
         union = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
         reach = max(rounding_tolerance(part[0]) for part in merged)
         return [part_of_polygon(polygon) for polygon in polygons_in(straightened(union, reach))]
-    # In rare cases, two edges without common vertices run along each other at a distance of
-    # rounding errors.
+    # In rare cases, two edges without common vertices run along each other at the distance of a
+    # rounding error.
     return _joined_on_grid(polygons)
 
 
 def union_parts(parts: Sequence[Part]) -> list[Part]:
-    """Return the union of parts that may overlap; :func:`merge_parts` if they do not."""
+    """Return the union of parts that may overlap, or of :func:`merge_parts` if they do not."""
     try:
         return merge_parts(parts)
     except GeometryError:
@@ -365,8 +367,8 @@ def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
 def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
     """Return the winding numbers (m,) of closed rings, with edges from start to end (n, 2).
 
-    Counts signed crossings of the ray towards +x. Points on a ring get the winding number on one
-    side of the ring.
+    The number counts signed crossings of the ray towards +x. A point on a ring gets the winding
+    number of one side of the ring.
     """
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
@@ -400,11 +402,11 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
 
     The polygons are separate or touch in points. The list is empty if no area is enclosed.
     """
-    # The edges, split at their crossings on a grid, divide the plane into faces. Due to the grid, a
-    # curve that is traversed twice with different rounding leaves no hairline faces.
+    # The edges, split at their crossings on a grid, divide the plane into faces. Because of the
+    # grid, a curve that is traversed twice with different rounding errors leaves no hairline faces.
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    # There is one line per ring, because GEOS takes many times as long with one line per edge.
+    # Each ring is one line, because GEOS takes many times as long with one line per edge.
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
     noded = shapely.union_all(lines, grid_size=grid_size(points))
     faces = polygons_in(shapely.polygonize([noded]))
@@ -429,7 +431,7 @@ def parts_from(vertices: Any) -> list[Part]:
     if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
         polygons = polygons_in(vertices)
         if not polygons:
-            raise GeometryError("expected a polygon with vertices, got an empty one")
+            raise GeometryError("expected a polygon with vertices, got an empty polygon")
         names = [
             f"polygon {n}" if len(polygons) > 1 else "the polygon" for n in range(len(polygons))
         ]

@@ -1,4 +1,4 @@
-"""Polyhedra: solid bodies bounded by planar faces; triangles and closed surfaces of faces."""
+"""Polyhedra: solid bodies bounded by planar faces; triangles and closed surfaces of their faces."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import Immutable, finite_array, warn_caller
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
+from polywigner.numerics import Indices
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
 # Coordinates with ten digits satisfy this limit. Deviations up to the limit change the volume by
@@ -25,29 +26,30 @@ _PLANAR = 1e-9
 
 # Relative rounding error of radii and distances, which are computed from a few terms.
 _ROUNDING = 1e-14
-# Number of points whose distances from all other points are computed at once: 80 MB for 10,000
-# points.
+# Largest number of points whose distances from all other points are computed at once: 80 MB for
+# 10,000 points.
 _ROWS = 1024
 
 # Smallest sine of the angle between adjacent sides of a strictly convex face. It is above the
 # rounding errors of the sides.
 _BEND = 1e-9
-# Largest change of a face's area due to triangulation, as a fraction of the area. Rounding errors
-# are smaller.
+# Largest change of a face's area by triangulation, as a fraction of the area. Rounding errors are
+# smaller.
 _LOST = 1e-9
-# Distance from a surface, as a fraction of its size, below which a point counts as on the surface.
+# Largest distance from a surface at which a point counts as lying on the surface, as a fraction of
+# the size of the surface.
 _ON_SURFACE = 1e-9
-# Number of triangles of a surface whose centroids are used to test whether the surface lies inside
-# another surface.
+# Number of triangles whose centroids are used to test whether a surface lies inside another
+# surface.
 _SAMPLES = 16
 
-# Number of pairs of a point and a triangle that are processed at once, which takes about 50 MB.
+# Largest number of pairs of a point and a triangle that are processed at once, which takes about 50
+# MB.
 _PAIRS = 1 << 18
-# This number replaces lengths and areas of zero in denominators.
+# Smallest divisor, which replaces lengths and areas of zero.
 _TINY = 1e-300
 
 Vertices = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 @final
@@ -97,7 +99,7 @@ class Polyhedron(Immutable):
         _check_planar(points, numbers)
         numbers, volume = _oriented(points, numbers)
         if volume <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
-            raise GeometryError("expected faces that enclose a volume, got zero volume")
+            raise GeometryError("expected faces that enclose a volume, got a volume of zero")
         points.setflags(write=False)
         self.__dict__.update(vertices=points, faces=numbers)
 
@@ -118,7 +120,7 @@ class Polyhedron(Immutable):
 
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
-        """Vertex indices of triangles, shape (m, 3), that cover the faces, oriented like them."""
+        """Vertex indices (m, 3) of triangles that cover the faces, with the same orientation."""
         result = triangulate_faces(self.vertices, self.faces)
         result.setflags(write=False)
         return result
@@ -152,8 +154,8 @@ def _largest_distance(points: Vertices) -> float:
     radii = np.linalg.norm(offsets, axis=1)
     farthest = offsets[int(radii.argmax())]
     largest = float(np.linalg.norm(offsets - farthest, axis=1).max())
-    # No point is farther than r + max(radii) from a point at radius r, so points at small radii
-    # need no test.
+    # A point at radius r is at most r + max(radii) away from any other point, so points at small
+    # radii need no test.
     ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
     squares = (ends**2).sum(axis=1)
     for k in range(0, len(ends), _ROWS):
@@ -190,8 +192,8 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
     repeated, count = next(iter(canonical.most_common(1)), ((), 0))
     if count > 1:
         raise GeometryError(
-            f"expected each face once, got the face {list(repeated)[:20]} {count} times; remove "
-            "the repetitions"
+            f"expected each face only once, got the face {list(repeated)[:20]} {count} times; "
+            "remove the repetitions"
         )
     edges = Counter((f[k - 1], f[k]) for f in faces for k in range(len(f)))
     for (a, b), count in edges.items():
@@ -202,8 +204,8 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
             )
         if edges[b, a] < count:
             raise GeometryError(
-                f"expected a closed surface, got an edge from vertex {a} to vertex {b} with a face "
-                "on one side only; add the missing face, or read an open mesh with "
+                f"expected a closed surface, got an edge from vertex {a} to vertex {b} with a "
+                "face on only one side; add the missing face, or read an open mesh with "
                 "polywigner.read_sheets"
             )
 
@@ -214,8 +216,8 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
     diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
     for n in np.flatnonzero(heights > _PLANAR * diameter).tolist():
         raise GeometryError(
-            f"expected planar faces, got face {n} with a vertex {heights[n]:.3g} m off its plane; "
-            "split the face into triangles"
+            f"expected planar faces, got face {n} with a vertex {heights[n]:.3g} m away from "
+            "its plane; split the face into triangles"
         )
     triangulate_faces(points, faces)
 
@@ -223,7 +225,7 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 def _oriented(
     points: Vertices, faces: tuple[tuple[int, ...], ...]
 ) -> tuple[tuple[tuple[int, ...], ...], float]:
-    """Return the faces, counter-clockwise seen from outside the solid, and its volume."""
+    """Return the faces, counter-clockwise as seen from outside the solid, and its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
     volumes = [_volume_inside(points, member) for member in members]
@@ -241,9 +243,9 @@ def _oriented(
         outermost = np.flatnonzero(around[:, n] & (depths == 0))
         if sign < 0 and len(outermost) and volume * volumes[outermost[0]] > 0:
             warn_caller(
-                f"the closed surface with face {surface[0]} lies inside another closed surface and "
-                "counts as a cavity, although both have the same orientation; remove the inner "
-                "surface if the body is solid there"
+                f"the closed surface with face {surface[0]} lies inside another closed "
+                "surface and counts as a cavity, although both have the same orientation; "
+                "remove the inner surface if the body is solid there"
             )
     return tuple(oriented), total
 
@@ -282,7 +284,7 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
     for numbers, indices in _by_size(faces):
         corners = points[indices]
         if corners.shape[1] == 3:
-            continue  # triangles are always planar
+            continue
         normals = _unit(normals_of(corners))
         relative = corners - corners.mean(axis=1, keepdims=True)
         heights[numbers] = np.abs(np.einsum("kni,ki->kn", relative, normals)).max(axis=1)
@@ -362,7 +364,8 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
-    # make_valid removes the bridge to a hole, an edge that the outline contains in both directions
+    # The function make_valid removes the bridge to a hole, an edge that the outline contains in
+    # both directions.
     valid = outline if outline.is_valid else shapely.make_valid(outline)
     pieces = [np.empty((0, 2))]
     for part in polygons_in(shapely.orient_polygons(valid)):
@@ -395,7 +398,8 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     keys = np.minimum(begin, end) * (int(begin.max()) + 1) + np.maximum(begin, end)
     order = np.argsort(keys, kind="stable")
     _, starts, face_counts = np.unique(keys[order], return_index=True, return_counts=True)
-    pairs = starts[face_counts == 2]  # these edges belong to exactly two faces
+    # Edges that belong to exactly two faces connect these faces.
+    pairs = starts[face_counts == 2]
     labels = connected(len(faces), owner[order[pairs]], owner[order[pairs + 1]])
     if (face_counts != 2).any():
         # A surface is closed if each edge occurs equally often in both directions.
@@ -440,7 +444,7 @@ def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
 
 
 def distances_from(corners: Vertices, points: Vertices) -> Vertices:
-    """Return the distances (n,) of points (n, 3) from the nearest of triangles (m, 3, 3)."""
+    """Return the distances (n,) of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
     step = max(1, _PAIRS // len(corners))
     blocks = [points[low : low + step, None] for low in range(0, len(points), step)]
     return np.concatenate(

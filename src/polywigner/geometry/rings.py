@@ -1,4 +1,4 @@
-"""Rings of vertices: exact orientations and areas, clean rings from user input, and plots.
+"""Rings of vertices: exact orientations and areas, rings cleaned from user input, and plots.
 
 Clean rings are finite float64 arrays without repeated vertices.
 """
@@ -26,11 +26,11 @@ Ring = NDArray[np.float64]
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 
-# Exact predicates: floating point decides nearly every case, and integer arithmetic decides the
-# rest.
+# Exact predicates: floating-point arithmetic decides nearly every case, and integer arithmetic
+# decides the rest.
 
-# (3 + 16 u) u with u = 2^-53 bounds the rounding error of the cross product below in units of
-# |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
+# Bound on the rounding error of the cross product in `turn`, (3 + 16 u) u with u = 2^-53, in units
+# of |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
 _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
 
 
@@ -46,7 +46,7 @@ def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float])
 
 
 def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
-    """Return the exact sign of the turn a -> b -> c: +1 left, -1 right, 0 straight.
+    """Return the exact sign of the turn a -> b -> c: +1 for left, -1 for right, 0 for straight.
 
     The points have shape (..., 2) and are broadcast against each other.
     """
@@ -66,7 +66,7 @@ def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
 def whole_numbers(values: NDArray[np.float64]) -> tuple[NDArray[Any], int]:
     """Convert finite floats to Python integers n and an exponent: n * 2^exponent is the float.
 
-    Sums and products of the integers are exact, and tens of times faster than fractions.
+    Sums and products of the integers are exact, and tens of times faster than with fractions.
     """
     mantissas, exponents = np.frexp(values)
     exponent = int(exponents.min()) - 53
@@ -94,14 +94,15 @@ def signed_area(ring: Ring) -> float:
     x, y = (ring - ring[0]).T
     first, second = x[:-1] * y[1:], x[1:] * y[:-1]
     area = float((first - second).sum()) / 2
-    # Each difference, product and sum has a rounding error of at most u = 2^-53 of the sum of the
-    # absolute products. The bound below is twice as large, to be safe.
+    # Each difference, product and sum has a rounding error of at most u = 2^-53 times the sum of
+    # the absolute products. The bound on the total error below is twice as large, to be safe.
     error = (len(ring) + 8) * 2.0**-53 * float((np.abs(first) + np.abs(second)).sum())
     return area if abs(area) > error else float(shoelace([ring]))
 
 
-# Points on a slanted line deviate from the line by about u = 2^-53 times the largest coordinate m.
-# A ring of diameter d on a line therefore has an area of up to a few u m d, which counts as zero.
+# Largest area that counts as zero, relative to m d for a ring of diameter d and largest coordinate
+# m. Points on a slanted line deviate from the line by about u m with u = 2^-53, so a ring on a line
+# has an area of up to a few u m d.
 _ZERO_AREA = 2.0**-50
 
 
@@ -119,7 +120,7 @@ def extent(points: Ring) -> float:
 def without_straight_vertices(ring: Ring) -> Ring:
     """Drop vertices that lie exactly on the segment between their neighbours.
 
-    The tips of spikes stay, so that validation detects them.
+    The tips of spikes are kept, so that validation detects them.
     """
     previous, following = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     is_forward = np.sum((ring - previous) * (following - ring), axis=1) > 0
@@ -137,18 +138,17 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
 
     Raises GeometryError unless there are three different vertices with finite coordinates.
     """
-    expected = f"expected {name} as an (n, 2) array of real numbers, without z"
-    # Adding 0.0 replaces -0.0 by 0.0, so that equal rings have equal bytes.
+    expected = f"expected {name} as real numbers of shape (n, 2), without z"
+    # The addition of 0.0 replaces -0.0 by 0.0, so that equal rings have equal bytes.
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError) + 0.0
     count = different_vertices(ring)
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
-    # Drop vertices equal to their predecessor, including a closing vertex.
     return without_straight_vertices(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])
 
 
 def spans_area(ring: Ring) -> bool:
-    """Return whether the area of a ring exceeds the rounding of its coordinates."""
+    """Return whether the area of a ring exceeds the rounding errors of its coordinates."""
     zero = _ZERO_AREA * extent(ring) * float(np.abs(ring).max())
     return abs(signed_area(ring)) > zero
 
@@ -159,7 +159,7 @@ def hull_spans_area(ring: Ring) -> bool:
 
 
 def oriented(ring: Ring, counter_clockwise: bool) -> Ring:
-    """Return the ring, reversed if it has the other orientation."""
+    """Return the ring, reversed if it has the opposite orientation."""
     return ring if (signed_area(ring) > 0) == counter_clockwise else ring[::-1]
 
 
@@ -182,8 +182,8 @@ def rings_of_polygon(polygon: shapely.Polygon, name: str = "the polygon") -> lis
         heights = shapely.get_coordinates(polygon, include_z=True)[:, 2]
         if np.any(heights != 0) and not np.isnan(heights).all():
             raise GeometryError(
-                f"expected {name} in the plane z = 0, got other heights; "
-                "drop them with shapely.force_2d(polygon)"
+                f"expected {name} in the plane z = 0, got other heights; drop them with "
+                "shapely.force_2d(polygon)"
             )
     return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
 
@@ -194,7 +194,7 @@ _FILL, _LINE = "#9ecae1", "#2166ac"
 def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
     """Plot filled rings on ``ax``, or on new axes of pyplot, in a unit of length.
 
-    Raises ArgumentError for other objects than axes, QuantityError for an unknown unit.
+    Raises ArgumentError if ``ax`` is not axes, and QuantityError for an unknown unit.
     """
     scale = parse_unit(unit)
     if ax is None:
@@ -202,7 +202,7 @@ def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
 
         ax = pyplot.subplots()[1]
     if not hasattr(ax, "add_patch"):
-        raise ArgumentError(f"expected axes of matplotlib, got {type(ax).__name__}")
+        raise ArgumentError(f"expected matplotlib axes, got {type(ax).__name__}")
     closed = [np.append(ring, ring[:1], axis=0) for ring in rings]
     draw_rings(ax, closed, scale, facecolor=_FILL, edgecolor=_LINE)
     ax.set_aspect("equal")
@@ -213,7 +213,7 @@ def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
 
 
 def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **style: Any) -> None:
-    """Draw closed rings in m as one patch with holes; ``metres``: unit of the axes in m."""
+    """Draw closed rings in m as one patch with holes; ``metres``: unit of the axes in metres."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

@@ -27,36 +27,39 @@ from polywigner.geometry.polyhedron import (
     point_distances,
     windings_about,
 )
+from polywigner.numerics import Floats, Indices
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
-# Distance of points on an edge or in a plane, as a fraction of a body's size.
+# Largest distance at which points count as lying on an edge or in a plane, as a fraction of the
+# size of a body.
 ON = 1e-9
-# Distance, in sizes of a body, that stands for infinity.
+# Distance of a source that counts as infinitely far away, in sizes of a body.
 _AFAR = 1e6
-# Pairs of a point, a ray or a triangle with a triangle per step: some 50 MB.
+# Largest number of pairs of a point, a ray or a triangle with a triangle that are processed at
+# once, which takes some 50 MB.
 PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
-# Largest number of faces times points of a source with a silhouette for each point.
+# Largest product of the number of faces and the number of source points for which each source point
+# has a separate silhouette.
 _MOST_FACES = 1 << 15
-# Margin of cones around bodies in rad, above rounding.
+# Angle in radians by which cones around bodies are enlarged. It is above the rounding errors.
 _WIDER = 1e-6
-# Least winding number of a body about a point inside it, with a margin for rounding.
+# Smallest winding number of a body about a point that counts as inside the body, with a margin for
+# rounding.
 _IN = 0.9975
-# Distance of bodies in contact, in wavelengths, because a narrower slit passes a negligible field;
-# and as a fraction of their extent, for coordinates in single precision.
+# Largest distance of bodies that count as being in contact: in wavelengths, because the field in a
+# narrower slit is negligible, and as a fraction of the extent of the bodies, for coordinates in
+# single precision.
 _CLOSED, _ROUNDED = 0.05, 1e-6
-# Largest difference of components of the normals of faces in one plane.
+# Largest difference of the components of normals of faces that count as lying in one plane.
 _SKEW = 1e-5
 _NOTHING_BEHIND = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Triangles of an opaque body or plate, in any one unit of length."""
+    """Triangles of an opaque body or plate, in any consistent unit of length."""
 
     vertices: Floats
-    """Positions, shape (n, 3)."""
+    """Positions of the vertices, shape (n, 3)."""
     triangles: Indices
     """Vertex numbers of each triangle, shape (t, 3), counter-clockwise from the front."""
     owner: Indices
@@ -66,7 +69,7 @@ class Obstacle:
     is_solid: bool
     """Whether the faces enclose a volume; otherwise both sides are visible."""
     is_simple: bool
-    """Whether no part can hide another part: a convex body or a plate."""
+    """Whether no part can hide another part, as in a convex body or a plate."""
 
     def distance(self, points: Floats) -> Floats:
         """Return the distances (n,) of points (n, 3) from the nearest face."""
@@ -79,7 +82,7 @@ class Obstacle:
         return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
 
     def facing(self, source: Floats) -> Floats:
-        """Return 1 for triangles whose front faces a source, -1 for backs of plates, else 0."""
+        """Return 1 for triangles that face a source, -1 for backs of plates that do, else 0."""
         facing = np.sign(self.heights(source))
         return np.maximum(facing, 0.0) if self.is_solid else facing
 
@@ -165,7 +168,8 @@ def shells(body: Obstacle) -> list[Obstacle]:
 def _is_convex(points: Floats, triangles: Indices, normals: Floats) -> bool:
     """Return whether no edge of a closed surface has a triangle in front of its neighbour's plane.
 
-    ``normals`` (t, 3): of the triangles, of any length. One connected surface is then convex.
+    ``normals`` (t, 3): normals of the triangles, of any length. If the surface is connected, it is
+    convex.
     """
     ends = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
     forth, back = ends @ [len(points), 1], ends @ [1, len(points)]
@@ -189,7 +193,9 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     """Return one or several obstacles, Polyhedra or placed apertures, as a tuple."""
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
-        raise ArgumentError("expected at least one obstacle, got none; leave obstacles out")
+        raise ArgumentError(
+            "expected at least one obstacle, got an empty list; omit the argument obstacles"
+        )
     for body in listed:
         if not isinstance(body, (Polyhedron, PlacedAperture)):
             raise ArgumentError(
@@ -198,8 +204,8 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
             )
         if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:
             raise ArgumentError(
-                "expected obstacles without illuminations, got an aperture with one; "
-                "pass its outline alone"
+                "expected obstacles without illuminations, got an aperture with an "
+                "illumination; pass only its outline"
             )
     return listed
 
@@ -224,7 +230,7 @@ class Obstacles:
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
         """Return a mask of points (n, 3) beyond all bodies, with no body behind the source.
 
-        The line through the source and such a point meets bodies between the two only.
+        The line through the source and such a point meets bodies only between the two.
         """
         rays, (axis, angle) = points - source, _cone(self.vertices - source)
         away = np.linalg.norm(rays, axis=1)
@@ -234,16 +240,16 @@ class Obstacles:
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
         """Return a silhouette for each point (k, 3) of a source.
 
-        For large meshes all points have the silhouette of their mean.
+        For large meshes, all source points share the silhouette of their mean.
         """
         if self._is_large(len(sources)):
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
         return [self.silhouette(point) for point in sources]
 
     def shared_silhouette(self, sources: Floats) -> Silhouette | None:
-        """Return the silhouette that points (k, 3) in one plane have in common, if any.
+        """Return the silhouette that all points (k, 3) in one plane share, or None.
 
-        All points have the silhouette of their mean if the mesh is large.
+        For large meshes, all points share the silhouette of their mean.
         """
         low, high = sources.min(axis=0), sources.max(axis=0)
         shared = self.silhouette(0.5 * (low + high))
@@ -254,11 +260,11 @@ class Obstacles:
         return shared if is_like else None
 
     def _is_large(self, count: int) -> bool:
-        """Return whether all of ``count`` points have the silhouette of their mean."""
+        """Return whether ``count`` source points share the silhouette of their mean."""
         return count * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES
 
     def silhouette(self, source: Floats) -> Silhouette:
-        """Return the edges of the shadows of all bodies for a point source at (3,)."""
+        """Return the edges of the shadows of all bodies for a point source at a position (3,)."""
         alone = self._alone(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
@@ -292,7 +298,7 @@ class Obstacles:
 
     @cached_property
     def contact(self) -> float:
-        """Largest distance of bodies in contact."""
+        """Largest distance of bodies that count as being in contact."""
         return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
 
     @cached_property
@@ -303,7 +309,7 @@ class Obstacles:
             [body.rim for body in self.bodies],
             self.contact,
         )
-        # bodies with a vertex inside another body
+        # Bodies with a vertex inside another body are in contact with it.
         corners = np.array([body.vertices[0] for body in self.bodies])
         numbers = range(len(self.bodies))
         alone = np.array([self._turns(corners[[k]], [k])[0] for k in numbers])
@@ -314,13 +320,13 @@ class Obstacles:
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
     def are_one(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
-        """Return a mask of the pairs of bodies that are the same body, or in contact."""
+        """Return a mask of pairs of bodies that are the same body or in contact."""
         keys = (self.contacts @ [[len(self.bodies), 1], [1, len(self.bodies)]]).ravel()
         return np.asarray((one == other) | np.isin(one * len(self.bodies) + other, keys))
 
     @cached_property
     def groups(self) -> Indices:
-        """Labels (k,), equal for bodies connected by contacts."""
+        """Labels (k,), which are equal for bodies connected by contacts."""
         return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
@@ -332,13 +338,13 @@ class Obstacles:
         return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
 
     def _edge_numbers(self, number: int, ends: Indices) -> Indices:
-        """Return the numbers, unique among all bodies, of edges between vertices (..., 2)."""
+        """Return numbers of edges between vertices (..., 2), which are unique among all bodies."""
         low, high = ends.min(axis=-1), ends.max(axis=-1)
         count = len(self.bodies[number].vertices)
         return np.asarray(self._first_edges[number] + low * count + high)
 
     def body_of_face(self, faces: Indices) -> Indices:
-        """Return the numbers of the bodies of faces."""
+        """Return the numbers of the bodies to which faces belong."""
         return np.searchsorted(self._first_faces, faces, side="right") - 1
 
     def face_planes(self, source: Floats) -> Floats:
@@ -355,7 +361,7 @@ class Obstacles:
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Return the bodies, connected to a body by contacts, with a face in a plane (4,).
+        """Return the bodies, connected to a body by contacts, that have a face in a plane (4,).
 
         ``planes``: (f, 4) planes of all faces.
         """
@@ -370,7 +376,7 @@ class Obstacles:
     ) -> Surface:
         """Return the triangles of some bodies that face a source.
 
-        ``plane``: only triangles behind this plane, with the source in front of their planes.
+        ``plane``: if given, only triangles behind this plane whose planes have the source in front.
         """
         parts = []
         for number in numbers:
@@ -399,10 +405,10 @@ class Obstacles:
     def hide(
         self, source: Floats, points: Floats, within: Floats | float = 0.0
     ) -> NDArray[np.bool_]:
-        """Return a mask of points (n, 3) with a surface strictly between them and a source.
+        """Return a mask of points (n, 3) that a surface hides from a source.
 
-        Surfaces whose plane contains the source or the point, up to a distance ``within`` (n,),
-        do not count.
+        The surface lies strictly between the source and the point. A surface is ignored if its
+        plane contains the source or the point, up to a distance ``within`` (n,).
         """
         hidden = np.zeros(len(points), bool)
         within = np.broadcast_to(within, len(points))
@@ -443,15 +449,16 @@ def _cone(points: Floats) -> tuple[Floats, float]:
         return np.array([0.0, 0.0, 1.0]), np.pi
     axis = axis / length
     angle = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
-    # a cone of half-angle pi/2 or more is not convex: it may miss parts of faces
+    # A cone with a half-angle of pi/2 or more is not convex and may not contain all parts of a
+    # face.
     return axis, angle if angle < 0.5 * np.pi else np.pi
 
 
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Intersect rays (k, 3) from the origin with triangles (t, 3, 3).
 
-    Yields slices of the rays, intersections (k, t) as fractions of the rays' lengths, infinite for
-    none, and the heights (t,) of the origin above the triangles.
+    Yields slices of the rays, intersections (k, t) as fractions of the lengths of the rays
+    (infinite if there is none), and the heights (t,) of the origin above the triangles.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
@@ -479,7 +486,7 @@ def contacts(
     rim or passes through the sheet, but not if it stands on the sheet.
     """
     boxes = np.array([[mesh.min(axis=(0, 1)), mesh.max(axis=(0, 1))] for mesh in meshes])
-    # edges as triangles without area
+    # The edges of a rim are represented as triangles without area.
     ends = [
         mesh if rim is None else rim[:, [0, 1, 1]] for mesh, rim in zip(meshes, rims, strict=True)
     ]
@@ -494,7 +501,7 @@ def contacts(
 
 
 def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
-    """Return pairs of near boxes, given by lowest and highest corners (n, 2, 3), (m, 2, 3)."""
+    """Return pairs of boxes that are near; each box has a lowest and a highest corner (2, 3)."""
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
     tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
     one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))
@@ -503,7 +510,7 @@ def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices,
 
 
 def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, Floats]]:
-    """Yield pairs of triangles (n, 3, 3) of both meshes whose boxes are near, in blocks."""
+    """Yield pairs of triangles (n, 3, 3) of two meshes whose boxes are near, in blocks."""
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []
     for mine, theirs in (boxes, boxes[::-1]):
@@ -527,7 +534,7 @@ def _are_near(one: Floats, other: Floats, within: float) -> bool:
 
 
 def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:
-    """Return a mask of pairs of triangles that cross by more than a depth."""
+    """Return a mask of the pairs of triangles that cross by more than ``depth``."""
     crosses = np.zeros(len(one), bool)
     for mine, theirs in ((one, other), (other, one)):
         a, b, c = np.moveaxis(theirs, 1, 0)

@@ -13,8 +13,8 @@ from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.illumination import Illumination, checked_field, checked_shift
 from polywigner.geometry.wavefront import TakesWaves
 
-# Largest overlap of intervals that count as touching, as a fraction of the largest coordinate. It
-# equals ``rings.rounding_tolerance``.
+# Largest overlap of intervals that count as touching, as a fraction of the largest coordinate;
+# equal to ``rings.rounding_tolerance``.
 _ROUNDING = 2.0**-46
 
 
@@ -98,7 +98,7 @@ class Slits(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
-        """Tuple of the elements, which is the slits themselves; arrays have several elements."""
+        """The elements as a tuple, here the slits themselves; arrays have several elements."""
         return (self,)
 
     @cached_property
@@ -157,7 +157,7 @@ def _ascending(intervals: Any) -> NDArray[np.float64]:
         k = int(np.argmax(overlap))
         raise GeometryError(
             f"expected slits that do not overlap, got {array[k].tolist()} and "
-            f"{array[k + 1].tolist()}; merge them into one"
+            f"{array[k + 1].tolist()}; merge them into one slit"
         )
     starts = np.insert(np.flatnonzero(np.abs(overlap) > tolerance) + 1, 0, 0)
     ends = np.append(starts[1:] - 1, len(array) - 1)

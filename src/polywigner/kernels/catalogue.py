@@ -10,9 +10,9 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
-from polywigner.kernels.arrays import element_pairs, lattice_arrays
-from polywigner.kernels.arrays.array_factors import array_factor_kernel
-from polywigner.kernels.arrays.element_pairs import is_scattered
+from polywigner.kernels import element_pairs, lattice_arrays
+from polywigner.kernels.array_factors import array_factor_kernel
+from polywigner.kernels.element_pairs import is_scattered
 from polywigner.kernels.functions import fourier, partly_coherent, plane, separable
 from polywigner.kernels.functions import intervals as line
 from polywigner.kernels.functions.separable import is_separable
@@ -22,7 +22,7 @@ from polywigner.source.lattices import Sites
 
 _TRANSFORMS = ("autocorrelation", "wigner", "ambiguity")
 
-# Kernels by transform and kind of source. The kind is a type or a name in `_SPECIAL`.
+# Kernels by name of the transform and kind of source. The kind is a type or a name in `_SPECIAL`.
 _KERNELS: dict[tuple[str, Any], Kernel] = {
     (name, kind): getattr(home, name.replace(" ", "_").upper())
     for kind, home, names in (
@@ -42,7 +42,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Tests for sources with faster kernels, in order of priority.
+# Conditions for the kinds of sources that have faster kernels, in order of priority.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
@@ -57,26 +57,26 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 
 MOST_WIDTHS = 1 << 15
-"""Largest number of coherence widths in the area of a source, for a mean over tilts. The mean has
-four tilts for each coherence width.
-"""
+"""Largest number of coherence widths in the area of a source for which W is computed as a mean over
+tilts. The mean has four tilts for each coherence width."""
 # Largest number of array elements for which W in partially coherent light is computed in closed
-# form, which takes one slice per pair of elements. The second, higher limit applies when averaging
-# over tilts instead would need too many tilts.
+# form, at the cost of one slice per pair of elements. The second limit is used if a mean over tilts
+# would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
 def _widths_in(source: Wavefront) -> float:
-    """Return the number of coherence widths in the area (or the length) of a source's box."""
+    """Return the number of coherence widths in the area (or length) of a source's box."""
     low, high = np.reshape(source.bounds, (2, -1))
     return math.prod((1.0 + (high - low) / source.coherence_width).tolist())
 
 
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
-    """Return the kernel of W in partly coherent light, or None if W is a mean over tilts.
+    """Return the kernel of W in partly coherent light; None if W is a mean over tilts.
 
-    W of an array of equal elements is a mean over tilts, unless the array has few elements or the
-    mean needs too many tilts. The kernel ignores curvature; callers shift the frequencies instead.
+    For an array of equal elements W is a mean over tilts, unless the array has few elements or the
+    mean needs too many tilts. The kernel ignores curvature, for which callers shift the
+    frequencies.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))
@@ -113,7 +113,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     if isinstance(source, Sites) and transform == "array factor":
         return array_factor_kernel(source.dimension)
     if isinstance(source, Array) and source.dimension == 3:
-        _ = source.elements_in_plane  # raises GeometryError if the elements have several planes
+        # The property raises GeometryError if the elements lie in different planes.
+        _ = source.elements_in_plane
     for kind, holds in _SPECIAL.items():
         if (transform, kind) in _KERNELS and holds(source):
             return _KERNELS[transform, kind]
@@ -129,6 +130,6 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     elif isinstance(source, Polyhedron):
         hint = "only polywigner.fourier accepts a Polyhedron"
     raise ArgumentError(
-        f"expected a source for {transform} (one of {accepted}, Array), got "
+        f"expected a source for {transform} ({accepted} or Array), got "
         f"{type(source).__name__}; {hint}"
     )

@@ -1,14 +1,14 @@
 """Gradients of F, W and A in frequency, position or lag, vertices and weights, in closed form.
 
 All three transforms are integrals of a plane wave over a polygon: the outline itself, or a slice
-whose sides are parts of the outline's edges. If its boundary moves, such an integral changes by the
-values of the wave along the boundary. So the derivatives in vertices, positions and lags are sums
-over the cut edges, like the functions themselves (docs/gradients.md, (G1) to (G4)). The positions
-of the cuts do not matter to first order. Derivatives in frequency are first moments of the slice,
-(G4), without a division by the frequency.
+whose sides are parts of the outline's edges. If the boundary of the polygon moves, such an integral
+changes by the values of the wave along the boundary. The derivatives in vertices, positions and
+lags are therefore sums over the cut edges, like the functions themselves (docs/gradients.md, (G1)
+to (G4)). The positions of the cuts do not matter to first order. Derivatives in frequency are first
+moments of the slice, (G4), without a division by the frequency.
 
-Where corners of a slice meet edges, only one-sided derivatives exist. The result is the derivative
-on the side that the tie rule selects (docs/theory.md, "Where edges coincide").
+If corners of a slice meet edges, only one-sided derivatives exist. The result is the derivative on
+the side that the tie rule selects (docs/theory.md, "Where edges coincide").
 """
 
 from __future__ import annotations
@@ -29,17 +29,16 @@ from polywigner.kernels.functions.slices import (
     mean_pairings,
 )
 from polywigner.kernels.kernel import Kernel
-from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.wave_pairs import WavePair
+from polywigner.kernels.outline import Tables
+from polywigner.kernels.wave_pairs import WavePair
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles, cos_sin_over_cycles, polynomial
+from polywigner.numerics.phases import Pair, cos_sin_cycles, cos_sin_over_cycles, polynomial
 
 _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Sums of derivatives by vertices and weights, times the changes of these numbers."""
+    """Total change dV of a value V due to changes of vertices and weights."""
 
     needs_vertices: bool
     """Whether derivatives with respect to vertices are required."""
@@ -87,7 +86,7 @@ class Axes:
 
         The first two are the means of exp(-2 pi i nu.x) and of t exp(-2 pi i nu.x) for t from -1/2
         to 1/2. The others are the terms of the moments M00, M10 and 2 M01 of the wave over the
-        polygon, each over -dp, (G4).
+        polygon, each divided by -dp, (G4).
         """
         ops = self.ops
         cosine, sine = cos_sin_cycles(ops, self.norm * p)
@@ -95,7 +94,8 @@ class Axes:
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
         area = e1.scaled(dq).plus(ops, e0, q)
-        product = e2.scaled(dq).plus(ops, e1, q)  # mean of q t times the wave over the segment
+        # ``product`` is the mean of q t times the wave over a segment.
+        product = e2.scaled(dq).plus(ops, e1, q)
         along = product.scaled(dp).plus(ops, area, p)
         across = product.scaled(dq).plus(ops, area, q)
         return e0, e1, area, along, across
@@ -108,8 +108,8 @@ class Axes:
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
 
 
-# Below x = _BELOW the Bessel functions are computed by series, because the upward recurrence loses
-# 3/x^3 ulps. The first omitted term of j_2 at x = 1 is 1e-17 with _DOUBLE terms and 2e-9 with
+# Argument x below which the Bessel functions are computed by series, because the upward recurrence
+# loses 3/x^3 ulps. The first omitted term of j_2 at x = 1 is 1e-17 with _DOUBLE terms and 2e-9 with
 # _SINGLE terms.
 _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
@@ -128,15 +128,16 @@ def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
 def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     """Return the spherical Bessel functions j_0, j_1 and j_2 of x = 2 pi half.
 
-    For small x j_2 comes from its series, and j_1 = x (j_0 + j_2)/3 from its neighbours, which
-    loses no digits. Otherwise both come from the upward recurrence.
+    For small x, j_2 is computed from its series, and j_1 = x (j_0 + j_2)/3 from its neighbours
+    without loss of digits. Otherwise the upward recurrence gives both.
     """
     x = 2 * math.pi * half
     small = abs(x) < _BELOW
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    square = ops.select(small, x * x, 0.0)  # clamped, so that the unused branch does not overflow
+    # The argument of the series is clamped, so that the unused branch does not overflow.
+    square = ops.select(small, x * x, 0.0)
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
     return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
@@ -148,9 +149,6 @@ def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
     for k in range(1, terms + 1):
         coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
     return polynomial(ops, coefficients, square)
-
-
-# ---- F ---------------------------------------------------------------------------------------
 
 
 def fourier_gradients(
@@ -186,9 +184,6 @@ def _pairs(numbers: Sequence[Any]) -> list[Pair]:
     return list(map(Pair, numbers[0::2], numbers[1::2]))
 
 
-# ---- W and A ---------------------------------------------------------------------------------
-
-
 def wigner_gradients(ops: Any, tables: Tables, accumulator: Accumulator, *point: Any) -> Gradients:
     """Return derivatives of W, the real part of V, at (x, y, nu_x, nu_y) in the frame."""
     return _gradients(ops, tables, True, accumulator, point[:2], point[2:])
@@ -209,7 +204,7 @@ def _gradients(
     position: tuple[Any, ...],
     frequency: tuple[Any, ...],
 ) -> Gradients:
-    """Return the gradients of W (lag slices, ``of_lags``) or of A (position slices)."""
+    """Return the gradients of W from lag slices (``of_lags``), or of A from position slices."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
@@ -238,7 +233,7 @@ def _gradients(
 
 
 def _weights(ops: Any, tables: Tables) -> list[Pair]:
-    """Return the weights of the elements; they are data in memory if edges are data."""
+    """Return the weights of the elements; if edges are data, the weights are data as well."""
     parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
     if ops.target != "data":
         return list(map(Pair, *parts))
@@ -280,8 +275,8 @@ class _WavePairGradients:
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
         """Return six complex numbers for an edge, as real and imaginary parts.
 
-        They are the area, the effects of a shift of the edge along both axes, two moments, and the
-        value of the accumulator.
+        The numbers are the area, the effects of a shift of the edge along both axes, two moments,
+        and the value of the accumulator.
         """
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, motion, along, across, begin, end = [_ZERO] * 6
@@ -296,7 +291,7 @@ class _WavePairGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for ends_sum, extent, real, imag in cuts[view]:
-                # the position of an empty part may be so large that its powers overflow
+                # An edge part of length zero may have a position so large that its powers overflow.
                 ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
                 half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(
@@ -357,17 +352,17 @@ class GradientKernel:
     gradients: Callable[..., Gradients]
     """Function (ops, tables, accumulator, *arguments in the frame) -> Gradients."""
     arguments: int
-    """Number of arguments in the frame that ``gradients`` takes; these are the last ones."""
+    """Number of arguments in the frame that ``gradients`` takes; they are the last ones."""
     parts: Callable[[Pair], tuple[Any, ...]]
     """Function (V) -> the values of the kernel's sum."""
     points: tuple[str, ...]
-    """Kinds of the kernel's arguments: ``"frequency"``, ``"position"``."""
+    """Kinds of the kernel's arguments, each ``"frequency"`` or ``"position"``."""
 
     def changed(self, ops: Any, frame: Any, gradients: Gradients, change: Sequence[Any]) -> Pair:
         """Return the change of V for given changes of all components of all arguments."""
         total = gradients.shared
         for number, name in enumerate(self.points):
-            # frequencies in space have three components
+            # Spatial frequencies in three dimensions have three components.
             count = len(change) // len(self.points)
             components = change[count * number : count * (number + 1)]
             in_frame = (frame.frequency if name == "frequency" else frame.vector)(ops, *components)

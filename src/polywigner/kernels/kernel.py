@@ -1,6 +1,7 @@
 """Kernels: transforms in three steps, which enter the frame, sum over edges, and leave the frame.
 
-The steps are separate so that an engine may run the first in float64 and the second in float32.
+The steps are separate, so that an engine may compute the first in float64 and the second in
+float32.
 """
 
 from __future__ import annotations
@@ -28,9 +29,8 @@ class Kernel:
     enter: Callable[..., Values]
     """Function (ops, frame, *arguments) -> arguments in the frame."""
     edge_sum: Callable[..., Values]
-    """Function (ops, tables, *arguments in the frame) -> sums over edges. It is a `SliceSum` if
-    edges are cut, and an `OutlineSum` if F on grids is computed from the axes of the grids.
-    """
+    """Function (ops, tables, *arguments in the frame) -> sums over edges. It is a `SliceSum` if the
+    kernel cuts edges, and an `OutlineSum` if F on grids is computed from the axes of the grids."""
     leave: Callable[..., Values]
     """Function (ops, frame, arguments in the frame, sums) -> results in the user's units."""
 

@@ -1,24 +1,27 @@
-"""Numerical functions that contain no physics.
+"""Numerical functions that contain no physics, and the types of arrays.
 
-=======================  =======================================================================
-module                   content
-=======================  =======================================================================
-``grid_arithmetic``      exact arithmetic on vertices rounded to a grid
-``phases``               sine and cosine of cycles; phases from error-free products
-``complex_pairs``        complex arithmetic on pairs of real arrays
-``divided_differences``  means of a wave over segments, triangles and tetrahedra
-``band_limited``         interpolation in a band of frequencies; peaks between samples
-``nodes``                Gauss rules: along edges, on triangles, and for means over mixtures
-``chirps``               integrals of quadratic phases, by Fresnel integrals
-``jets``                 numbers with their derivatives
-``triangles``            Gauss rules on triangles
-``zernike``              Zernike polynomials and their derivatives
-=======================  =======================================================================
+===================  ===========================================================================
+module               content
+===================  ===========================================================================
+``grid_arithmetic``  exact arithmetic on vertices rounded to a grid
+``phases``           sine and cosine of cycles; phases from error-free products; complex pairs;
+                     means of a wave over segments, triangles and tetrahedra
+``nodes``            Gauss rules along edges, on triangles and trapezoids
+``chirps``           integrals of quadratic phases, by Fresnel integrals
+``jets``             numbers with their derivatives
+===================  ===========================================================================
 """
 
 from __future__ import annotations
 
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 
 
 class Mask(Protocol):

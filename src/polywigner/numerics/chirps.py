@@ -1,8 +1,8 @@
 """Integrals of chirps, exp(i pi (c t^2 - 2 f t)), along lines, and over intervals and polygons.
 
-Along a line they are Fresnel integrals, computed without cancellation. Transforms of curved waves
-over polygons, int exp(i pi x.Qx - 2 pi i nu.x) dx, are integrals along edges. In the axes of Q,
-with q1 the larger curvature, Green's theorem gives
+Along a line these integrals are Fresnel integrals, computed without cancellation. Transforms of
+curved waves over polygons, int exp(i pi x.Qx - 2 pi i nu.x) dx, are integrals along the edges of
+the polygon. In the axes of Q, with q1 the larger curvature, Green's theorem gives
 
     int int exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x) dx dy
         = closed int G(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,
@@ -25,18 +25,16 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.nodes import gauss_rules
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _TERMS = 12
 _A = math.sqrt((_TERMS + 0.5) * math.pi)
 _SQUARES = ((np.arange(_TERMS) + 0.5) * math.pi / _A) ** 2
 _WEIGHTS = np.exp(-_SQUARES)
 _TURN = cmath.exp(-0.25j * math.pi)
-# Largest argument for which the step is computed. Beyond this argument, the step is 0 or 1 to the
-# last digit.
+# Largest exponent for which the step of the Fresnel integral is computed. Beyond it, the step is 0
+# or 1 to the last digit.
 _FARTHEST = 60.0
 
 
@@ -48,7 +46,8 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     step at t = 0 are therefore accurate as well.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
-    # The step minus ``side``: 1/(exp(z) + 1) for side 0, and -1/(exp(-z) + 1) for side 1.
+    # The step of the Fresnel integral is 1/(exp(z) + 1). For ``side`` = 1 the step minus 1 is
+    # -1/(exp(-z) + 1), without cancellation.
     sign = 1.0 - 2.0 * side
     with np.errstate(over="ignore"):
         step = sign / (np.exp(sign * exponent) + 1.0)
@@ -62,10 +61,11 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# Up to _FEW_CYCLES cycles, a Gauss rule with 8 nodes is accurate to rounding. For more cycles,
-# differences of Fresnel integrals lose at most one digit.
+# A Gauss rule with 8 nodes integrates up to _FEW_CYCLES cycles of phase to rounding accuracy. For
+# more cycles, differences of Fresnel integrals lose at most one digit.
 _RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
-# Curvatures whose phase over the longest interval is below this value, in half cycles, count as 0.
+# Curvatures count as 0 if their phase over the longest interval is below this number of half
+# cycles.
 _FLAT = 1e-20
 
 
@@ -116,8 +116,8 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
 def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     """Return the integral for c > 0; it is inaccurate if the phase changes little from 0 to b.
 
-    The value consists of differences of (step + rest) of :func:`fresnel_tail`. The steps represent
-    the point f/c of stationary phase, and are equal unless it is near 0 or b, or between them.
+    The integral is a difference of two tails (step + rest), as returned by :func:`fresnel_tail`.
+    The steps are equal, unless the point f/c of stationary phase is near 0 or b, or between them.
     """
     root = np.sqrt(math.pi * c)
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
@@ -129,17 +129,20 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Largest number of cycles along an edge. More cycles would need gigabytes of nodes per point.
+# Largest number of cycles of phase along an edge. More cycles would need gigabytes of quadrature
+# nodes per point.
 _MOST_CYCLES = 1e5
-# Number of cycles of phase on a piece of an edge. It is well within the range of the largest rule.
+# Number of cycles of phase on each piece of an edge, well within the range of the largest Gauss
+# rule.
 _CYCLES = 200.0
-# Every fourth rule is used, so that there are two rules per factor of two.
+# Only every fourth Gauss rule is used, which gives two rules per factor of two in the number of
+# nodes.
 _STRIDE = 4
-# Largest number of nodes in a block, which stay in the cache of a core, and largest number of pairs
-# of a point and an edge in a block.
+# Largest number of quadrature nodes in a block, so that a block stays in the cache of a core, and
+# largest number of pairs of a point and an edge in a block.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Batches with fewer nodes join the batch of the next larger rule, which costs less than a separate
-# call.
+# Smallest number of quadrature nodes of a batch. A smaller batch joins the batch of the next larger
+# rule, because a separate call would cost more.
 _FEW = 1 << 9
 
 
@@ -153,7 +156,7 @@ def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
 def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Complex:
     """Return the transform over an outline, for curvatures (n, 2) and frequencies (n, 2).
 
-    The first curvature is the larger one. The origin lies within the box of the outline.
+    ``q``: the larger curvature first. The origin lies within the box of the outline.
     """
     begin = np.concatenate(rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
@@ -182,24 +185,26 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         for block in (members[k : k + step] for k in range(0, len(members), step)):
             owners = points[block]
             values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
-            # a matrix product by BLAS would start threads, which takes longer
+            # A matrix product by BLAS would start threads, which takes longer than the product
+            # itself.
             total = np.einsum("kn,n->k", values_at_nodes, weights)
             np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
 
 
 def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return a bound (n, m) on the cycles along edges, for the whole chirp and for its y factor."""
+    """Return a bound (n, m) on the cycles along each edge, of the chirp and of its y factor."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    most = np.where(np.isfinite(most), most, 0.0)  # the result at such points is NaN
+    # Infinite and NaN bounds on the cycles occur only at points whose result is NaN.
+    most = np.where(np.isfinite(most), most, 0.0)
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
-            f"expected a curved wave of up to {_MOST_CYCLES:.0e} cycles of phase along an edge, "
-            f"got {most.max():.2g}; use lower frequencies, or points farther from the source and "
-            "from its images behind an optical system"
+            f"expected at most {_MOST_CYCLES:.0e} cycles of phase of the curved wave along an "
+            f"edge of the outline, got {most.max():.2g}; use lower frequencies, or points "
+            "farther from the source and from its images behind an optical system"
         )
     return most
 
@@ -212,7 +217,7 @@ def _rules_for(cycles: Floats) -> NDArray[np.intp]:
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield each rule with the indices of its pairs of point and edge."""
+    """Yield the index of each rule, with the pairs of a point and an edge that use the rule."""
     present = np.unique(rules).tolist()
     members = np.zeros(0, np.intp)
     for rule in present:

@@ -1,7 +1,7 @@
 """Exact arithmetic on vertices rounded to a grid.
 
 On the grid, sums and differences of an offset and two coordinates are exact in the float type of
-the kernel. Cross products of vectors on the grid are accurate to an ulp and have exact signs.
+the kernel. Cross products of vectors are accurate to an ulp, and their signs are exact.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.numerics import Floats
+
 # Splitting constant of Veltkamp's algorithm, 2^ceil(p/2) + 1 for p = 53 bits.
 _SPLIT = 134217729.0
 
-Floats = npt.NDArray[np.float64]
-
 
 def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return vertices as multiples of ``step``, without repeats, and a mask of those kept."""
+    """Return vertices as multiples of ``step`` without repeats, and a mask of those kept."""
     points = np.round(polygon / step) * step + 0.0
     distinct = (points != np.roll(points, 1, axis=0)).any(axis=1)
     return points[distinct], distinct
 
 
-# Largest number of pairs of a side and a vertex at a time, so that temporary arrays stay in the
+# Largest number of pairs of a side and a vertex in a block, so that temporary arrays stay in the
 # cache of a core.
 _BLOCK = 1 << 16
 
@@ -56,7 +56,7 @@ def _is_convex(polygon: Floats) -> bool:
     ahead = (before * following).sum(axis=1)
     if (crosses < 0).any() or ((crosses == 0) & (ahead <= 0)).any():
         return False
-    # the angles add up to 2 pi for one turn, and to more for several turns
+    # The exterior angles of a ring that winds once add up to 2 pi, otherwise to 4 pi or more.
     return bool(np.arctan2(crosses, ahead).sum() < 3 * np.pi)
 
 
@@ -67,7 +67,7 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
     rounding moves the vertices.
     """
     ends = np.roll(piece, -1, axis=0)
-    # a wide margin finds candidates, which are tested exactly afterwards
+    # A wide tolerance selects vertices that may lie on a side, which is then tested exactly.
     size = 1e-12 * float(np.abs(vertices).max())
     step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):

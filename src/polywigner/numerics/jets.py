@@ -1,6 +1,6 @@
-"""Numbers that carry their derivatives through formulas written over ``ops``.
+"""Numbers that carry their derivatives through formulas written with ``ops``.
 
-Jets nest: jets whose values are jets of an inner JetOperations have second derivatives.
+Jets can be nested: if the values of jets are jets themselves, they have second derivatives.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_cycles
 
-# Smallest divisor. Derivatives of roots and angles closer to 0 are not resolved.
+# Smallest divisor in derivatives. The derivatives of roots and angles closer to 0 are not resolved.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]
 
 
 class Jet:
-    """A number, or array, and its derivatives by some variables; () for a constant.
+    """A number or array, and its derivatives by the variables; () for a constant.
 
     All arrays in a formula must be jets, because Dr.Jit arrays do not accept jets as operands.
     """
@@ -28,7 +28,7 @@ class Jet:
         self.ops, self.value, self.slopes = ops, value, slopes
 
     def through(self, value: Any, rate: Any) -> Jet:
-        """Return a function of this number, from the function's value and derivative there."""
+        """Return a function of this number as a jet, from the function's value and derivative."""
         return Jet(self.ops, value, tuple(rate * slope for slope in self.slopes))
 
     def __add__(self, other: Any) -> Jet:
@@ -90,7 +90,7 @@ class JetOperations:
         self._ops, self.double = ops, ops.double
 
     def variables(self, values: Sequence[Any]) -> tuple[Jet, ...]:
-        """Return jets of numbers, such as coordinates, which are the variables of derivatives."""
+        """Return numbers, such as coordinates, as jets: the variables of the derivatives."""
         count = range(len(values))
         return tuple(
             Jet(self._ops, value, tuple(0.0 * value + float(m == n) for m in count))
@@ -98,7 +98,7 @@ class JetOperations:
         )
 
     def constants(self, values: Iterable[Any]) -> tuple[Jet, ...]:
-        """Return jets of numbers that do not depend on the variables."""
+        """Return numbers that do not depend on the variables, as jets."""
         return tuple(Jet(self._ops, value) for value in values)
 
     def select(self, condition: Any, a: Any, b: Any) -> Jet:
@@ -138,7 +138,7 @@ class JetOperations:
 
 
 def flattened(numbers: Iterable[Any]) -> list[Any]:
-    """Return the values and derivatives of jets, and other numbers, one after the other."""
+    """Return the values and derivatives of jets, and other numbers, as one flat list."""
     parts: list[Any] = []
     for number in numbers:
         parts += [number.value, *number.slopes] if isinstance(number, Jet) else [number]
@@ -146,7 +146,7 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
-    """Return numbers with the structure of ``like`` from their :func:`flattened` parts."""
+    """Return numbers with the structure of ``like`` from a flat list (see :func:`flattened`)."""
     remaining = iter(parts)
     return [
         Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.slopes))

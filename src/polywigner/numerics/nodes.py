@@ -1,48 +1,56 @@
-"""Gauss-Legendre rules of many sizes, node counts, and error estimates.
+"""Gauss-Legendre rules on intervals, triangles and trapezoids: node counts and error estimates.
 
 Let an integrand on [-1, 1] be analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
 and sinh u, and bounded there by M. Its Legendre coefficients c_n are about M exp(-n u), and the
-error of n Gauss nodes is about M exp(-2 n u). For a wave of w radians over half the interval, M =
-exp(w sinh u). The required number of nodes follows from these formulas before the integration.
-After it, the error is estimated as c_n^2/M from the values at the nodes: coefficients that are
-larger than expected indicate a larger error. Source: (B5).
+error of n Gauss nodes is about M exp(-2 n u). For a wave whose phase changes by w radians over half
+of the interval, M = exp(w sinh u). These formulas give the required number of nodes before the
+integration. After it, the error is estimated as c_n^2/M from the values at the nodes: coefficients
+that are larger than expected indicate a larger error. Source: (B5).
+
+Triangles and trapezoids are represented as cells: images of the unit square under a bilinear map of
+(u, v). The side u = 0 of a triangle is a single corner. A product of two rules on [0, 1] integrates
+polynomials over a cell exactly and converges spectrally for smooth integrands.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from itertools import count
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import shapely
+from numpy.typing import NDArray
 
-from polywigner.numerics import Number
+from polywigner.numerics import Floats, Indices, Number
 
 Rules = tuple[npt.NDArray[np.float64], ...]
-"""Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
+"""Tables (n, 4), one per rule: node, weight, and the weights of the last two Legendre coefficients.
+"""
 
-# Number of rules per factor of two, and numbers of nodes of the smallest and the largest rule. On
-# average a rule has a sixteenth more nodes than necessary.
+# Number of rules per factor of two in the number of nodes, and numbers of nodes of the smallest and
+# the largest rule. On average the selected rule has a sixteenth more nodes than necessary.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# Parameters u of the ellipses that are tried for the error bound. The smallest ellipse passes
-# through i. For singularities inside this ellipse, the bound with _CHORD and _GROWTH applies.
+# Parameters u of the ellipses for which the error bound is evaluated. The smallest of these
+# ellipses passes through i. If a singularity lies inside it, the bound with _CHORD and _GROWTH
+# applies.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
 # Constants of the bounds u >= 0.88 sinh u and sinh u <= 1.135 u, which hold for sinh u up to 1.
 _CHORD, _GROWTH = 0.88, 1.135
-# Safety factor of the error estimate. With this factor the estimate exceeded the true error on all
-# of 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and
-# evanescent waves and tolerances from 0.1 to 1e-9. Without it, a few errors in 10,000 were larger
-# than estimated.
+# Safety factor of the error estimate. With it, the estimate exceeded the true error on all of
+# 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and evanescent
+# waves and tolerances from 0.1 to 1e-9. Without it, a few errors in 10,000 were larger than
+# estimated.
 _SAFETY = 8.0
-# If the sum of squared coefficients exceeds the expected sum by this factor, the error estimate
-# does not rely on the expected size M.
+# If the squares of the last Legendre coefficients exceed their expected size by this factor, the
+# error estimate does not rely on the expected bound M of the integrand.
 _SURPRISE = 1e3
 # Number of values that :func:`node_sums` returns.
 SUMS = 7
@@ -57,7 +65,8 @@ def gauss_rules() -> Rules:
 def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
     """Return the rule with n nodes as a table (n, 4).
 
-    Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4.
+    The nodes are computed by Newton's method from Tricomi's approximation, which is accurate to
+    1/n^4.
     """
     angle = math.pi * (np.arange(n, 0, -1) - 0.25) / (n + 0.5)
     x = (1 - (1 - 1 / n) / (8 * n * n)) * np.cos(angle)
@@ -116,14 +125,14 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 
 def rule_of(ops: Any, needed: Any) -> Number:
-    """Return the index of the smallest rule with ``needed`` nodes or more, or of the largest."""
-    # the offset is slightly below 0.5, so that exact sizes are not rounded up
+    """Return the index of the smallest rule with at least ``needed`` nodes, else of the largest."""
+    # The offset 0.4999 is slightly below 0.5, so that exact sizes of rules are not rounded up.
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
 
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
-    """Return the terms of one node for the integral, its size, and the last two coefficients."""
+    """Return the terms of one node: for the integral, its size, and the last two coefficients."""
     size = weight * (abs(real) + abs(imag))
     return (
         real * weight, imag * weight, size,
@@ -132,10 +141,10 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
 
 
 def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: Any) -> Number:
-    """Return an estimate of the error of a rule from sums of :func:`node_sums`, rounding included.
+    """Return an error estimate of a rule from sums of :func:`node_sums`, including rounding errors.
 
-    ``expected``: as :func:`nodes_needed` returns it. ``cycles``: bound on the sum of all phases, in
-    cycles.
+    ``expected``: the second result of :func:`nodes_needed`. ``cycles``: bound on the sum of all
+    phases, in cycles.
     """
     size, a, b, c, d = sums[2:]
     digits, growth, last = expected
@@ -145,15 +154,15 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: A
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
     estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # coefficients that are small by accident do not reduce the estimate below the planned error
+    # Legendre coefficients that are small by chance must not reduce the estimate below the planned
+    # error.
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
-    # the error is at most the size of the integral
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
     return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
 
 
 Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
-"""Nodes, and weights that add up to 1; both read-only."""
+"""Nodes, and weights with the sum 1; both arrays are read-only."""
 
 
 @lru_cache(maxsize=64)
@@ -174,9 +183,10 @@ def normal_rule(reach: float, error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
-    """Return nodes (n, d) and weights (n,) for d independent normal variables, with a reach each.
+    """Return nodes (n, d) and weights (n,) for the mean over d independent normal variables.
 
-    The nodes of least weight are left out, as long as their weights add up to a tenth of the error.
+    ``reaches``: see :func:`normal_rule`, one for each variable. The nodes with the smallest weights
+    are omitted; their weights add up to at most a tenth of ``error``.
     """
     rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
@@ -193,8 +203,8 @@ def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
 def flat_rule(reach: float, error: float) -> Rule:
     """Return nodes (n,) and weights (n,) for the mean over t from -1 to 1.
 
-    Two nodes more than the remainder requires, since the integrand also contains powers of
-    frequency.
+    The rule has two nodes more than the remainder requires, since the integrand also contains
+    powers of the frequency.
     """
     least = _fewest(lambda n: _legendre_remainder(n, reach), error)
     assert least is not None
@@ -202,12 +212,13 @@ def flat_rule(reach: float, error: float) -> Rule:
 
 
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
-    """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)), |f'| <= ``radians``.
+    """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)) with |f'| <= ``radians``.
 
-    f is linear or quadratic, except for small terms. The error of n nodes is about the sum of the
-    terms of order 2n and higher in the Chebyshev series. For exp(i w x) these terms are Bessel
-    functions J_k(w); for exp(i w x^2/2) the term of order 2k is J_k(w/4). In Debye's approximation
-    J_k(k/cosh a) is exp(-k (a - tanh a)), so a parametrises the relation between w and k.
+    The phase f is linear or quadratic, except for small terms. The error of n nodes is about the
+    sum of the terms of order 2n and higher in the Chebyshev series. For exp(i w x) these terms are
+    Bessel functions J_k(w); for exp(i w x^2/2) the term of order 2k is J_k(w/4). In Debye's
+    approximation J_k(k/cosh a) is exp(-k (a - tanh a)), so a parametrises the relation between w
+    and k.
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))
@@ -218,7 +229,7 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
 def _fewest(
     remainder: Callable[[int], float], error: float, below: int | None = None
 ) -> int | None:
-    """Return the smallest number of nodes whose remainder (a logarithm) is within the error."""
+    """Return the smallest number of nodes whose remainder, a logarithm, is within ``error``."""
     allowed = math.log(error)
     for n in count(1) if below is None else range(1, below):
         if remainder(n) <= allowed:
@@ -251,3 +262,133 @@ def unit_rule(count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float
     """Return the nodes and weights of the Gauss-Legendre rule on [0, 1]."""
     nodes, weights = gauss_legendre(count)[:, :2].T / 2
     return nodes + 0.5, weights
+
+
+Triangles = NDArray[np.float64]
+"""Corners of triangles, shape (n, 3, 2)."""
+Cells = NDArray[np.float64]
+"""Corners of cells, shape (n, 4, 2), at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1)."""
+
+# Number of quadrature nodes along a side per cycle of phase of the field. W oscillates at twice the
+# frequency of the field, and Gauss rules converge above pi/2 nodes per cycle of the integrand.
+NODES_PER_CYCLE = 3.5
+# Largest number of quadrature nodes along a side that :func:`counts_for` returns.
+LARGEST = 4096
+
+
+def areas(triangles: Triangles) -> Floats:
+    """Return the areas (n,) of triangles (n, 3, 2)."""
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+
+
+def cells_of(triangles: Triangles) -> Cells:
+    """Return triangles as cells, with the corner u = 0 opposite to the shortest side."""
+    order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
+    return np.take_along_axis(triangles, order[:, :, None], axis=1)
+
+
+def _side_lengths(triangles: Triangles) -> Floats:
+    """Return the lengths (n, 3) of the sides opposite to the corners."""
+    return np.asarray(np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1))
+
+
+def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats, Floats]]:
+    """Yield the rules of all cells that have the same numbers of nodes.
+
+    ``counts`` (n, 2): numbers of nodes along u and along v. Yields the indices (k,) of the cells,
+    nodes (k, along u, along v, 2) and weights (k, along u, along v).
+    """
+    for shared in np.unique(counts, axis=0):
+        members = np.flatnonzero((counts == shared).all(axis=1))
+        (u, of_u), (v, of_v) = (unit_rule(count) for count in shared.tolist())
+        u, v = u[:, None, None], v[:, None]
+        origin, *others = cells[members].transpose(1, 0, 2)[:, :, None, None]
+        lower, left, twist = others[0] - origin, others[1] - origin, others[2] - others[1]
+        twist = twist - lower
+        along_u, along_v = lower + v * twist, left + u * twist
+        jacobian = along_u[..., 0] * along_v[..., 1] - along_u[..., 1] * along_v[..., 0]
+        yield members, origin + u * lower + v * along_v, np.abs(jacobian) * np.outer(of_u, of_v)
+
+
+def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
+    """Return nodes (m, 2), weights (m,), and the index (m,) of the cell of each node.
+
+    ``counts``: see :func:`cell_rules`.
+    """
+    rules = [
+        (nodes.reshape(-1, 2), weights.ravel(), np.repeat(members, weights[0].size))
+        for members, nodes, weights in cell_rules(cells, counts)
+    ]
+    nodes, weights, owners = (np.concatenate(parts) for parts in zip(*rules, strict=True))
+    return nodes, weights, owners
+
+
+def counts_for(cycles: Floats, error: float) -> Indices:
+    """Return numbers of nodes that integrate a wave with ``cycles`` of phase over an interval.
+
+    A number above ``LARGEST`` means that no rule is sufficient. The remainder of n nodes for q
+    cycles is at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
+    """
+    n = np.arange(1.0, LARGEST + 1)
+    reach = 4 * n / (math.pi * math.e) * error ** (0.5 / n)
+    return np.searchsorted(reach, cycles) + 1
+
+
+def triangles_of(
+    polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
+) -> tuple[Triangles, Indices]:
+    """Return constrained Delaunay triangles (m, 3, 2), and the index (m,) of their polygons."""
+    collections = shapely.constrained_delaunay_triangles(np.asarray(polygons))
+    parts, owner = shapely.get_parts(collections, return_index=True)
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    corners.setflags(write=False)
+    return corners, owner
+
+
+def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats]:
+    """Return nodes (m, 2) and weights (m,) of a Gauss rule on triangles (n, 3, 2).
+
+    The integrand has up to ``rate`` cycles per metre. Along a side of length s the rule has ``extra
+    + 3.5 s rate`` nodes, at least 1. In each triangle, the lines of nodes meet in the corner
+    opposite to the shortest side.
+    """
+    nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
+    return nodes, weights
+
+
+def rule_by_triangles(
+    triangles: Triangles, rate: float, extra: float
+) -> tuple[Floats, Floats, Indices]:
+    """Return the rule of :func:`gauss_rule`, and the index (m,) of the triangle of each node."""
+    counts = _counts(_extents(triangles), rate, extra)
+    return rule_of_counts(cells_of(triangles), counts.astype(np.intp))
+
+
+def node_count(triangles: Triangles, rate: float, extra: float) -> float:
+    """Estimate the number of nodes of :func:`gauss_rule`."""
+    return float(_counts(_extents(triangles), rate, extra).prod(axis=1).sum())
+
+
+def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
+    """Return the largest distance between neighbouring nodes of :func:`gauss_rule`, shape (n,)."""
+    extents = _extents(triangles)
+    return np.asarray((extents / _counts(extents, rate, extra)).max(axis=1))
+
+
+def _extents(triangles: Triangles) -> Floats:
+    """Return the lengths (n, 2) of the longest and the shortest side of each triangle."""
+    sides = _side_lengths(triangles)
+    return np.column_stack([sides.max(axis=1), sides.min(axis=1)])
+
+
+def _counts(extents: Floats, rate: float, extra: float) -> Floats:
+    return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * extents), 1.0))
+
+
+def quartered(triangles: Triangles) -> Triangles:
+    """Divide each triangle into four at the midpoints of its sides; the four stay together."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(q, axis=1) for q in quarters], axis=1).reshape(-1, 3, 2)

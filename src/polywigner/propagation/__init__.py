@@ -27,8 +27,8 @@ module                  content
 ``element_patterns``    far fields from tables: interpolation, and fits by aperture fields
 ``horns``               mouths of horns, and their textbook directivity
 ``beams``               data-sheet numbers: gain, beamwidths, sidelobes
-``datasets``            lines, planes, hemispheres, volumes: in memory, lazy, or stored
-``phase_space_tables``  W and A over a grid of their four coordinates
+``datasets``            fields on lines, planes, hemispheres and in volumes, W and A on grids of
+                        four coordinates: in memory, lazy, or stored
 ``stores``              datasets on disk: zarr stores written by chunks, NetCDF files
 ``suggestions``         numbers of samples that a grid needs
 ======================  ========================================================================
@@ -40,15 +40,21 @@ from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude, amplitude_with_error
 from polywigner.propagation.array_patterns import array_tolerance, two_way_pattern
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
-from polywigner.propagation.datasets import hemisphere, line, plane, volume
+from polywigner.propagation.datasets import (
+    ambiguity_table,
+    hemisphere,
+    line,
+    plane,
+    volume,
+    wigner_table,
+)
 from polywigner.propagation.element_patterns import FittedPattern, fit_pattern
 from polywigner.propagation.far_fields import radiated_power
 from polywigner.propagation.irradiances import irradiance, irradiance_with_error
 from polywigner.propagation.pattern_files import read_pattern, write_pattern
 from polywigner.propagation.patterns import beam_cuts, radiation_pattern
-from polywigner.propagation.phase_space_tables import ambiguity_table, wigner_table
 from polywigner.propagation.point_grids import METHODS
-from polywigner.propagation.point_spread import psf
+from polywigner.propagation.pupil_fields import psf
 from polywigner.propagation.screens import PlaneWave, PointSource, Screen
 from polywigner.propagation.stores import write_netcdf
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
@@ -17,10 +17,10 @@ from polywigner.geometry.aperture import PlacedAperture
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
-from polywigner.propagation.aberrated_fields import aberrated_fresnel_field, aberrated_spectrum
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
 from polywigner.propagation.curved_fields import curved_field
@@ -35,6 +35,7 @@ from polywigner.propagation.point_grids import (
     tolerance_from,
     warn_of_missed,
 )
+from polywigner.propagation.pupil_fields import aberrated_fresnel_field, aberrated_spectrum
 from polywigner.propagation.screens import (
     PointSource,
     Screen,
@@ -50,14 +51,11 @@ from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Error of a Fourier transform, relative to the bound `content` on its modulus.
+# Error of a Fourier transform, as a fraction of the upper bound `content` on its modulus.
 _FOURIER_ERROR = 1e-13
 
 
@@ -178,7 +176,7 @@ def amplitude_with_error(
     method: Method = DEFAULT,
     **options: Unpack[AmplitudeOptions],
 ) -> tuple[Complex, Floats]:
-    """Compute the complex field of :func:`amplitude` and an estimate of its error.
+    """Compute the complex field of :func:`amplitude`, and an estimate of its error.
 
     Parameters
     ----------
@@ -223,7 +221,7 @@ def field_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Complex, Floats]:
-    """Return the field (...) and its error; behind obstacles the error requires ``with_error``."""
+    """Return the field (...) and its error; behind obstacles, the error requires ``with_error``."""
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     pupil = None
     if aberration is not None:
@@ -266,12 +264,12 @@ def field_and_error(
 
 
 def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options that point sources and obstacles do not support."""
+    """Raise ArgumentError for options not allowed for point sources and behind obstacles."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
-            f"the field of a PointSource or behind obstacles requires one of the methods "
-            f"{', '.join(CONDITIONS)}, and no through= and obliquity=, got method={method!r}; "
-            "leave the other options out"
+            "the field of a PointSource, or behind obstacles, requires one of the methods "
+            f"{', '.join(CONDITIONS)} without through= and obliquity=, got method={method!r}; "
+            "omit the other options"
         )
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -283,7 +281,7 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
 def _checked_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> Aperture | Array | Wavefront:
-    """Return the source; raise ArgumentError for options that aberrated sources do not have."""
+    """Return the source; raise ArgumentError for options not allowed with an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -291,9 +289,9 @@ def _checked_aberrated(
         or method not in ("fresnel", "fraunhofer")
     ):
         raise ArgumentError(
-            'an aberration requires an Aperture, Array or Wavefront, method="fresnel" or '
-            f'"fraunhofer", and no through=, obstacles= and obliquity=, got method={method!r}; '
-            "leave the other options out, or use polywigner.psf for a lens"
+            'an aberration requires an Aperture, Array or Wavefront and method="fresnel" or '
+            f'"fraunhofer", without through=, obstacles= and obliquity=; got method={method!r}. '
+            "Omit the other options, or use polywigner.psf for a lens"
         )
     return source
 
@@ -322,7 +320,10 @@ def _aberrated_field(
 
 
 def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return unit vectors (n, 3) from a centre, distances in wavelengths and exp(ikr), (n,)."""
+    """Return the direction (n, 3) and distance (n,) of points from a centre, and exp(ikr), (n,).
+
+    Distances are in wavelengths.
+    """
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     doubled = distance_of(_OPS, ahead)
@@ -348,8 +349,8 @@ def _free_field(
         return _fraunhofer(source, points, wavelength, obliquity, engine)
     if obliquity is not None:
         raise ArgumentError(
-            f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with '
-            f"{method!r}; the obliquity of the other methods is fixed"
+            f'obliquity={obliquity!r} requires method="fraunhofer", got method={method!r}; omit '
+            "the obliquity, since the other methods have a fixed one"
         )
     if isinstance(source, Screen):
         return field_of_screen(source, points, wavelength, method, allowed, engine)
@@ -366,7 +367,8 @@ def _points_around(source: PointSource, points: ArrayLike) -> Floats:
     positions = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
     if (positions == np.array(source.position)).all(axis=-1).any():
         raise ArgumentError(
-            f"point {list(source.position)} is the position of the point source; move it away"
+            f"the field is infinite at point {list(source.position)}, which is the position of "
+            "the point source; move the point"
         )
     return positions
 
@@ -378,7 +380,7 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the far field (B7) about the source's centre and its error at points (n, 3)."""
+    """Return the far field (B7) about the centre of the source, and its error, at points (n, 3)."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, described, radiation_pattern
@@ -28,19 +29,17 @@ from polywigner.source.obliquities import ObliquityName, obliquity_of
 if TYPE_CHECKING:
     import xarray
 
-Reals = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
-# Number of complex numbers per block, 64 MiB.
+# Largest number of complex values per block (64 MiB).
 _BLOCK = 2**22
-# Largest value of each error, and its description in messages.
+# Largest allowed value of each kind of error, and its description in error messages.
 _ERRORS = {
     "amplitude": (40.0, "an rms error from 0 to 40 dB"),
     "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),
     "position": (math.inf, "an rms error of zero or more, in m"),
     "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
 }
-# Change in dB if an amplitude is multiplied by e.
+# Change of the level in dB when an amplitude is multiplied by e.
 _NEPER = 20 / math.log(10)
 
 
@@ -125,7 +124,8 @@ def array_tolerance(
     """
     if not isinstance(array, Array):
         raise ArgumentError(
-            f"expected an Array of apertures, got {type(array).__name__}; make one by phased_array"
+            f"expected an Array of apertures, got {type(array).__name__}; create an Array with "
+            "phased_array"
         )
     source, length = checked_source(array), checked_wavelength(wavelength)
     assert isinstance(source, Array)
@@ -162,7 +162,8 @@ def _checked_errors(**errors: float) -> dict[str, float]:
             raise ArgumentError(f"expected {name} as {meaning}, got {errors[name]:g}")
     if not any(errors.values()):
         raise ArgumentError(
-            "expected at least one of amplitude, phase, dead and position above zero, got zeros"
+            "expected at least one of amplitude, phase, dead and position to be above zero, got "
+            "zero for all of them"
         )
     return errors
 
@@ -173,17 +174,17 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
     square = alive**2 * math.exp(spread - phase)
-    # e^(2 spread) - alive e^(spread - phase), computed without cancellation
+    # The variance is e^(2 spread) - alive e^(spread - phase). This form avoids cancellation.
     variance = math.exp(2 * spread) * (errors["dead"] - alive * math.expm1(-spread - phase))
     return square, alive * variance
 
 
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
-) -> tuple[Complexes, Reals | None]:
-    """Draw factors (n, count) of the weights, and shifts (n, count, 3) of the elements in m.
+) -> tuple[Complex, Floats | None]:
+    """Draw factors (n, count) of n weights, and shifts (n, count, 3) of n elements in m.
 
-    ``shape`` is (n, count). The shifts are None without errors of the position.
+    ``shape`` is (n, count). The shifts are None if the positions have no error.
     """
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
@@ -196,14 +197,14 @@ def _draw(
 
 def _statistics(
     source: Array,
-    directions: Reals,
+    directions: Floats,
     wavelength: float,
     obliquity: str,
     errors: dict[str, float],
-    factors: Complexes,
-    shifts: Reals | None,
-) -> dict[str, Reals]:
-    """Return |E|^2 in directions (n, 3) by the names of the result of :func:`array_tolerance`."""
+    factors: Complex,
+    shifts: Floats | None,
+) -> dict[str, Floats]:
+    """Return the statistics of |E|^2 in n directions, by the names of :func:`array_tolerance`."""
     square, variance = _moments(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
@@ -229,9 +230,9 @@ def _statistics(
 
 
 def _element_fields(
-    source: Array, directions: Reals, wavelength: float, obliquity: str
-) -> Complexes:
-    """Return the far fields of elements of weight 1 in directions (n, 3), (n, elements)."""
+    source: Array, directions: Floats, wavelength: float, obliquity: str
+) -> Complex:
+    """Return the far fields (n, elements) of elements of weight 1 in directions (n, 3)."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength
@@ -251,7 +252,7 @@ def two_way_pattern(
     *,
     obliquity: ObliquityName | None = None,
 ) -> xarray.Dataset:
-    """Compute the two-way pattern of a radar, from its transmitting and its receiving antenna.
+    """Return the two-way pattern of a radar: the product of the transmit and receive patterns.
 
     The field is the product E_t E_r of both far fields, and the level is the sum of both
     directivities in dBi. A target of cross section c at the distance r returns the fraction

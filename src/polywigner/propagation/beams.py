@@ -24,25 +24,27 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Level difference in dB between full and half power.
+# Difference in dB between full power and half power.
 _HALF = 10 * math.log10(2.0)
-# Finite level in dBi that replaces minus infinity, since parabolas are fitted to levels.
+# Level in dBi that replaces minus infinity, because parabolas are fitted to finite levels only.
 _DARK = -400.0
-# Largest difference in dB between samples to which a parabola is fitted. Levels next to a null are
-# steeper and do not follow a parabola.
+# Largest difference in dB between the samples to which a parabola is fitted. Levels close to a null
+# are steeper and do not follow a parabola.
 _STEEP = 10.0
-# Difference in dB between the beam and a cut above which the cut consists of rounding errors.
+# If a cut lies this many dB below the beam, its levels are rounding errors.
 _NOTHING = 150.0
-# Ratio of polarisations in dB above which the weaker polarisation is a rounding error.
+# If two polarisations differ by more than this ratio in dB, the weaker polarisation is a rounding
+# error, and the table contains "over 200 dB".
 _LINEAR = 200
-# Difference in dB between the beam and the largest level on all cuts, above which the beam does not
-# lie on a cut.
+# If the beam exceeds the largest level of all cuts by more than this difference in dB, a warning
+# reports that no cut passes through the beam.
 _MISSED = 0.1
-# Number of samples within the half-power width below which the width has an error of some percent.
+# Smallest number of samples within the half-power beamwidth. With fewer samples, the beamwidth has
+# an error of some percent, and a warning is issued.
 _LEAST_SAMPLES = 6
-# Angle in rad from the normal, below which a beam counts as normal.
+# Largest angle in rad between the beam and the normal for which the beam counts as normal.
 _SAME_ANGLE = 1e-9
-# Smallest reported angle in rad between the beam and the steering direction: 0.01 degrees.
+# Smallest angle in rad between the beam and the steering direction that is reported (0.01 degrees).
 _SQUINT = 1.7e-4
 _NUMBERS = (
     "radiated_power", "aperture_power", "peak_directivity", "peak_theta", "peak_phi",
@@ -69,24 +71,27 @@ class CutMetrics:
     """
 
     phi: float
-    """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
+    """Azimuth in rad of the meridian at theta > 0, or of the great circle's tangent at the beam."""
     theta: float
     """Angle of the cut's peak in rad."""
     directivity: float
     """Directivity of the cut's peak in dBi; minus infinity if the cut has no radiation."""
     half_power_beamwidth: float
-    """Angle in rad between the directions of half the peak; NaN if the cut ends before them."""
+    """Angle in rad between the half-power directions; NaN if the cut ends before one of them."""
     sidelobe_levels: tuple[float, float]
-    """Levels in dB of the first sidelobes on both sides, relative to the peak of the cut. A first
-    sidelobe is the first maximum beyond the half-power direction; smaller angles come first."""
+    """Levels in dB of the first sidelobe on each side, relative to the peak of the cut.
+
+    The first sidelobe is the first maximum beyond the half-power direction. The side of smaller
+    angles comes first.
+    """
     sidelobe_angles: tuple[float, float]
-    """Angles in rad of the first sidelobes."""
+    """Angles in rad of the first sidelobe on each side."""
     first_nulls: tuple[float, float] = _NAN_PAIR
     """Angles in rad of the first minima beyond half power; NaN if the cut ends before them."""
     peak_sidelobe_level: float = math.nan
-    """Largest level in dB beyond the first nulls, relative to the peak; NaN without a null."""
+    """Largest level in dB beyond the first nulls, relative to the peak; NaN if there is no null."""
     peak_sidelobe_angle: float = math.nan
-    """Angle in rad of the peak sidelobe."""
+    """Angle in rad of the highest sidelobe."""
     kind: CutKind = "theta"
     """"theta" for a meridian; "meridian" and "across" for great circles through the beam, or "x"
     and "y" if the beam is near the normal."""
@@ -105,7 +110,7 @@ class BeamMetrics:
     """
 
     theta: float
-    """Angle between the beam, the direction of largest directivity, and the normal in rad."""
+    """Angle in rad between the normal and the beam, the direction of largest directivity."""
     phi: float
     """Azimuth of the beam from the x axis in rad; 0 for a beam along the normal."""
     directivity: float
@@ -123,9 +128,9 @@ class BeamMetrics:
     axial_ratio: float | None = None
     """Axial ratio of the beam in dB, infinite if it is linear; None for a scalar pattern."""
     cross_polar_discrimination: float | None = None
-    """Co-polar over cross-polar part of the beam in dB; None for a scalar pattern."""
+    """Ratio in dB of co- to cross-polar field of the beam; None for a scalar pattern."""
     beam_cuts: tuple[CutMetrics, ...] = ()
-    """Metrics of two orthogonal great circles through the beam; empty if angles are too few."""
+    """Metrics of two orthogonal great circles through the beam; empty if the angles are too few."""
     steering: tuple[float, float] | None = None
     """Theta and phi in rad to which the source is steered; None if unknown."""
 
@@ -160,19 +165,19 @@ class BeamMetrics:
 
     @property
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
-        """Cuts nearest to the x axis, the y axis and the beam, without duplicates."""
+        """Cuts closest to the x axis, the y axis and the beam, without duplicates."""
         azimuths = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
         nearest = (min(self.cuts, key=lambda cut: angle_between(cut.phi, phi)) for phi in azimuths)
         return tuple(dict.fromkeys(nearest))
 
     @property
     def table_cuts(self) -> tuple[CutMetrics, ...]:
-        """Cuts in the table: great circles through the beam, or without them the principal cuts."""
+        """Cuts of the printed table: great circles through the beam, or the principal cuts."""
         return self.beam_cuts or self.principal_cuts
 
 
 def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
-    """Return the rows of a cut in the table."""
+    """Return the lines of the printed table for one cut."""
     name = "cut across it" if cut.kind == "across" else f"cut phi {_degrees(cut.phi)}"
     if cut.directivity == -math.inf:
         return [(name, "nothing is radiated")]
@@ -253,8 +258,8 @@ def beam_metrics(
     lines = cuts_in(pattern)
     if len(lines[0].angles) < 3:
         raise ArgumentError(
-            "expected three or more angles theta in front of the plane for a beamwidth, got "
-            f"{len(lines[0].angles)}; use about ten within the main beam"
+            "beamwidths require at least three angles theta in front of the plane, got "
+            f"{len(lines[0].angles)}; use about ten angles within the main beam"
         )
     about = {name: float(pattern.attrs[name]) for name in _NUMBERS}
     fraction, directivity = checked_efficiency(efficiency), about["peak_directivity"]
@@ -286,21 +291,21 @@ def beam_metrics(
 def _warn_of_samples(
     cuts: tuple[CutMetrics, ...], lines: list[Cut], about: dict[str, float], has_circles: bool
 ) -> None:
-    """Warn of meridians that are sampled too coarsely, or miss the beam."""
+    """Warn if a meridian is sampled too coarsely, or if no meridian passes through the beam."""
     best = max(cuts, key=lambda cut: cut.directivity)
     step = max(float(np.diff(line.angles).max()) for line in lines)
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:
         warn_caller(
-            f"steps of {_degrees(step)} are coarse for a half-power width of "
-            f"{_degrees(best.half_power_beamwidth)} and may cause errors of some percent; pass "
-            "more angles theta to radiation_pattern"
+            f"the angular step of {_degrees(step)} is coarse for a half-power beamwidth of "
+            f"{_degrees(best.half_power_beamwidth)}: beamwidths may have errors of some percent; "
+            "pass more angles theta to radiation_pattern"
         )
     if about["peak_directivity"] > best.directivity + _MISSED and not has_circles:
         warn_caller(
-            f"the cuts of the pattern miss the beam of {about['peak_directivity']:.2f} dBi at "
-            f"{_direction(about['peak_theta'], about['peak_phi'])}: the largest directivity on the "
-            f"cuts is {best.directivity:.2f} dBi; use beam_cuts, or pass more angles phi to "
-            "radiation_pattern"
+            f"no cut of the pattern passes through the beam of {about['peak_directivity']:.2f} "
+            f"dBi at {_direction(about['peak_theta'], about['peak_phi'])}: the largest "
+            f"directivity on the cuts is {best.directivity:.2f} dBi; use beam_cuts, or pass more "
+            "angles phi to radiation_pattern"
         )
 
 
@@ -332,7 +337,7 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
 
 
 def _top(levels: Levels, angles: Levels) -> int:
-    """Return the index of the beam's largest sample on a great circle, near the angle 0.
+    """Return the index of the largest sample of the beam, near angle 0 of a great circle.
 
     The largest of all samples may belong to a back lobe.
     """
@@ -346,7 +351,7 @@ def _top(levels: Levels, angles: Levels) -> int:
 
 
 class _Side(NamedTuple):
-    """Angles in rad and levels in dBi on one side of a peak; NaN beyond the end of the cut."""
+    """Angles in rad and levels in dBi on one side of a peak; NaN if the cut ends before them."""
 
     half_power: float = math.nan
     null: float = math.nan
@@ -354,23 +359,23 @@ class _Side(NamedTuple):
     """Level of the first sidelobe."""
     angle: float = math.nan
     peak_level: float = -math.inf
-    """Largest level from the first null to the horizon; minus infinity without a null."""
+    """Largest level from the first null to the horizon; minus infinity if there is no null."""
     peak_angle: float = math.nan
 
 
 def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) -> _Side:
-    """Return the side of a cut's peak towards larger (``step`` = 1) or smaller (-1) angles."""
+    """Return the metrics on the side of larger (``step`` = 1) or smaller (-1) angles of a peak."""
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
         return _Side()
-    flank = int(below[0])  # Maxima before the half-power point are ripples of the beam.
+    flank = int(below[0])  # Maxima above half power are ripples of the beam.
     half = _crossing(levels, angles, flank, level - _HALF)
     rising = np.flatnonzero(np.diff(levels[flank:]) > 0)
     if not rising.size:
         return _Side(half)
     null = flank + int(rising[0])
-    # |E|^2 is a parabola next to a null.
+    # Close to a null, |E|^2 is a parabola; the level in dB is not.
     scale = levels[null - 1 : null + 2].max()
     null_angle, _ = _vertex(angles, -(10 ** ((levels - scale) / 10)), null)
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))
@@ -395,7 +400,10 @@ def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
 
 
 def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
-    """Return the angle between samples k - 1 and k at a level, from an inverse parabola."""
+    """Return the angle between samples k - 1 and k at which a level is reached.
+
+    The angle is interpolated by an inverse parabola.
+    """
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:
@@ -409,7 +417,7 @@ def checked_efficiency(value: Any) -> float:
     """Return a number above 0 and up to 1, or raise ArgumentError."""
     fraction = checked_length(value, "efficiency", meaning="a finite number above 0")
     if fraction > 1:
-        raise ArgumentError(f"expected an efficiency of at most 1, got {value_text(value)}")
+        raise ArgumentError(f"efficiency must be at most 1, got {value_text(value)}")
     return fraction
 
 

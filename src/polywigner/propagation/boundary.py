@@ -1,7 +1,7 @@
-"""Fields as boundary integrals to a tolerance.
+"""Fields as boundary integrals, computed to a tolerance.
 
-Edges are summed whole by steepest descent. Close to the plane of the source, and for waves close to
-this plane and evanescent waves, edges are divided into panels.
+Steepest descent evaluates the integral along an entire edge. For points close to the plane of the
+source, for waves that graze this plane and for evanescent waves, edges are divided into panels.
 """
 
 from __future__ import annotations
@@ -24,26 +24,23 @@ from polywigner.geometry import Aperture
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.steepest_descent import steepest_edge_sum
 from polywigner.kernels.kernel import Kernel
-from polywigner.numerics import phases
+from polywigner.numerics import Complex, Floats, Indices, phases
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.radiometry.directions import checked_source
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import OBLIQUITIES, direction_cosines
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 FieldEstimate = tuple[Complex, Floats, Floats]
-"""Field, estimate of its error, and allowed error, (n,) each."""
+"""Field, estimate of its error, and allowed error, shape (n,) each."""
 _OPS = NumpyOperations()
 
 
-# ---- outlines with waves -------------------------------------------------------------------------
+# ---- the source as outlines with plane waves ---------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _Element:
-    """Copies of an outline with waves, at shifts (n, 2) with weights (n,)."""
+    """Copies of one outline with plane waves, at shifts (n, 2) with weights (n,)."""
 
     outline: Aperture
     amplitudes: Complex
@@ -59,11 +56,11 @@ class _Element:
 
 @dataclass(frozen=True)
 class Radiator:
-    """A source in the plane z = 0: outlines with waves. Copies of an outline form one element."""
+    """A source in the plane z = 0 as outlines with plane waves; each element is a set of copies."""
 
     elements: tuple[_Element, ...]
     low: Floats
-    """Corners (2,) of the bounding box."""
+    """Lower corner (2,) of the bounding box."""
     high: Floats
 
     @property
@@ -72,14 +69,14 @@ class Radiator:
 
     @property
     def amplitude(self) -> float:
-        """Bound on the field of any single element."""
+        """Upper bound on the modulus of the field of any single element."""
         return max(
             float(np.abs(e.weights).max() * np.abs(e.amplitudes).sum()) for e in self.elements
         )
 
     @property
     def content(self) -> float:
-        """Bound on the modulus of the Fourier transform."""
+        """Upper bound on the modulus of the Fourier transform."""
         return sum(
             float(np.abs(e.weights).sum() * np.abs(e.amplitudes).sum()) * e.outline.area
             for e in self.elements
@@ -92,24 +89,24 @@ class Radiator:
 
     @property
     def perimeter(self) -> float:
-        """Length of the edges of all copies, once for each of their waves."""
+        """Total length of the edges of all copies, counted once for each plane wave."""
         return sum(
             e.outline.polygons.length * len(e.amplitudes) * len(e.shifts) for e in self.elements
         )
 
     def distance(self, points: Floats) -> Floats:
-        """Distances of points (n, 3) from the bounding box."""
+        """Return the distances (n,) of points (n, 3) from the bounding box."""
         outside = np.maximum(np.maximum(self.low - points[:, :2], points[:, :2] - self.high), 0.0)
         return np.asarray(np.sqrt((outside**2).sum(axis=1) + points[:, 2] ** 2))
 
     def distance_of_centre(self, points: Floats) -> Floats:
-        """Distances of points (n, 3) from the centre of the bounding box."""
+        """Return the distances (n,) of points (n, 3) from the centre of the bounding box."""
         aside = points[:, :2] - self.centre
         return np.asarray(np.sqrt((aside**2).sum(axis=1) + points[:, 2] ** 2))
 
 
 def radiator_of(source: object) -> Radiator:
-    """Return the outlines of an Aperture, or of an Array in the plane z = 0."""
+    """Return an Aperture, or an Array in the plane z = 0, as a Radiator."""
     form = normal_form(checked_source(source)).in_plane
     copies = [(e, np.zeros((1, 2)), np.array([e.weight])) for e in form.distinct]
     if form.repeated is not None:
@@ -123,11 +120,12 @@ def radiator_of(source: object) -> Radiator:
     return Radiator(elements, low, high)
 
 
-# ---- panels --------------------------------------------------------------------------------------
+# ---- division of edges into panels --------------------------------------------------------------
 
-# Smaller cosines p_z have few correct digits; waves that graze the plane have p_z = 0.
+# Smallest direction cosine p_z whose rounding error is estimated. Smaller cosines have few correct
+# digits, and waves along the plane of the source have p_z = 0.
 _GRAZING = 1e-6
-# Number of cycles of phase on half a panel that the largest rule resolves with a margin.
+# Number of cycles of phase over half a panel that the largest Gauss rule resolves with a margin.
 _TURNS = 48.0
 
 
@@ -135,8 +133,10 @@ class _Panels(NamedTuple):
     """Table with one row for each panel and wave; all lengths are in wavelengths."""
 
     rows: Floats
-    """(m, 12): first end x, y relative to the centre, direction x, y, length, p_x, p_y, |p_z|,
-    the rounding errors of these three, and the phase at the first end in cycles."""
+    """Shape (m, 12): x and y of the first end relative to the centre, x and y of the direction,
+    length, p_x, p_y, |p_z|, the rounding errors of these three cosines, and the phase at the first
+    end in cycles.
+    """
     amplitudes: Complex
     evanescent: NDArray[np.bool_]
 
@@ -152,14 +152,14 @@ def panels_of(
     """Yield panels of at most ``longest`` wavelengths, in blocks of about ``count`` panels.
 
     If ``paraxial``, 1 - (p_x^2 + p_y^2)/2 replaces |p_z|, and no wave is evanescent. ``is_wanted``
-    selects waves by p_z.
+    selects the waves by p_z.
     """
     for element in radiator.elements:
         plane = element.frequencies * wavelength
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
         errors = _rounding_of(element.frequencies, wavelength, plane, cosines, paraxial)
         reach = np.full(len(plane), longest)
-        if math.isfinite(longest):  # without a limit, rows are entire edges
+        if math.isfinite(longest):  # Without a limit on the length, each panel is an entire edge.
             reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
         wanted = np.full(len(plane), True) if is_wanted is None else is_wanted(cosines)
         for wave in np.flatnonzero(wanted):
@@ -176,7 +176,8 @@ def panels_of(
                 rows[..., 2:4] = along
                 rows[..., 4] = length / wavelength
                 rows[..., 5:7] = plane[wave]
-                rows[..., 7] = cosines[wave].real + cosines[wave].imag  # One of both parts is 0.
+                # The cosine p_z is either real or imaginary.
+                rows[..., 7] = cosines[wave].real + cosines[wave].imag
                 rows[..., 8:11] = errors[wave]
                 rows[..., 11] = cycles
                 amplitudes = np.repeat(weights * amplitude, len(length))
@@ -185,7 +186,7 @@ def panels_of(
 
 
 def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Complex:
-    """Return p_z of waves (m, 2), or 1 - (p_x^2 + p_y^2)/2 if ``paraxial``."""
+    """Return the cosines p_z (m,) of waves (m, 2), or 1 - (p_x^2 + p_y^2)/2 if ``paraxial``."""
     if not paraxial:
         return direction_cosines(frequencies, wavelength)
     return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
@@ -200,7 +201,7 @@ def _rounding_of(
     lost = -2 * (x * rest[0] + y * rest[1])
     z = cosines.real
     if paraxial:
-        # 2 p_z = 2 - p_x^2 - p_y^2
+        # In the paraxial case, 2 p_z = 2 - p_x^2 - p_y^2.
         total, low = phases.dot(_OPS, (1.0, x, y, z), (2.0, -x, -y, -2.0))
         return np.stack([*rest, (total + (low + lost)) / 2], axis=1)
     total, low = phases.dot(_OPS, (1.0, x, y, z), (1.0, -x, -y, -z))
@@ -220,31 +221,34 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
     return first, (edge / length[:, None])[owner], (length / pieces)[owner]
 
 
-# ---- sums over panels ----------------------------------------------------------------------------
+# ---- sums over panels ---------------------------------------------------------------------------
 
-# Time of an edge, as a number of terms of other kernels, for the choice of an engine.
+# Computing time of an edge, as a number of terms of other kernels. The choice of an engine depends
+# on it.
 _TERMS = 16
-# Largest number of panels: 2 GB, and a second of one core per point.
+# Largest number of panels of a source. This many take 2 GB, and one second per point on one core.
 _MOST_PANELS = 1 << 24
-# Upper ends of ranges of distance, and the longest panels in these ranges, in wavelengths. Panels
-# twice as long as the distance need the fewest nodes.
+# Upper ends of ranges of distance from the source, and the longest panels for points in these
+# ranges, both in wavelengths. Panels twice as long as the distance need the fewest nodes.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
-# Number of rows of a table per block.
+# Number of panels per block.
 _ROWS = 1 << 14
-# Factor by which the number of digits increases when points that miss their tolerance are computed
-# again, and largest number of such rounds.
+# If points miss their tolerance, their fields are computed again with this factor more digits, at
+# most this number of times.
 _HARDER, _ROUNDS = 1.6, 4
-# Number of additional digits (base e) of panels, since the errors of panels add up and the error
-# estimate is conservative.
+# Number of additional digits (base e) of each panel, because the errors of panels add up and the
+# error estimate is conservative.
 _MARGIN = 2.7
-# Largest number of pairs of a point and a panel per call, which Ctrl-C cannot interrupt: about a
-# second on two cores. With fewer points than _FEWEST_POINTS, setting up a call takes longer than
+# Largest number of pairs of a point and a panel per call: about one second on two cores, in which
+# Ctrl-C has no effect. With fewer points than _FEWEST_POINTS, setting up a call takes longer than
 # the computation.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
-# Smallest height of points in wavelengths, and smallest p_z of waves, for steepest descent. The
-# stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles, and N' is twice that.
+# Steepest descent requires points at least this high above the source, in wavelengths, and waves
+# with at least this p_z. The stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles,
+# and N' in (B3) is twice that.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
-# Number of rounds by steepest descent, after which panels replace it.
+# Number of attempts by steepest descent. Points that still miss their tolerance are computed with
+# panels.
 _STEEP_ROUNDS = 2
 
 
@@ -266,14 +270,15 @@ def boundary_field(
 ) -> FieldEstimate:
     """Compute the field at points (n, 3).
 
-    ``tolerance``: allowed error as a fraction of the incident amplitude, or of the bound on the
-    field of the entire source if that is less.
+    ``tolerance`` is the allowed error as a fraction of the incident amplitude, or of the upper
+    bound on the field of the entire source if the bound is smaller.
     """
     if method != "fresnel":
         return _summed(radiator, points, wavelength, method, tolerance, engine)
     spread = wavelength * points[:, 2]
     estimate = parabolic_field(radiator, points[:, :2], spread, tolerance, engine)
-    # exp(2 pi i d), d = z + rho^2/(2 z) in wavelengths, rho from the centre
+    # The phase factor is exp(2 pi i d) with d = z + rho^2/(2 z) in wavelengths, where rho is the
+    # distance from the axis through the centre.
     x, y = radiator.centre.tolist()
     point = integrals.point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     cycles = phases.reduced(_OPS, integrals.paraxial_distance(_OPS, point))
@@ -289,9 +294,9 @@ def parabolic_field(
 ) -> FieldEstimate:
     """Compute the field of parabolic waves at points (n, 2).
 
-    int u(x) exp(i pi |y - x|^2/spread) dx/(i spread), without the factor exp(i pi |y - c|^2/spread)
-    of the centre c. ``spread``: (n,) in m^2, wavelength times distance. The size of the source
-    replaces the wavelength in the kernel.
+    The field is int u(x) exp(i pi |y - x|^2/spread) dx/(i spread), without the factor exp(i pi |y -
+    c|^2/spread) of the centre c. ``spread`` (n,) is the wavelength times the distance, in m^2. The
+    size of the source replaces the wavelength in the kernel.
     """
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
@@ -306,20 +311,20 @@ def _summed(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
-    """:func:`boundary_field`; for "fresnel" without the phase of the distance from the centre."""
+    """Return the field; for "fresnel" without the phase of the distance from the centre."""
     paraxial = method == "fresnel"
-    # fraction of the second boundary term in (B3), which Fresnel fields do not have
+    # Coefficient of the second boundary term in (B3), which Fresnel fields do not have.
     share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
         raise ArgumentError(
-            f"edges are too long: {cycles:.3g} wavelengths in all, at most {most:.3g}; check the "
-            "unit of the wavelength"
+            f"the edges of the source are too long: {cycles:.3g} wavelengths in all, at most "
+            f"{most:.3g} are allowed; check the unit of the wavelength"
         )
     sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
-    # The tolerance is relative to the incident amplitude, or to the bound on the source's field if
-    # the bound is smaller. The bound consists of a wave and, for the normal derivative of a wave,
-    # of the static field, which dominates within a wavelength.
+    # The allowed error is a fraction of the incident amplitude, or of the bound on the source's
+    # field if the bound is smaller. The bound is the sum of a wave and, for the normal derivative
+    # of a wave, the static field, which dominates within a wavelength.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))
@@ -351,7 +356,7 @@ class _Estimates:
         digits: float,
         rounds: int,
     ) -> None:
-        """Compute the field at some points, with more digits where the error is too large."""
+        """Compute the field at some points, with more digits if its error is too large."""
         for _ in range(rounds):
             if not len(some):
                 return
@@ -363,7 +368,7 @@ class _Estimates:
 
 
 def _is_steep(cosines: Complex) -> NDArray[np.bool_]:
-    """Return which waves have fields by steepest descent."""
+    """Return for which waves the field is computed by steepest descent."""
     return cosines.real >= _STEEP_COSINE
 
 
@@ -380,11 +385,11 @@ class _EdgeSums:
     share: float
     paraxial: bool
     points: int
-    """Number of points of the call, from which the engine is chosen."""
+    """Number of points of the call; the choice of the engine depends on it."""
     engine: str
 
     def by_steepest_descent(self, points: Floats, digits: float) -> tuple[Complex, Floats]:
-        """Return the field with errors of about exp(-digits), and its error.
+        """Return the field, with errors of about exp(-digits), and an estimate of the error.
 
         Evanescent waves and waves close to the plane are summed over panels.
         """
@@ -396,7 +401,7 @@ class _EdgeSums:
         return whole[0] + others[0], whole[1] + others[1]
 
     def over_panels(self, points: Floats, digits: float, longest: float) -> tuple[Complex, Floats]:
-        """Return the field with errors of about exp(-digits), and its error."""
+        """Return the field, with errors of about exp(-digits), and an estimate of the error."""
         return self._sum(integrals.edge_sum, points, digits, longest)
 
     def _sum(
@@ -441,7 +446,7 @@ class _EdgeSums:
 def strata_of(
     radiator: Radiator, points: Floats, wavelength: float
 ) -> Iterator[tuple[Indices, float]]:
-    """Yield indices of points, and the longest panels for them, in wavelengths."""
+    """Yield indices of points of similar distance, and the longest panels in wavelengths."""
     distance = radiator.distance(points) / wavelength
     low = 0.0
     for high, longest in _STRATA:
@@ -452,7 +457,7 @@ def strata_of(
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
-    """Return a bound on the number of panels of at most ``longest`` wavelengths, times waves."""
+    """Return an upper bound on the number of panels times the number of waves."""
     edges = sum(element.edges for element in radiator.elements)
     return edges + radiator.perimeter / (longest * wavelength)
 
@@ -460,7 +465,7 @@ def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
 def boundary_tables(
     radiator: Radiator, wavelength: float, longest: float, double: bool, share: float
 ) -> integrals.BoundaryTables:
-    """Return all panels of a source as a kernel's tables; ``share`` as in `BoundaryTables`."""
+    """Return all panels of a source as tables of a kernel; ``share`` as in `BoundaryTables`."""
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
     return _tables(_Table(panels, radiator, wavelength), double, share, False)

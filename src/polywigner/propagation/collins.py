@@ -18,8 +18,9 @@ from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
-from polywigner.numerics.triangles import gauss_rule, node_count
+from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (
@@ -33,30 +34,29 @@ from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 PublicSource = Aperture | Array
 
 _ULP = 2.0**-52
-# Curvatures are equal if their relative difference is below this value times the condition number.
+# Two curvatures count as equal if their relative difference is below this value times the condition
+# number.
 _EQUAL = 8 * _ULP
-# Errors of closed forms, relative to int |u| dx.
+# Error of fields in closed form, as a fraction of int |u| dx.
 _CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
-# Two rules on a stop have these numbers of nodes along a line in addition to the nodes that waves
-# require. The difference between the results of both rules is the error estimate.
+# Numbers of nodes along a line that two quadrature rules on a stop have in addition to the nodes
+# that waves require. The difference between the results of both rules is the error estimate.
 _EXTRA = (8.0, 12.0)
-# Smallest tolerance of fields on a stop.
+# Smallest tolerance of the field on a stop.
 _FINEST = 1e-13
-# Largest number of waves from the nodes of a stop to points; 1e9 waves take about a minute.
+# Largest number of pairs of a node on a stop and a point; 1e9 pairs take about a minute.
 _MOST_WORK = 2e10
-# Time of the previous plane's field at a node, as a number of waves.
+# Computing time of the incident field at a node, as a number of waves from a node to a point.
 _NODE_COST = 1000
-# Number of products of two waves that take as long as the computation of one wave.
+# Number of products of two waves that take as long as one wave.
 _PRODUCTS = 50
-# Largest number of lattice points per point for which a lattice is used.
+# A lattice of frequencies is used if it has at most this many lattice points per point.
 _SPARSE = 4
-# Number of waves per block.
+# Number of pairs of a quadrature node and a point per block.
 _BLOCK = 1 << 21
 
 
@@ -70,8 +70,8 @@ def collins_field(
 ) -> FieldEstimate:
     """Compute the field at points (n, 2) behind a system without stops.
 
-    The allowed error is ``tolerance`` times a bound on the field: the field of all points of the
-    source in phase, or the field of its image by rays if that is less.
+    The allowed error is ``tolerance`` times a bound on the field: the field with all points of the
+    source in phase, or the geometrical-optics field of the image if that is less.
     """
     radiator = radiator_of(source)
     if _without_spread(system).all():
@@ -103,7 +103,7 @@ def collins_field(
 
 
 def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return whether the singular values (2,) of B, in descending order, are zero."""
+    """Return which singular values of B (2,), in descending order, are zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -133,7 +133,7 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return the rounding errors (n,) that phases cause in the integral along edges."""
+    """Return the errors (n,) of the integral along edges that the rounding of phases causes."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -146,7 +146,7 @@ def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Return the integral for equal curvatures along both axes: a Fresnel field at 1/curvature."""
+    """Return the integral for equal curvatures along x and y: a Fresnel field at 1/curvature."""
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -173,9 +173,10 @@ def _by_fresnel(
 def _image(
     field: Callable[[Floats], Complex], points: Floats, wavelength: float, system: FirstOrder
 ) -> tuple[Complex, float]:
-    """Return the image (n,) of a field, a function of x (n, 2), for B = 0, and its magnification.
+    """Return the image (n,) of a field for B = 0, and the magnification of the image.
 
-    The magnification is the factor of the modulus of the field.
+    ``field`` is a function of x (n, 2). The modulus of the field is multiplied by the
+    magnification.
     """
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
@@ -184,7 +185,7 @@ def _image(
 
 
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
-    """Return the field u (n,) at x (n, 2); on the outline as :func:`autocorrelation` counts it."""
+    """Return the field u (n,) at x (n, 2); on the outline as in :func:`autocorrelation`."""
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -193,7 +194,7 @@ def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """Return the field of an element at x (n, 2), times its weight."""
+    """Return the field of an element at x (n, 2), multiplied by its weight."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -209,14 +210,14 @@ def field_behind(
 ) -> tuple[Complex, Floats]:
     """Return the field (...) at points (..., 2) behind a system, and its error.
 
-    ``others`` contains arguments by name that only fields in free space have. ArgumentError is
-    raised if one of them is not None.
+    ``others`` holds the arguments, by name, that only fields in free space have. ArgumentError is
+    raised if any of them is not None.
     """
     for name, value in others.items():
         if value is not None:
             raise ArgumentError(
-                f"expected no {name} with through=, got {value!r}; omit {name}, since the field "
-                "behind a first-order system is Collins' integral"
+                f"{name}={value!r} cannot be combined with through=; omit {name}, since the field "
+                "behind a first-order system is always Collins' integral"
             )
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     systems, stops = systems_and_stops(through)
@@ -238,9 +239,9 @@ def field_behind(
 
 
 def checked_points_behind(points: Any) -> Floats:
-    """Return points (..., 2) behind a system; raise ArgumentError for others."""
+    """Return points (..., 2) behind a system; raise ArgumentError for other shapes."""
     expected = (
-        "expected points as real numbers of shape (..., 2) with through=, since the system "
+        "with through=, expected points as real numbers of shape (..., 2), since the system "
         "determines z"
     )
     return checked_coordinates(points, expected, 2)
@@ -258,9 +259,9 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
             systems[-1] = part @ systems[-1]
         else:
             raise ArgumentError(
-                "expected through as a polywigner.FirstOrder, or a list of FirstOrder systems and "
-                "stops (Aperture or Array) in the order in which the light passes them, got "
-                f"{type(part).__name__}"
+                "expected through as a polywigner.FirstOrder, or a list of FirstOrder systems "
+                "and stops (Aperture or Array) in the order in which the light passes them, got "
+                f"an element of type {type(part).__name__}"
             )
     return systems, stops
 
@@ -268,11 +269,11 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 def _folded(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
-    """Remove each stop that lies in an image, and cut the imaged source or stop instead.
+    """Remove each stop that lies in an image, and clip the imaged source or stop instead.
 
     ``planes`` are the source and the stops, and ``systems`` the system behind each of them. A stop
-    in an image of the source, or of the previous stop, transmits the same as a smaller source, or a
-    smaller previous stop.
+    in an image of the source has the same effect as a smaller source; a stop in an image of the
+    previous stop has the same effect as a smaller previous stop.
     """
     remaining, paths = planes[:1], systems[:1]
     for stop, system in zip(planes[1:], systems[1:], strict=True):
@@ -283,8 +284,8 @@ def _folded(
             continue
         if not image.all() or not isinstance(stop, Aperture) or stop.illumination is not None:
             raise ArgumentError(
-                "stops in an image of the source or of the previous stop must be Apertures without "
-                "a field, in an image along both axes; move the stop"
+                "a stop in an image of the source or of the previous stop must be an Aperture "
+                "without a field, and the image must be sharp along both axes; move the stop"
             )
         back = np.linalg.inv(paths[-1].A)
         outline = Aperture(shapely.transform(stop.polygons, lambda x, m=back: x @ m.T))
@@ -293,8 +294,8 @@ def _folded(
     image = _without_spread(paths[-1])
     if image.any() and not image.all():
         raise ArgumentError(
-            "the points lie in an image of the source or of a stop along one axis only, behind an "
-            "astigmatic system; move the points"
+            "the points lie in an image of the source or of a stop that is sharp along one axis "
+            "only (astigmatic system); move the points along the axis"
         )
     return remaining, paths
 
@@ -309,8 +310,8 @@ def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
     ]
     if not parts:
         raise ArgumentError(
-            "the stop transmits no light, since its opening does not overlap the image in its "
-            "plane; move the stop"
+            "the stop transmits no light: its opening does not overlap the image in its plane; "
+            "move or enlarge the stop"
         )
     if isinstance(plane, Array):
         return Array([element for element, _ in parts], [weight for _, weight in parts])
@@ -325,10 +326,10 @@ def _behind(
     tolerance: float,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2) behind a source, stops, and the system behind each (O8).
+    """Compute the field at points (n, 2) behind a source and stops, each followed by a system (O8).
 
-    The integral over the last stop is a Gauss rule, which resolves the fastest oscillation that the
-    field of the previous plane can have there.
+    The integral over the last stop is a Gauss rule that resolves the fastest oscillation that the
+    incident field can have there.
     """
     *others, stop = planes
     *earlier_systems, system = systems
@@ -336,7 +337,7 @@ def _behind(
         return collins_field(stop, points, wavelength, system, tolerance, engine)
 
     def inner(nodes: Floats) -> FieldEstimate:
-        # In the worst case, errors on the stop add up in phase.
+        # In the worst case, the errors of the field at the nodes of the stop add up in phase.
         finer = max(0.1 * tolerance, _FINEST)
         return _behind(others, earlier_systems, nodes, wavelength, finer, engine)
 
@@ -356,7 +357,6 @@ def _behind(
         sums.append(lattice.summed(nodes, waves))
     size, areas = np.abs(out), np.abs(weights)
     off: Floats = np.abs(sums[1] - sums[0]) + areas @ error + _CLOSED * np.abs(sums[1])
-    # This product bounds the integral over the stop.
     bound = float(areas.sum() * abs(there).max())
     return out * sums[1], size * off, size * (tolerance * bound)
 
@@ -383,15 +383,15 @@ def _rate(
 def _rule(
     stop: Any, rate: float, extra: float, lattice: FrequencyLattice
 ) -> tuple[Floats, Complex]:
-    """Return nodes (m, 2) on a stop, and weights (m,) times its transmission."""
+    """Return quadrature nodes (m, 2) on a stop, and their weights (m,) times its transmission."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
     if not work <= _MOST_WORK:
         raise ArgumentError(
-            f"the stop requires {work:.1e} waves from its nodes to the points, but at most "
-            f"{_MOST_WORK:.0e} are allowed; use fewer points, points on a grid along x and y, or a "
-            "smaller source or stop"
+            f"the stop requires {work:.1e} pairs of a quadrature node and a point, at most "
+            f"{_MOST_WORK:.0e} are allowed; use fewer points, points on a grid along x and y, or "
+            "a smaller source or stop"
         )
     rules = [gauss_rule(part, rate, extra) for part in triangles]
     fields = [a * _element_field(e, x) for (x, a), e in zip(rules, elements, strict=True)]
@@ -399,9 +399,10 @@ def _rule(
 
 
 class FrequencyLattice:
-    """Frequencies (n, 2) of waves that are products of waves along x and y.
+    """Frequencies (n, 2) of waves that are products of a wave along x and a wave along y.
 
-    If the frequencies lie on a lattice, waves along an axis are computed once for each coordinate.
+    If the frequencies lie on a lattice, the wave along an axis is computed once for each
+    coordinate.
     """
 
     def __init__(self, nu: Floats) -> None:
@@ -412,7 +413,7 @@ class FrequencyLattice:
         if size > _SPARSE * len(nu):
             self.axes, self.index, size = [*nu.T], None, len(nu) * _PRODUCTS
         self.work = _NODE_COST + sum(map(len, self.axes)) + size / _PRODUCTS
-        """Cost of a node, in waves."""
+        """Computing time of a node, as a number of waves."""
 
     def summed(self, nodes: Floats, waves: Complex) -> Complex:
         """Return the sums (n,) over nodes x (m, 2) of ``waves`` (m,) times exp(-2 pi i nu.x)."""
@@ -435,8 +436,8 @@ class FrequencyLattice:
 def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrder, complex]:
     """Return a curved wave as a flat source, a lens directly behind the source, and a phase factor.
 
-    In (x - c).Q (x - c) = x.Q x - 2 x.Q c + c.Q c the first term is the lens, the second term tilts
-    the flat source, and the third term is the phase.
+    In (x - c).Q (x - c) = x.Q x - 2 x.Q c + c.Q c, the first term is the lens, the second term
+    tilts the flat source, and the third term is the phase.
     """
     checked_wavefront(wave)
     q, slope = wavelength * wave.curvature, wave.curvature @ wave.centre
@@ -447,6 +448,6 @@ def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrde
 
 
 def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
-    """Return |U|^2 and its error from U and its error."""
+    """Return |U|^2 and its error, from U and its error."""
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error

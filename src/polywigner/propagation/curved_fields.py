@@ -1,7 +1,7 @@
 """Fields of curved waves: exact sums over cells of the source (Q7), and Fresnel fields.
 
 The source is divided into triangular cells so small that the phase changes by at most four cycles
-on each. All cells use the same Gauss rule.
+on each cell. All cells use the same Gauss rule.
 """
 
 from __future__ import annotations
@@ -18,20 +18,19 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.numerics.triangles import quartered
+from polywigner.numerics import Complex, Floats
+from polywigner.numerics.nodes import quartered
 from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 # Number of Gauss nodes along each side of a cell.
 _NODES = 20
-# Largest number of cycles of phase along a side of a cell. The rule is then accurate to 13 digits
-# for waves, and also for the static field 1/R^2 of points at least half a side away from the cell.
+# Largest number of cycles of phase along a side of a cell. The Gauss rule then has 13 correct
+# digits for waves, and also for the static field 1/R^2 at points at least half a side away from the
+# cell.
 _MOST_CYCLES = 4.0
-# Rounding error of a sum, relative to the sum of the moduli.
+# Rounding error of a sum over nodes, as a fraction of the sum of the moduli.
 _ROUNDING = 1e-13
 # Numbers of cells and of points per block, and largest number of pairs of a point and a cell.
 _CELLS, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
@@ -47,7 +46,7 @@ def curved_field(
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
-    """Return the Fresnel field (Q6): a Fourier transform with a quadratic phase for each point."""
+    """Return the Fresnel field (Q6): a Fourier transform with a quadratic phase per point."""
     q, axes = principal_axes(wave.curvature)
     scale = 1.0 / (wavelength * points[:, 2])
     position, centre = points[:, :2], wave.centre
@@ -60,16 +59,16 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
 
 
 class _Part(NamedTuple):
-    """A copy of an element of a source."""
+    """A copy of an element of a source, as triangles with plane waves."""
 
     triangles: Floats
     """Triangles (n, 3, 2) in m."""
     shift: Floats
-    """Shift (2,) of the copy in m."""
+    """Shift (2,) of this copy in m."""
     amplitudes: Complex
-    """Amplitudes (m,) of its plane waves."""
+    """Amplitudes (m,) of the plane waves."""
     frequencies: Floats
-    """Frequencies (m, 2) of its plane waves in 1/m, before the shift."""
+    """Frequencies (m, 2) of the plane waves in 1/m, before the shift."""
 
 
 def summed_over_cells(
@@ -79,11 +78,11 @@ def summed_over_cells(
     terms: Callable[[_Part, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
-    """Return an integral over a source for each of n points, and bounds (n,) on rounding errors.
+    """Return an integral over a source for n points, and bounds (n,) on its rounding errors.
 
-    ``terms(part, cells, points, wavelength)`` returns the integrand at the nodes of k cells
-    (k, 3, 2), multiplied by the weights of the nodes, for one point per cell (k, 3). The integrand
-    has the shape (k, nodes, *components), and the integral has the shape (n, *components).
+    ``terms(part, cells, points, wavelength)`` returns the integrand at the nodes of k cells (k, 3,
+    2), multiplied by the weights of the nodes, for one point per cell (k, 3). The integrand has the
+    shape (k, nodes, *components), and the integral has the shape (n, *components).
     """
     values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
     with with_progress("points", range(0, len(points), _POINTS)) as starts:
@@ -109,7 +108,7 @@ def _parts(wave: Wavefront) -> Iterator[_Part]:
 def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
     """Yield parts of a source, and triangles (k, 3, 2) with at most four cycles of phase each.
 
-    The phase is the phase of the field, multiplied by a plane wave in any direction.
+    The phase is that of the source's field, multiplied by a plane wave in any direction.
     """
     for part in _parts(wave):
         cells = part.triangles
@@ -121,13 +120,13 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
             cells = quartered(cells[~small])
             if len(cells) > _MOST_PAIRS:
                 raise ArgumentError(
-                    "the curved wave has too many cycles across the source; use a larger radius of "
-                    "curvature, or a smaller source"
+                    "the phase of the curved wave has too many cycles across the source; use a "
+                    "larger radius of curvature, or a smaller source"
                 )
 
 
 def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
-    """Return the highest spatial frequency (k,) of the wave on cells, with frequencies added."""
+    """Return the highest spatial frequency (k,) of the wave on cells, plus given frequencies."""
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -138,7 +137,7 @@ def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> F
 def _cells(
     wave: Wavefront, part: _Part, points: Floats, wavelength: float
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Yield triangles (k, 3, 2) that tile a part for each point, and indices (k,) of the points."""
+    """Yield triangles (k, 3, 2) that tile a part for each point, and point indices (k,)."""
     count = len(part.triangles)
     owners = np.repeat(np.arange(len(points)), count)
     cells = np.tile(part.triangles, (len(points), 1, 1))
@@ -151,15 +150,15 @@ def _cells(
         owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
         if len(owners) > _MOST_PAIRS:
             raise ArgumentError(
-                "the exact field of this curved wave requires too many nodes on the source; use "
-                "points farther away, a smaller source, or method='fresnel'"
+                "the exact field of this curved wave requires too many quadrature nodes on the "
+                "source; use points farther away, a smaller source, or method='fresnel'"
             )
 
 
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Return whether cells (k,) are small enough for the rule of nodes.
+    """Return which cells (k,) are small enough for the Gauss rule.
 
     The phase may change by at most four cycles on a cell, and the longest side may be at most twice
     the distance of the point.
@@ -180,7 +179,7 @@ def _are_small(
 def field_at_nodes(
     wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
-    """Return nodes (k, n, 2) of k cells, and the field and its normal derivative there, (k, n).
+    """Return nodes (k, n, 2) on k cells, and the field and its normal derivative there, (k, n).
 
     Both are multiplied by the weights of the nodes. The normal derivative is divided by ik; it is
     zero unless ``with_slopes`` is true.
@@ -208,7 +207,7 @@ def field_at_nodes(
 def _terms(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
 ) -> Complex:
-    """Return the integrand of (Q7) times the weights of the nodes, (k, nodes)."""
+    """Return the integrand of (Q7), multiplied by the weights of the nodes, (k, nodes)."""
     condition = CONDITIONS[method]
     nodes, field, slopes = field_at_nodes(
         wave, part, cells, wavelength, condition.needs_normal_derivative

@@ -1,6 +1,6 @@
-"""Datasets of fields on lines, planes and hemispheres, and in volumes (docs/volumes.md).
+"""Datasets on grids: fields on lines, planes, hemispheres and in volumes, and tables of W and A.
 
-Values are computed in memory, lazily, or in a store on disk (docs/large_runs.md).
+Values are computed in memory, lazily, or in a store on disk (docs/volumes.md, docs/large_runs.md).
 """
 
 from __future__ import annotations
@@ -19,16 +19,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, checked_engine
+from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import (
     check_options,
     checked_choice,
+    checked_row,
     checked_wavelength,
     takes_frequency,
 )
 from polywigner.geometry.silhouettes import listed_bodies, obstacle_of
+from polywigner.kernels import kernel_for
 from polywigner.propagation.amplitudes import Obstacle, amplitude
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.point_grids import (
@@ -39,9 +41,9 @@ from polywigner.propagation.point_grids import (
     hemisphere_grid,
     line_grid,
     plane_grid,
-    shape_of_grid,
 )
 from polywigner.propagation.stores import (
+    LARGEST_CHUNK,
     Index,
     StoreOptions,
     results_on_grid,
@@ -51,6 +53,9 @@ from polywigner.propagation.stores import (
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source.obliquities import DEFAULT
+from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
+from polywigner.transforms.wavefronts import flat_source
+from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -58,18 +63,19 @@ if TYPE_CHECKING:
 Quantity = Literal["irradiance", "amplitude", "phase"]
 Values = NDArray[Any]
 
-# Methods with an option ``obliquity``. The boundary conditions of other methods imply an obliquity.
+# Methods that accept the option ``obliquity``. The boundary condition of every other method implies
+# its obliquity.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options of the result and of its storage, which `_settings` does not return.
+# Options of the result and of its storage; `_settings` omits them.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
-# Number of points that are computed at once in memory: enough for the full speed of compiled
-# engines, with tens of megabytes.
+# Number of points that are computed at once in memory. This number is large enough for the full
+# speed of compiled engines, and takes tens of megabytes.
 _BLOCK = 1 << 17
-# Largest and smallest number of samples of a stored chunk, and number of chunks. The largest chunk
-# is 4 MB of float32. Smaller grids have about 64 chunks, so that the first chunk of a run is stored
-# within a minute.
+# Largest and smallest number of samples of a stored chunk, and number of chunks of small grids. The
+# largest chunk is 4 MB of float32. With about 64 chunks, the first chunk of a run is stored within
+# a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
-# Unit and long name of each quantity.
+# Unit and long name of each quantity of a dataset.
 _QUANTITIES = {
     "irradiance": ("W m-2", "irradiance |U|^2"),
     "amplitude": ("W0.5 m-1", "complex amplitude U"),
@@ -84,7 +90,7 @@ class FieldOptions(StoreOptions, total=False):
     quantity: Quantity
     obliquity: str | None
     bandwidth: float | None
-    """Bandwidth of the light in Hz; None: a single wavelength. See :func:`irradiance`."""
+    """Bandwidth of the light in Hz, or None for a single wavelength. See :func:`irradiance`."""
     obstacles: Obstacle | Sequence[Obstacle] | None
     tolerance: float | None
     dtype: str
@@ -103,7 +109,7 @@ def _field_values(
 
 
 def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the unit and the settings of a variable."""
+    """Return the attributes of a variable: its unit and the settings of the computation."""
     units, long_name = _QUANTITIES[quantity]
     return {
         "units": units,
@@ -118,7 +124,7 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
 
 
 def _described(obstacles: Sequence[Obstacle]) -> str:
-    """Return a text with the names of bodies, and a digest of their positions and shapes."""
+    """Return the names of obstacles, and a digest of their positions and shapes, as text."""
     meshes = [obstacle_of(body) for body in obstacles]
     content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
@@ -128,17 +134,20 @@ def _described(obstacles: Sequence[Obstacle]) -> str:
 def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
-    """Return fields on a grid, with a variable for each method; ``dtype``: default type."""
+    """Return a dataset of fields on a grid, with one variable for each method.
+
+    ``dtype`` is the default type of the values.
+    """
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     methods = _checked_methods(options.get("method", "wigner"))
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
-    common, shape = _settings(options, quantity), shape_of_grid(grid)
+    common, shape = _settings(options, quantity), grid.shape
     is_lazy = options.get("chunks") is not None or options.get("out") is not None
     samples = math.prod(shape)
-    if is_lazy:  # All chunks use the same engine, also on other machines.
+    if is_lazy:  # All chunks use the same engine, even on different machines.
         common["engine"] = resolved(common["engine"], samples // _CHUNKS)
     variables = {}
     with _warnings_once():
@@ -148,7 +157,8 @@ def _dataset(
                 settings.pop("obliquity", None)
             block = partial(_field_values, radiator, grid, length, method, quantity, number_type)
             if is_lazy or len(methods) > 1:
-                # Unusable arguments raise errors here, before hours of work.
+                # One point is computed first, so that invalid arguments raise errors before hours
+                # of work.
                 block({**settings, "engine": "numpy"}, (0,) * len(shape), (1,) * len(shape))
             attrs = _field_attrs(method, quantity, settings)
             variables[method] = partial(block, settings), number_type, attrs
@@ -174,8 +184,8 @@ def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
     settings["engine"] = checked_engine(options.get("engine", "auto"))
     if "bandwidth" in settings and quantity != "irradiance":
         raise ArgumentError(
-            f"expected light of one wavelength for the {quantity}, got a bandwidth of "
-            f"{settings['bandwidth']!r} Hz; a band has an irradiance only"
+            f"the {quantity} requires light of a single wavelength, got "
+            f"bandwidth={settings['bandwidth']!r} Hz; only the irradiance has a bandwidth"
         )
     if "obstacles" in settings:
         settings["obstacles"] = listed_bodies(settings["obstacles"])
@@ -185,29 +195,31 @@ def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
 def _checked_methods(method: Any) -> tuple[str, ...]:
     methods = tuple(method) if isinstance(method, (list, tuple)) else (method,)
     if not methods or len(set(map(str, methods))) < len(methods):
-        raise ArgumentError(f"expected one method, or several different ones, got {method!r}")
+        raise ArgumentError(
+            f"expected method as one method, or a list of different methods, got {method!r}"
+        )
     return tuple(checked_method(name, ("wigner", *METHODS)) for name in methods)
 
 
 def _positions(grid: Grid) -> dict[str, Any]:
-    """Return the coordinates x, y and z that are not axes of a grid."""
+    """Return the coordinates x, y and z of a grid that are not among its axes."""
     axes = tuple(grid.coords)
     origin, missing = (0,) * len(axes), [k for k, name in enumerate("xyz") if name not in axes]
-    if len(missing) < 3:  # The coordinates that are not axes are constant.
+    if len(missing) < 3:  # Coordinates that are not axes of the grid are constant.
         axes, points = (), grid.points(origin, (1,) * len(axes)).reshape(3)
     else:
-        points = grid.points(origin, shape_of_grid(grid))
+        points = grid.points(origin, grid.shape)
     return {"xyz"[k]: (axes, points[..., k], {"units": "m"}) for k in missing}
 
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue warnings at the end of the block, and only once if they differ only in numbers."""
+    """Issue the warnings of a block at its end, once if they differ only in numbers."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
-        # This level is the caller of `line`, `plane`, ..., which are wrapped by `takes_frequency`.
+        # Stack level of the caller of `line`, `plane`, ..., which are wrapped by `takes_frequency`.
         warnings.warn(warning.message, warning.category, stacklevel=6)
 
 
@@ -237,7 +249,7 @@ def line(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, over the ``distance`` from the first end in m. The
+        Variables as in :func:`plane`, over the ``distance`` from the first end in m. The
         coordinates x, y and z are the positions of the points.
 
     Raises
@@ -281,14 +293,14 @@ def plane(
         "irradiance": |U|^2 in W/m^2 for |u|^2 in W/m^2. "amplitude": complex U. "phase": phase of U
         in rad. "wigner" has an irradiance only.
     obliquity : str, optional
-        Obliquity factor of "wigner" and "fraunhofer", as of :func:`irradiance`.
+        Obliquity factor of "wigner" and "fraunhofer", as in :func:`irradiance`.
     bandwidth : float, optional
-        Bandwidth of an irradiance in Hz, as of :func:`irradiance`.
+        Bandwidth of an irradiance in Hz, as in :func:`irradiance`.
     tolerance : float, optional
-        Tolerance as of :func:`irradiance` and :func:`amplitude`, with their defaults.
+        Tolerance as in :func:`irradiance` and :func:`amplitude`, with their defaults.
     obstacles : sequence of bodies and plates, optional
-        Obstacles as of :func:`amplitude`, whose shadows diffract (docs/shadows.md). They require an
-        exact method and a single wavelength.
+        Obstacles as in :func:`amplitude`; their shadows include diffraction (docs/shadows.md). They
+        require an exact method and a single wavelength.
     dtype : {"float64", "float32"}
         Type of the values. Amplitudes are complex, with parts of this type.
     engine : str, optional
@@ -312,8 +324,8 @@ def plane(
     -------
     xarray.Dataset
         A variable for each method, named after the method, over two of the axes x, y and z; for
-        three corners over u and v, the distances from the first corner. Attributes hold units,
-        settings and the version. A coordinate holds the source.
+        three corners over u and v, the distances from the first corner. Attributes contain
+        units, settings and the version. A coordinate contains the source.
 
     Raises
     ------
@@ -347,7 +359,7 @@ def hemisphere(
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
     **options: Unpack[FieldOptions],
 ) -> xarray.Dataset:
-    """Compute a field over angles at one distance from a point: on a hemisphere or along a cut.
+    """Compute a field over angles at a fixed distance from a point: on a hemisphere or along a cut.
 
     Parameters
     ----------
@@ -369,7 +381,7 @@ def hemisphere(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, and coordinates x, y and z, over ``theta`` and ``phi``.
+        Variables as in :func:`plane`, and coordinates x, y and z, over ``theta`` and ``phi``.
 
     Raises
     ------
@@ -395,8 +407,7 @@ def volume(
 ) -> xarray.Dataset:
     """Compute a field in a box of any size, position and resolution (docs/volumes.md).
 
-    Blocks of the computation take some hundred megabytes in addition to the result. Volumes larger
-    than memory need ``chunks`` or ``out``.
+    Volumes larger than memory need ``chunks`` or ``out``.
 
     Parameters
     ----------
@@ -414,7 +425,7 @@ def volume(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, over ``x``, ``y`` and ``z``.
+        Variables as in :func:`plane`, over ``x``, ``y`` and ``z``.
 
     Raises
     ------
@@ -428,3 +439,174 @@ def volume(
     18
     """
     return _dataset(source, box_grid(box, shape), wavelength, options, "float32")
+
+
+Kind = Literal["wigner", "ambiguity"]
+
+# For each transform: name of the variable, long name, sign convention, and dtype of the values in
+# single precision.
+_TABLES: dict[Kind, tuple[str, str, str, type]] = {
+    "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", np.float32),
+    "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", np.complex64),
+}
+
+
+class TableOptions(StoreOptions, total=False):
+    """Options of :func:`wigner_table` and :func:`ambiguity_table`."""
+
+    precision: Precision
+    engine: Engine
+
+
+def wigner_table(
+    source: PhaseSpaceSource,
+    x: ArrayLike,
+    y: ArrayLike,
+    nu_x: ArrayLike,
+    nu_y: ArrayLike,
+    out: str | os.PathLike[str] | None = None,
+    **options: Unpack[TableOptions],
+) -> xarray.Dataset:
+    """Return W(x, y, nu_x, nu_y) of a plane source on a grid of the four coordinates.
+
+    With ``out`` the table is written to disk chunk by chunk, and may be larger than memory
+    (docs/large_runs.md). Sources and accuracy: see :func:`wigner`.
+
+    Parameters
+    ----------
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    x, y : array_like, shape (n,)
+        Positions in m.
+    nu_x, nu_y : array_like, shape (n,)
+        Spatial frequencies in 1/m.
+    out : path, optional
+        Folder of a zarr store, as of :func:`plane`.
+    chunks : int, str or sequence, optional
+        As in :func:`plane`. The default with ``out`` is chunks of up to 4 million samples.
+    precision : {"single", "double"}
+        Precision of sums and results.
+    engine : {"auto", "numpy", "llvm", "cuda"}
+        See :func:`wigner`.
+    scheduler, threads, progress : optional
+        As in :func:`plane`.
+
+    Returns
+    -------
+    xarray.Dataset
+        The real variable W (x, y, nu_x, nu_y) in m^2, lazy with ``chunks`` or ``out``.
+
+    Raises
+    ------
+    PolywignerError
+        As :func:`plane`.
+
+    >>> import polywigner as pw
+    >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
+    >>> table.W.shape
+    (1, 1, 2, 1)
+    """
+    axes = {"x": x, "y": y, "nu_x": nu_x, "nu_y": nu_y}
+    return _table("wigner", source, axes, out, options)
+
+
+def ambiguity_table(
+    source: PhaseSpaceSource,
+    upsilon_x: ArrayLike,
+    upsilon_y: ArrayLike,
+    xi_x: ArrayLike,
+    xi_y: ArrayLike,
+    out: str | os.PathLike[str] | None = None,
+    **options: Unpack[TableOptions],
+) -> xarray.Dataset:
+    """Return A(upsilon_x, upsilon_y, xi_x, xi_y) of a plane source on a grid.
+
+    Parameters
+    ----------
+    source : Aperture, Array or Wavefront
+        Source in the plane z = 0.
+    upsilon_x, upsilon_y : array_like, shape (n,)
+        Frequency shifts in 1/m.
+    xi_x, xi_y : array_like, shape (n,)
+        Lags in m.
+    out : path, optional
+        Folder of a zarr store, as in :func:`wigner_table`.
+    **options
+        Options of :func:`wigner_table`.
+
+    Returns
+    -------
+    xarray.Dataset
+        The complex variable A (upsilon_x, upsilon_y, xi_x, xi_y) in m^2.
+
+    Raises
+    ------
+    PolywignerError
+        As :func:`plane`.
+
+    >>> import polywigner as pw
+    >>> table = pw.ambiguity_table(pw.shapes.square(1.0), [0.0, 0.5], [0.0], [0.0], [0.0])
+    >>> table.A.shape
+    (2, 1, 1, 1)
+    """
+    axes = {"upsilon_x": upsilon_x, "upsilon_y": upsilon_y, "xi_x": xi_x, "xi_y": xi_y}
+    return _table("ambiguity", source, axes, out, options)
+
+
+def _values(
+    kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
+    origin: Index, shape: Index,
+) -> NDArray[Any]:  # fmt: skip
+    """Compute W or A on a block of a grid; ``origin`` is the index of the block's first point."""
+    parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
+    first, second = (
+        np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
+    )
+    # Kernels compute a slice of the source for each x (W) or each xi (A). They are fastest if the
+    # leading axes vary x or xi.
+    if kind == "wigner":
+        return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
+    values = ambiguity(source, first, second[:, :, None, None, :], **how)
+    return np.ascontiguousarray(values.transpose(2, 3, 0, 1))
+
+
+def _table(
+    kind: Kind,
+    source: PhaseSpaceSource,
+    axes: Mapping[str, ArrayLike],
+    out: str | os.PathLike[str] | None,
+    options: TableOptions,
+) -> xarray.Dataset:
+    check_options(options, TableOptions)
+    if kernel_for(kind, flat_source(source)).dimension != 2:
+        raise ArgumentError(
+            "a table of four coordinates requires a source in a plane, got "
+            f"{type(source).__name__}; call polywigner.{kind} for other sources"
+        )
+    coords = {name: _checked_axis(name, values) for name, values in axes.items()}
+    precision = checked_precision(options.get("precision", "single")) or "double"
+    samples = min(LARGEST_CHUNK, math.prod(axis.size for axis in coords.values()))
+    # The engine is chosen once, so that all chunks use the same engine, even on different machines.
+    engine: Any = resolved(checked_engine(options.get("engine", "auto")), samples)
+    symbol, label, convention, single = _TABLES[kind]
+    number_type = np.result_type(single, np.float32 if precision == "single" else np.float64)
+    settings = {"precision": precision, "engine": engine}
+    block = partial(_values, kind, source, [axis.values for axis in coords.values()], settings)
+    about = {"kind": kind, "convention": convention, **settings}
+    return results_on_grid(
+        {symbol: (block, number_type, {"units": "m2", "long_name": label})},
+        coords,
+        source_coords(source),
+        about | source_attrs(source),
+        {**options, "out": out},
+        compiled=engine != "numpy",
+    )
+
+
+def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
+    expected = f"expected {name} as finite numbers of shape (n,)"
+    array = checked_row(values, expected)
+    if np.ndim(values) != 1 or not np.isfinite(array).all():
+        raise ArgumentError(f"{expected}, got {values!r:.200}")
+    units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
+    return labelled_array(array, (name,), {"units": units})

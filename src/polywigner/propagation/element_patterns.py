@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.illumination import Illumination
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
@@ -28,34 +29,32 @@ from polywigner.transforms import fourier
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
-# Largest rounding error of angles in files, in rad.
+# Largest rounding error of angles in pattern files, in rad.
 _EVEN = 1e-6
-# Number of samples from which a value on a meridian that ends at the horizon is interpolated. With
-# 8 samples per lobe the error is 1e-6 (docs/patterns.md). Rounding errors of files are amplified
-# less than 100 times.
+# Number of samples from which a value is interpolated along a meridian that ends at the horizon.
+# With 8 samples per lobe the error is 1e-6 (docs/patterns.md). Rounding errors of files are
+# amplified less than 100 times.
 _STENCIL = 12
-# Fields behind the plane below this fraction of the largest field are treated as zero.
+# Fields behind the plane of the aperture count as zero below this fraction of the largest field.
 _NOTHING = 1e-9
 # Number of directions per block.
 _ROWS = 4096
-# Largest numbers of angles, in steps of a quarter degree: tables of 16 MB, and matrices of some 0.1
-# GB.
+# Largest numbers of angles theta and phi, for steps of a quarter degree: tables take 16 MB, and the
+# matrices of interpolation some 0.1 GB.
 MOST_THETA, MOST_PHI = 721, 1440
-# Number of quadrature nodes in addition to those that the band requires. The error, a Bessel
-# function, is then below rounding errors.
+# Number of quadrature nodes in addition to those that the bandwidth of the field requires. The
+# error, which is a Bessel function of high order, is then below rounding errors.
 _MARGIN = 40
 
 
 class ElementPattern:
     """Interpolated far field of a table over evenly spaced angles theta and phi in rad.
 
-    Along phi the field is a trigonometric polynomial. A meridian continues across the pole at
-    phi + pi with opposite signs of E_theta and E_phi. If the table covers the sphere, the field
-    along the closed meridian is also a trigonometric polynomial, which is exact for band-limited
-    fields. If it covers a hemisphere, polynomials of degree 11 interpolate along the meridian.
+    Along phi, the field is a trigonometric polynomial. A meridian continues across the pole at phi
+    + pi with opposite signs of E_theta and E_phi. If the table covers the sphere, the field along
+    the closed meridian is also a trigonometric polynomial, which is exact for band-limited fields.
+    If it covers a hemisphere, polynomials of degree 11 interpolate along the meridian.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
@@ -67,44 +66,51 @@ class ElementPattern:
             )
         if not covers_front(theta, phi):
             raise ArgumentError(
-                "expected evenly spaced theta from 0 to 90 or 180 degrees, and phi around the full "
-                f"circle, got theta from {math.degrees(theta[0]):g} to "
+                "expected evenly spaced angles theta from 0 to 90 or 180 degrees, and phi around "
+                f"the full circle, got theta from {math.degrees(theta[0]):g} to "
                 f"{math.degrees(theta[-1]):g} and phi from {math.degrees(phi[0]):g} to "
-                f"{math.degrees(phi[-1]):g}"
+                f"{math.degrees(phi[-1]):g} degrees"
             )
         values = np.stack(components)
         if not np.isfinite(values).all():
-            raise ArgumentError("expected finite far fields, got NaN or infinite values")
+            raise ArgumentError(
+                "expected a pattern of finite far fields, got NaN or infinite values"
+            )
         largest = float(np.abs(values).max())
         if not largest > 0:
-            raise ArgumentError("the far field is zero in all directions; use another pattern")
+            raise ArgumentError(
+                "the far field of the pattern is zero in all directions; use another pattern"
+            )
         behind = theta > math.pi / 2 + _EVEN
         dark = not np.abs(values[:, behind]).max(initial=0.0) > _NOTHING * largest
         self.covers_sphere = bool(behind.any()) and not dark
         if self.covers_sphere and abs(theta[-1] - math.pi) > _EVEN:
             raise ArgumentError(
-                "expected theta up to 90 degrees, or up to 180 degrees with backward radiation, "
-                f"got {math.degrees(theta[-1]):g}"
+                "a pattern with backward radiation must extend to theta = 180 degrees, got "
+                f"angles up to {math.degrees(theta[-1]):g} degrees; add the missing angles, or "
+                "pass the front hemisphere only"
             )
         if not self.covers_sphere:
             theta, values = theta[~behind], values[:, ~behind]
         if len(theta) < 3 or len(phi) < 4:
             raise ArgumentError(
-                "expected at least three angles theta in front of the plane and four angles phi, "
-                f"got {len(theta)} and {len(phi)}"
+                "expected a pattern with at least three angles theta in front of the plane and "
+                f"four angles phi, got {len(theta)} and {len(phi)}"
             )
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        # The highest wave is a cosine, half of which belongs to the opposite order.
+        # For an even number of samples, the wave of highest order is a cosine: half of it belongs
+        # to the negative order.
         if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        beyond = -waves * (-1.0) ** np.abs(self._orders)  # continuation of the waves to -theta
-        # The angles pi and -pi are one sample.
+        # Along a meridian continued to -theta, the components change their signs at the pole.
+        beyond = -waves * (-1.0) ** np.abs(self._orders)
+        # The angles pi and -pi are the same sample.
         last = len(theta) - 1 if self.covers_sphere else len(theta)
         self._waves = np.concatenate([beyond[:, last - 1 : 0 : -1], waves], axis=1)
         self._step = float(theta[-1]) / (len(theta) - 1)
@@ -112,7 +118,7 @@ class ElementPattern:
 
     @property
     def band(self) -> tuple[int, int]:
-        """Highest orders along theta and along phi."""
+        """Highest orders of the field's waves along theta and along phi."""
         return self._waves.shape[1] // 2, int(np.abs(self._orders).max(initial=0))
 
     def components(self, theta: Floats, phi: Floats) -> Complex:
@@ -137,7 +143,7 @@ class ElementPattern:
         return field.reshape(directions.shape)
 
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
-        """Return the radiated power in W, of the element or of an array of such elements.
+        """Return the radiated power in W of the element, or of an array of such elements.
 
         ``factor`` is the array factor as a function of directions (..., 3), and ``lag`` is 2 pi
         times the extent of the array in wavelengths. |E|^2 |factor|^2 is integrated over all
@@ -192,7 +198,7 @@ def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> C
 
 
 def covers_front(theta: Floats, phi: Floats) -> bool:
-    """Return whether theta (n,) and phi (m,), in rad, cover the hemisphere in even steps."""
+    """Return whether theta (n,) and phi (m,), in rad, cover the front hemisphere in even steps."""
     even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
     reach = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
@@ -200,10 +206,10 @@ def covers_front(theta: Floats, phi: Floats) -> bool:
 
 
 def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:
-    """Return theta (n,), phi (m,), fields (n, m) along x and y, and the Jones vector (2,).
+    """Return theta (n,), phi (m,), the fields (n, m) along x and y, and the Jones vector (2,).
 
-    Angles are ascending. Raises ArgumentError unless ``pattern`` is a pattern of a polarised
-    source; ``name`` is its name in the message.
+    The angles are ascending. Raises ArgumentError unless ``pattern`` is the pattern of a polarised
+    source; the message refers to it as ``name``.
     """
     try:
         pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
@@ -214,14 +220,14 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
             raise ValueError
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         raise ArgumentError(
-            f"expected {name} as a pattern with a polarisation over theta and phi, got "
+            f"expected {name} as a pattern of a polarised source over theta and phi, got "
             f"{type(pattern).__name__}; use read_pattern, or radiation_pattern(polarisation=...)"
         ) from None
     return theta, phi, *of_co_and_cross(co, cross, jones), jones
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
-    """Convert fields along x and y by Ludwig's third definition to E_theta and E_phi (n, m)."""
+    """Return E_theta and E_phi (n, m), from fields along x and y of Ludwig's third definition."""
     sine, cosine = np.sin(phi), np.cos(phi)
     return x * cosine + y * sine, y * cosine - x * sine
 
@@ -229,7 +235,8 @@ def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Comp
 def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
     """Return the interpolated far field of a pattern of a polarised source."""
     theta, phi, x, y, _ = linear_components(pattern, name)
-    if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:  # phi = 0 and 360 degrees are one meridian
+    # The columns phi = 0 and phi = 360 degrees are the same meridian.
+    if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:
         phi, x, y = phi[:-1], x[:, :-1], y[:, :-1]
     return ElementPattern(theta, phi, polar_components(x, y, phi))
 
@@ -242,16 +249,18 @@ class FittedPattern(NamedTuple):
     residual: float
     """Square root of the ratio of two powers: of the far field's error, and of the pattern."""
     power_ratio: float
-    """Power int |u|^2 on the aperture over radiated power. Values far above 3 indicate
-    superdirectivity."""
+    """Power int |u|^2 on the aperture over the radiated power. Values far above 3 indicate
+    superdirectivity.
+    """
 
 
-# Residual above which a warning is issued.
+# Residual of a fit above which a warning is issued.
 _POOR = 0.3
-# Period of the waves, in extents of the outline. A period of 2 would halve the residual with 2.6
-# times as many waves.
+# Period of the plane waves of a fit, in extents of the outline. A period of 2 would halve the
+# residual, but needs 2.6 times as many waves.
 _PERIODS = 1.25
-# Largest number of waves, for an outline of some 12 wavelengths. The fit then takes some seconds.
+# Largest number of plane waves of a fit, enough for an outline of some 12 wavelengths. The fit then
+# takes some seconds.
 _MOST_WAVES = 1200
 
 
@@ -323,12 +332,12 @@ def fit_pattern(
     known = element_pattern_of(pattern, "pattern")
     if not isinstance(aperture, Aperture) or aperture.illumination is not None:
         raise ArgumentError(
-            f"expected an Aperture without a field, got {aperture!r:.80}; remove the field by "
+            f"expected an Aperture without a field, got {aperture!r:.80}; remove its field with "
             "with_illumination(None)"
         )
     length = float(pattern.attrs.get("wavelength", math.nan)) if wavelength is None else wavelength
     if wavelength is None and not math.isfinite(length):
-        raise ArgumentError("the pattern has no wavelength; pass it as wavelength=")
+        raise ArgumentError("the pattern does not contain a wavelength; pass wavelength=")
     length = checked_wavelength(length)
     model = checked_choice(method, "method", (*MODELS, DEFAULT))
     jones = linear_components(pattern, "pattern")[-1]
@@ -339,7 +348,7 @@ def fit_pattern(
     waves = _waves_on(aperture, length)
     blocks = list(directions_and_weights(aperture.diameter, length))
     s, weights = (np.concatenate(column) for column in zip(*blocks, strict=True))
-    # far fields (n, 3) of a point source, divided by its scalar far field F/(i lambda)
+    # Far fields (n, 3) of a point source, divided by its scalar far field F/(i lambda).
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:
@@ -351,7 +360,7 @@ def fit_pattern(
     )
     if not polarised > _NOTHING * total:
         raise ArgumentError(
-            "the pattern has no radiation of this polarisation; pass another polarisation"
+            "the pattern has no radiation of the specified polarisation; pass another polarisation"
         )
     centre = np.reshape(aperture.bounds, (2, 2)).mean(axis=0)
     outline = aperture.moved(-centre)
@@ -369,22 +378,23 @@ def fit_pattern(
     residual = math.sqrt(max(0.0, error) / total)
     if residual > _POOR:
         warn_caller(
-            f"the residual of the fitted far field is {residual:.2g}; check the polarisation, the "
-            "method, the wavelength, and the size and position of the outline"
+            f"the fit is poor: the residual of the far field is {residual:.2g}; check the "
+            "polarisation, the method, the wavelength, and the size and position of the outline"
         )
     return FittedPattern(aperture.with_illumination(field), residual, power_ratio)
 
 
 def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
-    """Return the frequencies (m, 2) of the waves of a fit."""
+    """Return the frequencies (m, 2) of the plane waves of a fit."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents
     counts = np.floor(_PERIODS * extents * limits)
     if np.prod(2 * counts + 1) > 2 * _MOST_WAVES:
         raise GeometryError(
-            "expected an aperture of at most some 12 wavelengths, got "
-            f"{extents[0] / wavelength:.3g} by {extents[1] / wavelength:.3g}; use a smaller outline"
+            "the aperture of a fit must be at most some 12 wavelengths wide, got "
+            f"{extents[0] / wavelength:.3g} by {extents[1] / wavelength:.3g} wavelengths; use a "
+            "smaller outline"
         )
     steps = [np.arange(-n, n + 1) / (_PERIODS * e) for n, e in zip(counts, extents, strict=True)]
     waves = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)

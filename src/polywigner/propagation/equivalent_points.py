@@ -1,7 +1,7 @@
-"""Point sources that replace a source beyond a few wavelengths. Source: (B8).
+"""Point sources that replace a source at distances beyond a few wavelengths. Source: (B8).
 
-The points are Gauss nodes over the bounds of the source. Their weights reproduce the far field of
-the source in the required directions. Lengths are in wavelengths.
+The point sources lie at Gauss nodes on the bounding box of the source. Their weights reproduce the
+far field of the source in the required directions. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.nodes import gauss_legendre
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, radiator_of
 from polywigner.propagation.curved_fields import cells_of_wave, field_at_nodes
 from polywigner.propagation.screens import PointSource
@@ -29,39 +28,40 @@ from polywigner.source.obliquities import CONDITIONS, Obliquity, times_direction
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_source
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
-# Largest number of points for a source.
+# Largest number of points that replace a source.
 _MOST_SOURCES = 1 << 15
-# Additional nodes that are tried in turn, beyond the count for a uniform aperture, and beyond the
-# count for any source.
+# Numbers of nodes along a side that are tried one after the other, in addition to the number for a
+# uniform aperture, then in addition to the number for any source.
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
-# Singular values of plane waves at nodes below this fraction of the largest are rounding errors.
+# Singular values of the matrix of plane waves at nodes below this fraction of the largest singular
+# value are rounding errors.
 _ROUNDING = 1e-9
-# Margin of the sines of the required directions, times the length of a side in wavelengths.
+# The range of sines of the required directions is widened by this value, divided by the length of a
+# side in wavelengths.
 _MARGIN = 4.0
-# Triangles per block, with 400 nodes each.
+# Number of triangles per block; each triangle has 400 nodes.
 _CELLS = 1 << 6
-# Number of directions in which the far fields are compared: per cycle, and in addition.
+# Numbers of directions in which the fitted far field is compared with the far field of the source:
+# per cycle of phase, and in addition.
 _DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
 
 
 @dataclass(frozen=True)
 class EquivalentGrid:
-    """Gauss nodes over the bounds of a source, in wavelengths from its centre."""
+    """Gauss nodes on the bounding box of a source, in wavelengths from its centre."""
 
     nodes: tuple[Floats, Floats]
-    """Nodes along x and y, as fractions of half the sides."""
+    """Nodes along x and along y, as fractions of half the sides."""
     half: Floats
     """Half the sides (2,)."""
     weights: tuple[Complex, ...]
-    """(nx, ny) each, in units of u times a square wavelength: for the field, and for the normal
-    derivative, if the boundary condition contains them."""
+    """Weights (nx, ny) for the field and for the normal derivative, as far as the boundary
+    condition contains them, in units of u times a square wavelength.
+    """
 
 
 Sines = tuple[tuple[float, float], tuple[float, float]]
-"""Least and largest sine of directions from a source, along x and along y."""
+"""Smallest and largest sine of directions from a source, along x and along y."""
 _ALL_SINES: Sines = ((-1.0, 1.0), (-1.0, 1.0))
 
 
@@ -76,18 +76,18 @@ def equivalent_grid(
 ) -> EquivalentGrid | None:
     """Return a small grid whose |F|^2 is within ``error`` of its peak in directions of ``sines``.
 
-    None if ``allowed`` rejects the numbers of nodes along x and y.
+    Returns None if ``allowed`` rejects the numbers of nodes along x and y.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
-    # phase differences between directions over half a side
+    # Cycles of phase over half a side between the outermost and the central direction.
     cycles = half * widths
     waves: list[Floats] = []
     spectra: list[Complex] = []
     for counts in zip(*(_numbers_of_nodes(c, error) for c in cycles), strict=True):
         if not allowed(counts):
             return None
-        if not spectra:  # after the check of the number of nodes
+        if not spectra:
             numbers = [math.ceil(2 * _DIRECTIONS * c) + _MORE_DIRECTIONS for c in cycles]
             waves = [
                 m + w * np.cos(math.pi * (np.arange(n) + 0.5) / n)
@@ -106,9 +106,9 @@ def equivalent_grid(
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
     """Return increasing numbers of nodes along a side, to be tried one after the other.
 
-    ``cycles``: phase difference over half the side between the outermost and the central direction.
-    The first counts suit uniform apertures. Other sources require nodes at the centre that resolve
-    their waves.
+    ``cycles`` is the phase difference over half the side between the outermost and the central
+    direction. The first numbers suit uniform apertures. Other sources require nodes that resolve
+    their waves at the centre.
     """
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
@@ -120,9 +120,9 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 def _spectra(
     source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Return far fields of the parts of a boundary condition: field and normal derivative.
+    """Return the far fields of the field and of the normal derivative of a boundary condition.
 
-    In units of a square wavelength, relative to the centre.
+    Far fields are in units of a square wavelength, with the phase relative to the centre.
     """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
     phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
@@ -132,14 +132,15 @@ def _spectra(
     if condition.slope and isinstance(source, Wavefront) and not source.is_flat:
         spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
     elif condition.slope:
-        with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
+        # No normal derivative: all waves graze the plane, and their cosines are zero.
+        with suppress(IlluminationError):
             slopes = times_direction_cosine(flat_source(source), wavelength)
             spectra.append(condition.slope * fourier(slopes, nu) * phase)
     return spectra
 
 
 def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> Complex:
-    """Return the Fourier transform of the normal derivative of a curved wave, over ik."""
+    """Return the Fourier transform of the normal derivative of a curved wave, divided by ik."""
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
         for start in range(0, len(cells), _CELLS):
@@ -157,7 +158,7 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 def _fitted(
     spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """Fit weights of a grid of nodes to a far field; None if the error is too large."""
+    """Fit the weights of a grid of nodes to a far field; return None if the error is too large."""
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
@@ -169,11 +170,10 @@ def _fitted(
 
 
 def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
-    """Bound the sines of directions from a rectangle at z = 0 to boxes (n, 2, 3).
+    """Return bounds on the sines of directions from a rectangle at z = 0 to boxes (n, 2, 3).
 
-    ``low``, ``high``: corners (2,) of the rectangle.
-
-    They are widened by the angular resolution of a source of this size.
+    ``low`` and ``high`` are corners (2,) of the rectangle. The bounds are widened by the angular
+    resolution of a source of this size.
     """
     start = np.column_stack([low, high]).T
     first, last = boxes[:, 0].copy(), boxes[:, 1].copy()
@@ -186,12 +186,14 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
         others = [m for m in range(3) if m != k]
         closest, farthest = (np.linalg.norm(part[:, others], axis=1) for part in (near, far))
         margin = _MARGIN / max(high[k] - low[k], 1e-9)
-        # a sine grows with its own component, and falls with the others unless it is negative
+        # The sine along an axis increases with the component along this axis. It decreases with the
+        # other components unless it is negative.
         largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
         least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
         lowest = max(-1.0, float(least.min()) - margin)
         highest = min(1.0, float(largest.max()) + margin)
-        if lowest < 0.0 < highest:  # symmetric ranges require fewer Gauss nodes
+        # A range of sines that is symmetric about zero requires fewer Gauss nodes.
+        if lowest < 0.0 < highest:
             highest = max(-lowest, highest)
             lowest = -highest
         bounds.append((lowest, highest))
@@ -199,20 +201,20 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
 
 
 def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None) -> Pair:
-    """Return the term of (SB5) that replaces the obliquity at the point by the one at the edge.
+    """Return the term of (SB5) that changes the obliquity from the point's value to the edge's.
 
-    ``rate``: derivative of the boundary wave with respect to z of the source. ``turns``: see
+    ``rate`` is the derivative of the boundary wave with respect to z of the source. ``turns``: see
     :func:`spherical_wave`.
     """
-    # i/(2 pi) of the derivative, times -1/(2 pi) of the boundary wave
+    # The factor is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
     wave = spherical_wave(ops, ahead, turns) * Pair(*field) * rate
     return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
 
 
 def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
-    """exp(2 pi i R)/(i R), R the length of ``ahead``.
+    """Return exp(2 pi i R)/(i R), where R is the length of ``ahead`` in wavelengths.
 
-    ``turns``: phase in cycles, if known more accurately than from the distance.
+    ``turns`` is the phase in cycles, if known more accurately than from the distance.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
     c, s = cos_sin_cycles(ops, distance if turns is None else turns)
@@ -220,7 +222,7 @@ def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
 
 
 def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
-    """Wave ``ahead`` of a radiating point with these weights of the field and normal derivative.
+    """Return the wave at ``ahead`` from a point with weights of the field and normal derivative.
 
     ``turns``: see :func:`spherical_wave`.
     """
@@ -230,7 +232,7 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = 
 
 
 class RadiatingPoint(NamedTuple):
-    """A point that represents a part of a source. Lengths in wavelengths."""
+    """A point that represents a part of a source. Lengths are in wavelengths."""
 
     position: Floats
     field: complex
@@ -238,16 +240,16 @@ class RadiatingPoint(NamedTuple):
 
     @property
     def weights(self) -> list[tuple[float, float]]:
-        """Real and imaginary parts of both weights."""
+        """Real and imaginary parts of the weights of the field and of the normal derivative."""
         return [(self.field.real, self.field.imag), (self.slope.real, self.slope.imag)]
 
     @property
     def row(self) -> Floats:
-        """(7,): position, and real and imaginary parts of both weights."""
+        """Array (7,) of the position and the real and imaginary parts of both weights."""
         return np.array([*self.position, *self.weights[0], *self.weights[1]])
 
     def wave(self, points: Floats) -> Complex:
-        """Return the wave of the point at points (3, n)."""
+        """Return the wave of this point at points (3, n)."""
         ahead = points - self.position[:, None]
         wave = wave_ahead(NumpyOperations(), tuple(ahead), *self.weights)
         return np.asarray(wave.real + 1j * wave.imag)
@@ -261,15 +263,15 @@ def radiating_points(
     most: int = _MOST_SOURCES,
     targets: Floats | None = None,
 ) -> list[RadiatingPoint]:
-    """Return points with the field of a source, up to an error of |F|^2 relative to its peak.
+    """Return points with the far field of a source, up to an error of |F|^2 relative to its peak.
 
-    ``targets`` (n, 2, 3): low and high corners, in wavelengths, of boxes with the points of
-    observation; None: all directions.
+    ``targets`` (n, 2, 3) are the low and high corners, in wavelengths, of boxes that contain the
+    points of observation; None stands for all directions.
 
     Raises ArgumentError for sources that require more than ``most`` points.
     """
     if isinstance(source, PointSource):
-        # exp(ikR)/R is i/wavelength times exp(ikR)/(i R/wavelength)
+        # The wave exp(ikR)/R equals i/wavelength times exp(ikR)/(i R/wavelength).
         position = np.array(source.position) / wavelength
         return [RadiatingPoint(position, 0j, 1j * source.amplitude / wavelength)]
     radiator = radiator_of(flat_source(source))
@@ -286,12 +288,14 @@ def radiating_points(
     if grid is None:
         size, count = " × ".join(f"{side:.3g}" for side in high - low), math.prod(tried)
         raise ArgumentError(
-            f"source of {size} wavelengths needs {count} or more equivalent points with obstacles, "
-            f"the limit is {most}; move obstacles and points away from the source, or use a part "
-            "of it"
+            f"the source is too large for obstacles: a source of {size} wavelengths requires at "
+            f"least {count} equivalent points, at most {most} are allowed; move obstacles and "
+            "points away from the source, or use a part of the source"
             if count > most
-            else f"no {count} equivalent points match the source of {size} wavelengths; increase "
-            "the tolerance"
+            else (
+                f"the field of the source of {size} wavelengths cannot be represented by "
+                f"{count} equivalent points, as obstacles require; increase the tolerance"
+            )
         )
     centre = radiator.centre / wavelength
     x, y = (c + h * n for c, h, n in zip(centre, grid.half, grid.nodes, strict=True))

@@ -11,14 +11,11 @@ from itertools import groupby, pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import parse_frequency
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FREE_SPACE = 376.730313412
 """Impedance Z0 of free space in ohm; |rE|^2/(2 Z0) is in W/sr for the peak value rE in V."""
@@ -30,40 +27,41 @@ DIPOLE_GAIN = 2.15
 """Gain in dBi of the half-wave dipole to which dBd refers."""
 
 MOST_DIRECTIONS = 2_000_000
-"""Maximum number of directions of a table."""
+"""Largest number of directions of a table."""
 
 
 @dataclass(frozen=True, eq=False)
 class FarFieldTable:
-    """Far field at one frequency, with the phases of the files: exp(+j omega t - j k r)."""
+    """Far field at one frequency, with phases as in the files: exp(+j omega t - j k r)."""
 
     theta: Floats
     """Angles (n,) in degrees, from -180 to 180."""
     phi: Floats
     """Angles (n,) in degrees."""
     fields: Complex
-    """E_theta and E_phi (2, n), peak values times the distance, in V."""
+    """Components E_theta and E_phi (2, n), as peak values times the distance, in V."""
     frequency: float = math.nan
-    """Frequency in Hz; NaN if the file contains none."""
+    """Frequency in Hz; NaN if the file does not contain it."""
     repeated: list[tuple[Column, Floats]] = field(default_factory=list)
-    """Columns that repeat the result in another form, as radiant intensities (n,) in W/sr."""
+    """Columns that repeat the far field in another form, as radiant intensities (n,) in W/sr."""
     has_unit_power: bool = False
     """Whether the format normalises the field to a radiated power of 1 W."""
 
 
-# ---- units --------------------------------------------------------------------------------------
+# ---- units of columns ----------------------------------------------------------------------------
 
 Kind = Literal["angle", "frequency", "field", "intensity", "ratio"]
 
 
 class Unit(NamedTuple):
-    """A unit of a column."""
+    """Unit of a column: the kind of quantity, and the conversion to this package's units."""
 
     kind: Kind
-    """A "field" is rE, or E at 1 m; an "intensity" is in W/sr, or in W/m^2 at 1 m; a "ratio" is
-    relative to an isotropic source."""
+    """Kind of quantity. A "field" is rE, or E at 1 m; an "intensity" is in W/sr, or in W/m^2 at 1
+    m; a "ratio" is relative to an isotropic source.
+    """
     scale: float = 1.0
-    """Value of one unit, or of 0 dB, in degrees, Hz, V, W/sr or 1 for ratios."""
+    """Value of one unit, or of 0 dB, in degrees, Hz, V or W/sr, or as a ratio."""
     is_db: bool = False
 
 
@@ -93,16 +91,16 @@ def unit_of(text: str) -> Unit | None:
     is_db = name[:2].lower() == "db"
     if is_db:
         name = re.sub(r"^\((.*)\)$", r"\1", name[2:])
-        name = re.sub(r"^m(?=$|/)", "mW", name)  # The m of dBm stands for milliwatts.
+        name = re.sub(r"^m(?=$|/)", "mW", name)  # The m in dBm stands for milliwatts.
     match = _PHYSICAL.fullmatch(name)
     if match is None:
         return None
     return Unit("field" if match[2] else "intensity", _PREFIXES[match[1]], is_db)
 
 
-# ---- columns ------------------------------------------------------------------------------------
+# ---- columns of tables ---------------------------------------------------------------------------
 
-# Allowed kinds of units, and the default unit, of each quantity.
+# Allowed kinds of unit of each quantity, and the unit that is assumed if the header has none.
 _UNITS: dict[str, tuple[tuple[Kind, ...], Unit | None]] = {
     "theta": (("angle",), _DEGREES),
     "phi": (("angle",), _DEGREES),
@@ -128,7 +126,7 @@ _PARTS = {
     **dict.fromkeys(("", "mag", "abs", "db", "db10", "db20"), "size"),
     **dict.fromkeys(("phase", "arg", "ang", "ang_deg", "cang_deg", "ang_rad", "cang_rad"), "phase"),
 }
-# Titles of columns: mag(rETheta) of HFSS, Re(Etheta) and Gain(Total) of FEKO.
+# Titles of columns, such as mag(rETheta) in HFSS, and Re(Etheta) and Gain(Total) in FEKO.
 _NAME = re.compile(
     r"(?:(?P<part>[a-z_0-9]+)\()?(?P<quantity>[a-z]+?)(?P<is_feko>\()?"
     r"(?P<component>theta|phi|total)\)?"
@@ -136,26 +134,26 @@ _NAME = re.compile(
 
 
 class Column(NamedTuple):
-    """Content of a column of a table."""
+    """Quantity, component and unit of a column of a table."""
 
     title: str
     quantity: str
-    """A key of ``_UNITS``."""
+    """Name of the quantity, a key of ``_UNITS``."""
     component: str
-    """"theta", "phi" or "total" for a far field, otherwise empty."""
+    """"theta", "phi" or "total" for a far field, otherwise an empty string."""
     part: str
     """"real", "imaginary", "size" or "phase" for a far field, "value" for an axis."""
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
-        """Convert values to radiant intensity in W/sr, ratios for a radiated power of 1 W."""
+        """Convert values to radiant intensity in W/sr; ratios refer to a radiated power of 1 W."""
         is_field = self.unit.kind == "field"
         if self.unit.is_db:
             values = np.where(values <= FLOOR, 0.0, 10 ** (values / (20 if is_field else 10)))
         elif values.min() < 0:
             raise FileFormatError(
-                f"expected values of zero or more in column {self.title}, got {values.min():g}; "
-                "add the unit, such as [dBi], to its header"
+                f"column {self.title} contains the negative value {values.min():g}, but its unit "
+                "is not in dB; add the unit, such as [dBi], to the header of the column"
             )
         sizes = values * self.unit.scale
         if is_field:
@@ -164,9 +162,9 @@ class Column(NamedTuple):
 
 
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
-    """Return the column of a title and a unit in brackets; None for an unknown title.
+    """Return the column with a title and a unit in brackets; None for an unknown title.
 
-    ``name``: the title in the notation of HFSS, if it differs.
+    ``name`` is the title in the notation of HFSS, if it differs.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
@@ -186,7 +184,7 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
     kinds, default = _UNITS[quantity]
     if part == "phase":
         kinds, default = ("angle",), _RADIANS if function.endswith("rad") else _DEGREES
-    elif function.startswith("db") or match["is_feko"]:  # FEKO writes Gain(Total) in dB.
+    elif function.startswith("db") or match["is_feko"]:  # In FEKO, Gain(Total) is in dB.
         default = Unit("field" if is_field else "ratio", 1.0, True)
     known = _checked_unit(label, unit, kinds, default, part == "size")
     return Column(label, quantity, component, part, known)
@@ -197,20 +195,21 @@ def _checked_unit(
 ) -> Unit:
     """Return the unit named by a string, or the default if the string is blank.
 
-    ``db``: whether units in dB are allowed. If the default is in dB, they are required. Raises
-    FileFormatError for other units.
+    ``db`` specifies whether units in dB are allowed. If the default is in dB, a unit in dB is
+    required. Raises FileFormatError for other units.
     """
     if text is None or not text.strip():
         if default is None:
             raise FileFormatError(
-                f"expected a unit in the header of column {label}, got none; add one"
+                f"column {label} has no unit in its header; add the unit in brackets"
             )
         return default
     unit = unit_of(text)
     needs_db = default is not None and default.is_db
     if unit is None or unit.kind not in kinds or not needs_db <= unit.is_db <= db:
         raise FileFormatError(
-            f"the unit {text.strip()[:20]!r} of column {label} is not supported; export {_ADVICE}"
+            f"the unit {text.strip()[:20]!r} of column {label} is not supported; supported units "
+            f"are {_ADVICE}"
         )
     return unit
 
@@ -218,8 +217,8 @@ def _checked_unit(
 def _cst_columns(header: str) -> list[Column | None]:
     """Return the columns of a far-field table of CST; None for unknown titles.
 
-    Abs(Theta) and Abs(Phi) are of the quantity of the column of the total, such as Abs(Dir.) or
-    Abs(E).
+    Abs(Theta) and Abs(Phi) contain the same quantity as the column of the total, such as Abs(Dir.)
+    or Abs(E).
     """
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
@@ -241,23 +240,24 @@ def _check_header(columns: Sequence[Column | None]) -> None:
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
             raise FileFormatError(
-                f"expected one column for each quantity, got two for {column.title}; export one "
-                "frequency, and only one of gain, realised gain and directivity"
+                f"the header contains two columns for {column.title}; export a single frequency, "
+                "and only one of gain, realised gain and directivity"
             )
     if not {("theta", "", "value"), ("phi", "", "value")} <= set(contents):
         raise FileFormatError(
-            "expected the columns Theta and Phi in the header, got none; export them, and both "
-            "field components with their phases"
+            "expected the columns Theta and Phi in the header, but it does not contain both; "
+            "export both angles, and both field components with their phases"
         )
 
 
-# ---- values -------------------------------------------------------------------------------------
+# ---- values of tables ----------------------------------------------------------------------------
 
-# Intensities below this fraction of the maximum are not compared, because tables round them.
+# Intensities below this fraction of the maximum are not compared, because tables round them too
+# coarsely.
 _COMPARED = 1e-2
-# Largest difference in dB that the rounding of tables explains.
+# Largest difference in dB between two columns that can result from the rounding of tables.
 SAME_LEVEL = 0.1
-# GRASP omits the E of exponents with three digits.
+# GRASP omits the letter E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
 
 Cells = Sequence[tuple[Column, Floats]]
@@ -265,12 +265,15 @@ Cells = Sequence[tuple[Column, Floats]]
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
-    """Return the numbers in lines, (line, column); ``first``: line number of the first line."""
+    """Return the numbers in lines as an array (line, column).
+
+    ``first`` is the line number of the first line, for error messages.
+    """
     return _cells_of([line.split() for line in lines], first, columns)
 
 
 def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
-    """Return the numbers in cells, (row, column), without blank rows."""
+    """Return the numbers in cells as an array (row, column), without blank rows."""
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -281,15 +284,18 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
             values.append([])
         if len(values[-1]) != columns:
             raise FileFormatError(
-                f"expected {columns} numbers, got {token(' '.join(cells).strip())} in line {number}"
+                f"expected {columns} numbers in line {number}, got {token(' '.join(cells).strip())}"
             )
     if not values:
-        raise FileFormatError("expected a line for each direction, got none")
+        raise FileFormatError(
+            "the file contains no directions; expected one line for each direction"
+        )
     table = np.array(values)
-    valid = np.abs(table) <= LARGEST_NUMBER  # The comparison is False for NaN.
+    valid = np.abs(table) <= LARGEST_NUMBER  # This comparison is False for NaN.
     if not valid.all():
         raise FileFormatError(
-            f"expected finite numbers up to {LARGEST_NUMBER:g}, got {table[~valid][0]:g}"
+            f"the file contains the number {table[~valid][0]:g}; expected finite numbers up to "
+            f"{LARGEST_NUMBER:g}"
         )
     return table
 
@@ -297,7 +303,7 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
-    """Yield a table for each frequency in the column of frequencies, or one table for all rows."""
+    """Yield one table for each frequency in the frequency column, or one table for all rows."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
@@ -312,7 +318,7 @@ def _tables_of(
 
 
 def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
-    """Return the field (n,) in V along theta or phi, and the columns that contain it."""
+    """Return the field (n,) along theta or phi in V, and the columns from which it was computed."""
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
@@ -320,11 +326,12 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     sizes, phases = ([p for p in parts.values() if p[0].part == k] for k in ("size", "phase"))
     if not sizes or not phases:
         raise FileFormatError(
-            f"expected columns of E_{name}, either real and imaginary part or size and phase, got "
-            f"{'a size' if sizes else 'a phase' if phases else 'none'}; export the components "
-            "along theta and phi with their phases"
+            f"expected columns of E_{name} with real and imaginary part, or with magnitude and "
+            f"phase, got {'a magnitude' if sizes else 'a phase' if phases else 'none'} only; "
+            "export the components along theta and phi with their phases"
         )
-    # preferred quantities: field, intensity, directivity, gain
+    # If a table contains several quantities, the first one of field, intensity, directivity and
+    # gain is used.
     size, values = min(sizes, key=lambda pair: list(_UNITS).index(pair[0].quantity))
     phase, angles = phases[0]
     absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values))
@@ -332,7 +339,7 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
 
 
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
-    """Raise FileFormatError for a column that contradicts the fields.
+    """Raise FileFormatError if a column contradicts the fields.
 
     Columns of the quantities ``sources``, from which the fields were computed, must agree with the
     fields. Other columns may differ by a constant factor, such as the radiated power.
@@ -351,18 +358,20 @@ def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: se
         worst = excess[np.abs(excess).argmax()]
         if not abs(worst) <= SAME_LEVEL:
             raise FileFormatError(
-                f"column {column.title} differs from the field components by {worst:.2f} dB; check "
-                "the units in the header, and whether all columns are from one export"
+                f"column {column.title} differs from the level of the field components by "
+                f"{worst:.2f} dB; check the units in the header, and whether all columns are from "
+                "the same export"
             )
 
 
-# ---- formats ------------------------------------------------------------------------------------
+# ---- file formats
+# ---------------------------------------------------------------------------------
 
 _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\s*(?P<at>.*))?")
 
 
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a report of HFSS (.csv), with one row for each direction."""
+    """Read a report of HFSS (.csv) with one row for each direction."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
     _check_header(columns)
@@ -373,7 +382,7 @@ def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a far-field table of CST (.txt): header, line of dashes, one row for each direction."""
+    """Read a far-field table of CST (.txt): header, dashes, and one row for each direction."""
     columns = _cst_columns(lines[0])
     _check_header(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
@@ -398,13 +407,18 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
             continue
         if settings["#coordinate system"].lower() != "spherical":
             got = token(settings["#coordinate system"])
-            raise FileFormatError(f"expected spherical coordinates, got {got}")
+            raise FileFormatError(
+                f"expected far fields in spherical coordinates, got the coordinate system {got}"
+            )
         if settings["#result type"].lower() == "rcs":
-            raise FileFormatError("expected the far field of an antenna, got cross sections (RCS)")
+            raise FileFormatError(
+                "expected the far field of an antenna, got radar cross sections (RCS); "
+                "export the far field"
+            )
         if not columns:
             raise FileFormatError(
-                f"expected a header line with # and the names of the columns before line "
-                f"{numbers[0]}, got none"
+                "expected a header line that starts with # and contains the column names before "
+                f"line {numbers[0]}, got none"
             )
         _check_header(columns)
         text = settings.get("#frequency")
@@ -414,7 +428,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read far-field data of HFSS (.ffd): two axes, then one block for each frequency."""
+    """Read far fields of HFSS (.ffd): two axes of angles, then one block for each frequency."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -424,13 +438,15 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
     starts = [k for k, line in enumerate(lines) if line.split()[:1] == ["Frequency"]]
     if (lines[2:3] and lines[2].split() != ["Frequencies", str(len(starts))]) or starts[:1] != [3]:
         raise FileFormatError(
-            "expected the word Frequencies and a number in line 3, and a line that starts with "
-            "Frequency before each far field"
+            "expected the word Frequencies and the number of frequencies in line 3, and a line "
+            "that starts with Frequency before each far field"
         )
     for start, stop in pairwise([*starts, len(lines)]):
         table = numbers_of(lines[start + 1 : stop], start + 2, 4)
         if len(theta) != len(table):
-            raise FileFormatError(f"expected {len(theta)} directions, got {len(table)}")
+            raise FileFormatError(
+                f"expected {len(theta)} directions for each frequency, got {len(table)}"
+            )
         frequency = parse_frequency(lines[start].split(maxsplit=1)[-1])
         yield FarFieldTable(theta, phi, _pair(table), frequency)
 
@@ -442,12 +458,14 @@ def _pair(table: Floats) -> Complex:
 
 def _checked_count(count: float, line: int) -> int:
     if not (1 <= count <= MOST_DIRECTIONS and count == int(count)):
-        raise FileFormatError(f"expected the number of angles in line {line}, got {count:g}")
+        raise FileFormatError(
+            f"expected the number of angles as a positive integer in line {line}, got {count:g}"
+        )
     return int(count)
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read spherical cuts of GRASP (.cut): for each cut a title, seven numbers and samples."""
+    """Read spherical cuts of GRASP (.cut): a title, seven numbers and the samples of each cut."""
     cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
     k = 0
     while k < len(lines):
@@ -460,20 +478,22 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
         )[0]
         if kind not in (1, 2, 3) or cut not in (1, 2) or components != 2:
             raise FileFormatError(
-                "expected ICOMP 1, 2 or 3, ICUT 1 or 2 and NCOMP 2, got "
-                f"ICOMP {kind:g}, ICUT {cut:g} and NCOMP {components:g} in line {k + 2}; export "
-                "E_theta and E_phi of a polar cut in the far field"
+                f"line {k + 2}: expected ICOMP 1, 2 or 3, ICUT 1 or 2 and NCOMP 2, got ICOMP "
+                f"{kind:g}, ICUT {cut:g} and NCOMP {components:g}; export E_theta and E_phi of a "
+                "polar cut in the far field"
             )
         count = _checked_count(number, k + 2)
         table = numbers_of(lines[k + 2 : k + 2 + count], k + 3, 4)
         if len(table) != count:
-            raise FileFormatError(f"expected {count} directions after line {k + 2}, got fewer")
+            raise FileFormatError(
+                f"expected {count} directions after line {k + 2}, but the file contains fewer"
+            )
         along, across = start + step * np.arange(count), np.full(count, constant)
         theta, phi = (along, across) if cut == 1 else (across, along)
         parts = cuts.setdefault(parse_frequency(named[0]) if named else 0.0, [])
         parts.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
         k += 2 + count
-    # GRASP normalises fields to a radiated power of 4 pi W, so that |E|^2 is the directivity.
+    # GRASP normalises fields to a radiated power of 4 pi W, so |E|^2 equals the directivity.
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
         theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
@@ -487,9 +507,9 @@ def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
     if kind == 1:
         return pair
     co, cross = pair
-    if kind == 2:  # (co -+ j cross)/sqrt(2)
+    if kind == 2:  # Right- and left-handed components are (co -+ j cross)/sqrt(2).
         co, cross = (co + cross) / math.sqrt(2), 1j * (cross - co) / math.sqrt(2)
-    # Ludwig's third definition with the co-polar component along x
+    # Ludwig's third definition, with the co-polar component along x.
     sine, cosine = np.sin(phi), np.cos(phi)
     return np.stack([co * cosine + cross * sine, cross * cosine - co * sine])
 
@@ -501,4 +521,4 @@ LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
     ".ffe": _feko_far_field,
     ".cut": _grasp_cuts,
 }
-"""Functions by suffix that yield a far field for each frequency from the lines of a file."""
+"""Functions by file suffix that yield a far field for each frequency from the lines of a file."""

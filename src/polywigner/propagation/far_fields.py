@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.numerics.band_limited import climbed, largest
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import far_vectors, polarised_parts, vector_powers
@@ -48,15 +48,13 @@ from polywigner.source.obliquities import (
 )
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation
 from polywigner.transforms import array_factor, fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray
 
 Values = NDArray[Any]
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def far_field(
@@ -68,7 +66,7 @@ def far_field(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """Return lim r exp(-i k r) U(r s) (...) at unit vectors s (..., 3): docs/patterns.md, (RP1).
+    """Return lim r exp(-i k r) U(r s), shape (...), at unit vectors s (..., 3). Source: (RP1).
 
     The unit is m times the unit of u. The field is zero at z < 0. The dtype is complex64 in single
     precision.
@@ -82,7 +80,8 @@ def far_field(
         spectrum = fourier(source, nu, precision=precision, engine=engine)
         total = np.asarray(factor * spectrum, np.complex128)
     if condition.needs_normal_derivative:
-        # The error means that all waves graze the plane, so their cosines are zero.
+        # This error is raised if all waves graze the plane. Their cosines are then zero, and so is
+        # the normal derivative.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(source, wavelength)
             spectrum = fourier(slopes, nu, precision=precision, engine=engine)
@@ -95,7 +94,7 @@ def far_field(
 def radiated_power(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: ObliquityName = DEFAULT
 ) -> float:
-    """Compute the radiated power of a source, P = int |E|^2 dOmega over the hemisphere (RP2).
+    """Return the radiated power of a source, P = int |E|^2 dOmega over the hemisphere (RP2).
 
     With ``obliquity="paper"`` the result equals :func:`power`. The radiated power differs from
     int |u|^2 by the evanescent part, and depends on the boundary condition: patches of a fraction
@@ -144,19 +143,19 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
-    """Raise ArgumentError for an obliquity that needs normal derivatives of a Wavefront."""
+    """Raise ArgumentError if an obliquity requires normal derivatives of a Wavefront."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
-            f'since it varies with position and tilt; use {DEFAULT!r} or "paper", or, in coherent '
-            "light, compute the near field with polywigner.amplitude"
+            f'because it varies with position and tilt; use {DEFAULT!r} or "paper", or, for '
+            "coherent light, compute the near field with polywigner.amplitude"
         )
 
 
 def powers_of(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> tuple[float, float]:
-    """Return the radiated power and int |u|^2, in W."""
+    """Return the radiated power, and the power int |u|^2 on the source, in W."""
     power = power_by_lags(source, wavelength, obliquity)
     if power is None:
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -170,25 +169,28 @@ def _intensity(
     """Return the radiant intensity (n,) in W/sr at unit vectors (n, 3) with z >= 0."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
-    # the intensity contains the factor cos of "paper"; the default condition requires cos^2
+    # The radiant intensity already contains the factor cos(theta) of "paper"; the default condition
+    # requires cos^2(theta).
     factor = 1.0 if name == "paper" else directions[:, 2]
     return np.asarray(radiant_intensity(source, directions, wavelength) * factor)
 
 
-# ---- sources as functions of direction -----------------------------------------------------------
+# ---- far fields as functions of direction
+# ---------------------------------------------------------
 
-# Smallest number of samples of a direction cosine across the hemisphere. It resolves the obliquity
-# of small sources.
+# Smallest number of samples of a direction cosine from -1 to 1. It resolves the obliquity of small
+# sources.
 _LEAST_STEPS = 16
-# Number of directions per block, some megabytes.
+# Number of directions per block, which takes some megabytes.
 _BLOCK = 1 << 17
-# Largest number of directions of a search over the hemisphere, which takes a tenth of a second.
+# Largest number of directions of a search for the beam over the whole hemisphere. The search takes
+# a tenth of a second.
 _MOST = 1 << 20
-# The beam of a wider source is searched only near the directions of its plane waves, within this
-# number of lobe widths of its smallest element.
+# For a wide source, the beam is searched only near the directions of its plane waves: within this
+# many lobe widths of its smallest element.
 _LOBES = 4.0
-# Relative difference between the frequencies of an element's pattern and of the array above which a
-# warning is issued.
+# A warning is issued if the frequencies of an element's pattern and of the array differ by more
+# than this fraction.
 _OTHER_FREQUENCY = 0.01
 
 
@@ -197,27 +199,27 @@ class FarField:
     """The far field of a source as a function of direction."""
 
     source: PlaneSource | Wavefront | None
-    """Source; None for the far field of a table."""
+    """Source; None for a far field from a table."""
     wavelength: float
     """Wavelength in m."""
     at: Callable[..., Values]
-    """Function of unit vectors (..., 3) that returns the field (...), or its vectors (..., 3)."""
+    """Function that returns the field (...), or its vectors (..., 3), at unit vectors (..., 3)."""
     powers: tuple[float, float]
-    """Radiated power and aperture power in W."""
+    """Radiated power and power int |u|^2 on the source, in W."""
     about: dict[str, Any]
-    """Attribute of the result: the boundary condition, or the model of currents."""
+    """Attribute of the result that names the boundary condition, or the model of currents."""
     is_vector: bool = True
     """Whether the field is an electric field with three components."""
     jones: Values | None = None
-    """Jones vector of the co-polar part; None: the polarisation of the beam."""
+    """Jones vector of the co-polar part; None for the polarisation of the beam."""
     goes_backwards: bool = False
     """Whether the source radiates behind its plane."""
     known_beam: tuple[float, float, float] | None = None
-    """Value of ``beam`` for a table."""
+    """Value of ``beam`` for a far field from a table."""
     on_grid: Callable[[Values, Values], Values] | None = None
-    """Function of theta (n,) and phi (m,) that returns the field; by default ``at`` is used."""
+    """Function that returns the field over theta (n,) and phi (m,); None: ``at`` is called."""
     how: dict[str, Any] = field(default_factory=dict)
-    """Precision and engine of fields over angles."""
+    """Options ``precision`` and ``engine`` of fields over angles."""
 
     def grid(self, theta: Values, phi: Values) -> Values:
         """Return the field (n, m), or its vectors (n, m, 3), over theta (n,) and phi (m,)."""
@@ -254,19 +256,19 @@ class FarField:
             rows = max(1, _BLOCK // len(across))
             for k in range(0, len(along), rows):
                 grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
-                candidates.append(largest(*self._on_disc(grid), 2 / steps, width))
+                candidates.append(_near_largest(*self._on_disc(grid), 2 / steps, width))
         cosines, values = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-        cosines, _ = largest(cosines, values, 2 / steps, width)
-        cosines, values = climbed(self._on_disc, cosines, 2 / steps, width)
+        cosines, _ = _near_largest(cosines, values, 2 / steps, width)
+        cosines, values = _climbed(self._on_disc, cosines, 2 / steps, width)
         theta = np.arcsin(np.minimum(1, np.linalg.norm(cosines, axis=-1)))
         phi = np.arctan2(cosines[:, 1], cosines[:, 0]) % (2 * math.pi)
         first = np.lexsort([phi.round(6), theta.round(6)])[0]
         return float(values.max()), float(theta[first]), float(phi[first])
 
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
-        """Return the windows of direction cosines that may contain the beam of a wide source.
+        """Return windows of direction cosines that may contain the beam of a wide source.
 
-        A window is its centre (2,) and half of its number of samples along both axes, (2,).
+        A window is a centre (2,), and half the number of samples along both axes, (2,).
         """
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
@@ -288,6 +290,56 @@ class FarField:
         return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
 
 
+# The spectrum |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a
+# peak, along an axis, it is at least cos^2(pi d D) times the peak. The sample next to the largest
+# peak is therefore at least this fraction of the peak, and the peak lies in a window around one of
+# the samples that reach this fraction.
+#
+# A peak is searched in a window of _WINDOW samples on either side of its estimated position. The
+# window shrinks by the factor _WINDOW in each of _ROUNDS rounds, so the position of the peak is
+# accurate to 4^-8 of a sample. Since a peak is quadratic, its relative height is accurate to the
+# square of this, about 1e-9.
+_WINDOW, _ROUNDS = 4, 8
+_EQUAL = 1e-9
+# Largest number of samples around which the largest peak is searched.
+_MOST_REFINED = 256
+
+
+def _near_largest(
+    points: Floats, values: Floats, step: Floats, width: Floats
+) -> tuple[Floats, Floats]:
+    """Return the samples that may lie next to the largest peak, in descending order.
+
+    ``points`` (n, 2) and ``values`` (n,): samples, of which up to 256 are returned. ``step`` (2,):
+    distance between samples along each axis. ``width`` (2,): width D of the source along each axis;
+    ``step * width`` is at most 1/2.
+    """
+    fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
+    best = np.argsort(-values, kind="stable")[:_MOST_REFINED]
+    best = best[values[best] >= min(fraction, 1 - _EQUAL) * values[best[0]]]
+    return points[best], values[best]
+
+
+def _climbed(
+    evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
+) -> tuple[Floats, Floats]:
+    """Return the positions (n, 2) and heights (n,) of the largest peak, or of several equal peaks.
+
+    ``evaluate``: (points (n, m, 2)) -> the points moved into the domain of the function, and values
+    (n, m). ``points`` (n, 2): samples, as :func:`_near_largest` returns them.
+    """
+    around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
+    window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
+    values = np.empty(0)
+    for _ in range(_ROUNDS):
+        near, values = evaluate(points[:, None] + step * window)
+        step = step / _WINDOW
+        best = np.arange(len(near)), values.argmax(axis=-1)
+        distinct = np.unique((near[best] / step).round(), axis=0, return_index=True)[1]
+        points, values = _near_largest(near[best][distinct], values[best][distinct], step, width)
+    return points, values
+
+
 class FarFieldOptions(TypedDict, total=False):
     """Options of :func:`radiation_pattern` and :func:`beam_cuts`."""
 
@@ -300,7 +352,7 @@ class FarFieldOptions(TypedDict, total=False):
 
 
 def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) -> FarField:
-    """Return the far field for arguments of :func:`radiation_pattern`; raise its errors."""
+    """Return the far field for the arguments of :func:`radiation_pattern`, or raise its errors."""
     check_options(options, FarFieldOptions)
     obliquity, polarisation, method, element = (
         options.get(name) for name in ("obliquity", "polarisation", "method", "element")
@@ -311,13 +363,15 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     }
     if element is not None and not (obliquity is None and method is None):
         raise ArgumentError(
-            f"expected no obliquity and no method with element=, got {obliquity!r} and {method!r}; "
-            "omit both"
+            "element= cannot be combined with an obliquity or a method, got "
+            f"obliquity={obliquity!r} and method={method!r}; omit both, since the pattern of the "
+            "element replaces them"
         )
     if polarisation is not None and obliquity is not None:
         raise ArgumentError(
-            f"expected either an obliquity or a polarisation, got {obliquity!r} and "
-            f"{polarisation!r}; for polarised fields pass method instead of obliquity"
+            f"expected either an obliquity or a polarisation, got obliquity={obliquity!r} and "
+            f"polarisation={polarisation!r}; for polarised fields, pass method instead of "
+            "obliquity"
         )
     if polarisation is None and method is not None:
         raise ArgumentError(f"method={method!r} requires a polarisation; pass polarisation=")
@@ -342,18 +396,18 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
 def _of_elements(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
-    """Return the far field of an array of elements with a pattern from a file or a solver."""
+    """Return the far field of an array whose element pattern is from a file or a simulator."""
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected a phased_array with element=, got {type(source).__name__}; make one by "
+            f"element= requires a phased_array, got {type(source).__name__}; create one with "
             "phased_array(element, positions, weights)"
         )
     element = element_pattern_of(pattern)
     frequency = float(pattern.attrs.get("frequency", math.nan))
     if abs(frequency * wavelength / SPEED_OF_LIGHT - 1) > _OTHER_FREQUENCY:
         warn_caller(
-            f"the element's pattern at {frequency:.6g} Hz is used without correction for an array "
-            f"at {SPEED_OF_LIGHT / wavelength:.6g} Hz"
+            f"the element pattern was computed at {frequency:.6g} Hz, but the array is used at "
+            f"{SPEED_OF_LIGHT / wavelength:.6g} Hz; the pattern is used without correction"
         )
     _, positions = source.repeated
 
@@ -375,14 +429,15 @@ def _of_elements(
     )  # fmt: skip
 
 
-# ---- steering -----------------------------------------------------------------------------------
+# ---- steering direction
+# ---------------------------------------------------------------------------
 
-# Largest deviation in rad between the phases of weights and a linear function. Phases that are
-# rounded in tables are within this limit, and phases of quantised phase shifters are not.
+# Largest deviation in rad of the phases of an array's weights from a linear function of position.
+# Phases rounded in tables are within this limit; phases of quantised phase shifters are not.
 _LINEAR = 0.02
-# Largest deviation of a field's waves from symmetry, as a fraction of 1/wavelength.
+# Plane waves of a field count as symmetric about their centre up to this fraction of 1/wavelength.
 _SYMMETRIC = 1e-6
-# Largest number of waves of a field that is tested for symmetry.
+# Largest number of plane waves of a field that is tested for symmetry.
 _MOST_WAVES = 4096
 
 
@@ -393,8 +448,8 @@ def steered_direction(
 
     A phased array is steered if the phases of its weights are linear in the position, except for
     negative weights. An aperture is steered if its plane waves are symmetric about one wave, as for
-    a real taper times a plane wave. ``beam``: theta and phi of the beam. If several directions are
-    possible because of grating lobes, the result is the direction next to the beam.
+    a real taper times a plane wave. ``beam`` contains theta and phi of the beam. If grating lobes
+    allow several directions, the direction closest to the beam is returned.
     """
     if source is None or isinstance(source, Wavefront):
         return None
@@ -416,11 +471,11 @@ def steered_direction(
 def _of_weights(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Return direction cosines (2,) of weights with linear phases, the nearest to ``near`` (2,)."""
+    """Return the direction cosines (2,) of weights with linear phases, closest to ``near`` (2,)."""
     if len(weights) < 2:
         return None
     residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
-    # tapers may have negative weights, so their squares are compared
+    # Tapers may have negative weights. The phases of the squared weights do not depend on the sign.
     squares = residual**2 * np.conj((residual**2).sum())
     phases, strength = np.angle(squares) / 2, np.abs(weights)
     columns = np.column_stack([positions / wavelength * 2 * np.pi, np.ones(len(weights))])
@@ -430,7 +485,7 @@ def _of_weights(
 
 
 def _of_waves(illumination: Any, wavelength: float) -> Values | None:
-    """Return direction cosines (2,) of the wave at the centre of a symmetric set of waves."""
+    """Return the direction cosines (2,) of the central wave of a symmetric set of waves."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

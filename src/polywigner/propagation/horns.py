@@ -1,7 +1,7 @@
-"""Mouths of horns: the TE10 mode of a rectangular waveguide, with the phase of the flare.
+"""Apertures of horns: the TE10 mode of a rectangular waveguide, with the phase of the flare.
 
-E is along y. The mode is a cosine along x (H plane) and constant along y (E plane). Textbooks write
-a_1 and rho_2 for the width and its radius, and b_1 and rho_1 for the height and its radius.
+E is along y. The mode is a cosine along x (H plane) and constant along y (E plane). Textbooks
+denote the width and its radius by a_1 and rho_2, and the height and its radius by b_1 and rho_1.
 
 - ``pyramidal`` : horn that flares along x and y
 - ``e_plane`` : sectoral horn that flares along y
@@ -28,7 +28,7 @@ __all__ = ["directivity", "e_plane", "h_plane", "pyramidal"]
 def pyramidal(
     width: float, height: float, radius_x: float, radius_y: float, wavelength: float
 ) -> Wavefront:
-    """Return the mouth of a pyramidal horn: the field cos(pi x/width) with a quadratic phase.
+    """Return the aperture of a pyramidal horn: the field cos(pi x/width) with a quadratic phase.
 
     The phase is pi (x^2/radius_x + y^2/radius_y)/wavelength, as in Balanis, "Antenna Theory",
     section 13.4. It differs from the exact phase of the slant path by about
@@ -70,7 +70,7 @@ def pyramidal(
 
 @takes_frequency
 def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
-    """Return the mouth of a sectoral horn that flares along y, in the E plane.
+    """Return the aperture of a sectoral horn that flares along y, in the E plane.
 
     ``width`` is the width of the waveguide in m; ``radius`` is ``radius_y`` of :func:`pyramidal`.
 
@@ -86,7 +86,7 @@ def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wa
 
 @takes_frequency
 def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
-    """Return the mouth of a sectoral horn that flares along x, in the H plane.
+    """Return the aperture of a sectoral horn that flares along x, in the H plane.
 
     ``height`` is the height of the waveguide in m; ``radius`` is ``radius_x`` of :func:`pyramidal`.
 

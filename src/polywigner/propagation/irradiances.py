@@ -1,4 +1,4 @@
-"""Irradiance |U|^2 at points, also of bands of wavelengths and of partially coherent light."""
+"""Irradiance |U|^2 at points, also for bands of wavelengths and for partially coherent light."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_number, checked_wavelength, takes_frequency
+from polywigner.numerics import Floats
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, field_and_error
 from polywigner.propagation.collins import (
@@ -43,18 +44,19 @@ from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import coherent_source, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-Floats = NDArray[np.float64]
 LightSource = Aperture | Array | Wavefront | Screen | PointSource
 Compute = Callable[[LightSource, float, ArrayLike], Floats]
-"""Function of a coherent source, a wavelength in m and points that returns the irradiance and its
-error, (2, ...)."""
+"""Function of a coherent source, a wavelength in m and points. It returns the irradiance and its
+error as an array (2, ...).
+"""
 
 _TOLERANCE = 1e-3
-# Allowed error of means over tilts and wavelengths, as a fraction of the tolerance.
+# Allowed error of a mean over tilts and wavelengths, as a fraction of the tolerance.
 _OF_MIXTURE = 1e-4
-# The same for exact fields, relative to the largest irradiance.
+# Largest allowed error of a mean over tilts and wavelengths of exact fields, as a fraction of the
+# largest irradiance.
 _OF_EXACT = 1e-7
-# Allowed error of shadows, as a fraction of the tolerance.
+# Allowed error of fields behind obstacles, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
 
 
@@ -84,7 +86,7 @@ def irradiance(
     tolerance: float = _TOLERANCE,
     engine: Engine = "auto",
 ) -> Floats:
-    """Compute the irradiance |U|^2 at points in front of a source.
+    """Return the irradiance |U|^2 at points in front of a source.
 
     Wigner rays, the method of the paper, are an approximation to leading order: each position on
     the automean sends one ray to each point, with the radiance W in that direction (R1). All other
@@ -176,7 +178,7 @@ def irradiance_with_error(
     method: str = "wigner",
     **options: Unpack[IrradianceOptions],
 ) -> tuple[Floats, Floats]:
-    """Compute the irradiance of :func:`irradiance` and an estimate of its error.
+    """Return the irradiance of :func:`irradiance`, and an estimate of its error.
 
     Parameters
     ----------
@@ -223,7 +225,7 @@ def _irradiance_and_error(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance (...) and its error.
 
-    Behind obstacles the error is computed only if ``with_error`` is true.
+    Behind obstacles, the error is computed only if ``with_error`` is true.
     """
     checked_method(method, ("wigner", *METHODS, "auto"))
     allowed = checked_tolerance(tolerance)
@@ -238,11 +240,12 @@ def _irradiance_and_error(
         method, obliquity = (condition.name, None) if is_exact else ("wigner", condition.name)
     if obstacles is not None and (method == "wigner" or not (through is None is bandwidth)):
         raise ArgumentError(
-            "obstacles require one wavelength, no system of lenses, and a method that computes "
-            f'fields, got method={method!r} and bandwidth={bandwidth!r}; use method="auto" alone'
+            'obstacles cannot be combined with method="wigner", through= or a bandwidth, got '
+            f'method={method!r} and bandwidth={bandwidth!r}; pass method="auto", and omit '
+            "through= and bandwidth="
         )
     if method == "wigner" and isinstance(source, PointSource):
-        method = DEFAULT  # The rays of a point source carry |exp(ikR)/R|^2 exactly.
+        method = DEFAULT  # The rays of a point source have the irradiance |exp(ikR)/R|^2 exactly.
     field_tolerance = min(allowed, DEFAULT_TOLERANCE)
     if obstacles is not None:
         field_tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
@@ -308,7 +311,7 @@ def _by_rays(
 def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bool:
     """Return whether the mean of W over the tilts of partially coherent light is known (PC8).
 
-    The obliquity must not depend on the tilt.
+    This requires an obliquity that does not depend on the tilt.
     """
     if not is_partly_coherent(source) or obliquity_of(obliquity).needs_normal_derivative:
         return False
@@ -321,7 +324,8 @@ def checked_tolerance(tolerance: float) -> float:
     return checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
 
 
-# ---- mixtures of waves ---------------------------------------------------------------------------
+# ---- bands of wavelengths, and tilts of partially coherent light
+# -----------------------------------
 
 
 def mixture_parts(
@@ -329,8 +333,8 @@ def mixture_parts(
 ) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
     """Yield coherent sources, wavelengths in m and weights that represent a mixture of waves.
 
-    The irradiance of the mixture is the weighted sum. ``error`` is its allowed error, relative to
-    the largest possible irradiance.
+    The irradiance of the mixture is the weighted sum of the irradiances. ``error`` is its allowed
+    error, relative to the largest possible irradiance.
     """
     for part, length, weight in _band(source, wavelength, bandwidth, error):
         for tilted, fraction in _tilted(part, error):
@@ -340,7 +344,7 @@ def mixture_parts(
 def _band(
     source: Any, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Any, float, float]]:
-    """Yield the source at each wavelength of a band, the wavelength in m, and its weight."""
+    """Yield the source, a wavelength in m and a weight for each wavelength of a band."""
     length = checked_wavelength(wavelength)
     band = [(length, 1.0)]
     if bandwidth is not None:
@@ -351,7 +355,7 @@ def _band(
 
 
 def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
-    """Yield a coherent source for each tilt of partially coherent light, and its weight."""
+    """Yield a coherent source and a weight for each tilt of partially coherent light."""
     if not is_partly_coherent(source):
         yield source, 1.0
         return
@@ -370,8 +374,8 @@ def _of_shared_samples(
 ) -> Floats | None:
     """Return the irradiance of partially coherent light and its error, (2, ...).
 
-    All tilts share the samples of the source. The result is None if the mean over the fields of
-    single tilts is faster.
+    The samples of the source are reused for all tilts. The result is None if it is faster to
+    compute the field of each tilt separately.
     """
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]

@@ -20,33 +20,39 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in, shifted
-from polywigner.numerics.nodes import chirp_node_counts, normal_product_rule, unit_rule
-from polywigner.numerics.triangles import rule_of_counts
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.nodes import (
+    chirp_node_counts,
+    normal_product_rule,
+    rule_of_counts,
+    unit_rule,
+)
 from polywigner.optics import FirstOrder
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import Obliquity, direction_cosines
 from polywigner.transforms import ambiguity
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 Channel = Floats | None
-"""Quantity on the source: None for the field, or the frequency (2,) of one of its plane waves for
-the normal derivative of this wave."""
+"""Quantity on the source. None stands for the field, and the frequency (2,) of a plane wave stands
+for the normal derivative of this wave.
+"""
 
-# Largest lag in coherence widths. The degree of coherence at longer lags is below 1e-10.
+# Largest lag, in coherence widths, that contributes. At longer lags, the degree of coherence is
+# below 1e-10.
 _LONGEST = 6.8
-# Error of the coarsest rule for a plane wave.
+# Error of the coarsest quadrature rule for a plane wave.
 _ERROR = 1e-7
-# Frequency of the degree of coherence that the rule resolves, times the coherence width.
+# Highest frequency of the degree of coherence that quadrature rules resolve, times the coherence
+# width.
 _OF_NORMAL = 0.48
-# Numbers of additional nodes of successively finer rules, which are tried until two of them agree.
+# Numbers of additional nodes of successively finer quadrature rules, which are tried until two of
+# them agree.
 _LEVELS = (0, 2, 5, 10, 18)
-# Largest number of kink segments that separate cells.
+# Largest number of kinks of the ambiguity function along which the lags are divided into cells.
 _MOST_KINKS = 2000
-# Largest number of lags behind first-order systems.
+# Largest number of lags for sources in front of first-order systems.
 _MOST_NODES = 1 << 20
-# Number of array elements per block.
+# Number of values in the arrays of a block.
 _BLOCK = 1 << 22
 
 
@@ -56,15 +62,17 @@ def _sum_over_lags(
     rates: Floats,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance (n,) from a rule on cells of lags, or None without convergence.
+    """Return the irradiance (n,) from a quadrature rule on cells of lags.
 
     ``irradiance`` is a function of lags (m, 2), weights (m,) and the number of additional nodes.
-    The rule is refined until the values change by less than ``error`` times the largest irradiance.
+    The rule is refined until the values change by less than ``error`` times the largest irradiance;
+    without convergence, the result is None.
     """
     previous: Floats | None = None
     for extra in _LEVELS:
         lags, weights, _ = rule_on(cells, rates, _ERROR, extra)
-        # the cells cover half of the lags; opposite lags contribute the same amount
+        # The cells cover half of the lags. The opposite lags contribute the same amount, hence the
+        # factor 2.
         values = irradiance(lags, 2.0 * weights, extra)
         if previous is not None and abs(values - previous).max() <= error * abs(values).max():
             return values
@@ -78,10 +86,10 @@ def _longest_lags(source: Wavefront) -> Floats:
 
 
 def _lag_cells(source: Wavefront) -> Trapezoids:
-    """Return trapezoids that tile half of the lags that interfere.
+    """Return trapezoids that tile half of the lags at which the source has mutual coherence.
 
     The ambiguity function has kinks on the segments V_i - E_k of all vertices V_i and edges E_k. No
-    kink crosses a trapezoid, unless there are more than ``_MOST_KINKS`` of them.
+    kink crosses a trapezoid, unless there are more than ``_MOST_KINKS`` kinks.
     """
     reach = _longest_lags(source)
     half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
@@ -140,18 +148,20 @@ def summed_over_lags(
 
 # ---- spherical waves -----------------------------------------------------------------------------
 
-# Times in ns: for each pair of points on the source and each field point, and for each vertex of
-# two outlines that are intersected.
+# Computing time in ns for each pair of points on the source and each field point, and for each
+# vertex of two outlines that are intersected.
 _PAIR, _CUT = 60.0, 2e4
-# Time of the two coarsest rules, which are always computed, relative to the coarsest one.
+# Computing time of the two coarsest quadrature rules, which are always evaluated, relative to the
+# time of the coarsest one.
 _TWO_RULES = 2.5
-# Waves with tilts of up to this number of standard deviations must not graze the plane.
+# Waves must not graze the plane of the source for tilts of up to this number of standard
+# deviations.
 _GRAZING = 5.0
-# Error of means over tilts.
+# Error of the quadrature rule for means over tilts.
 _MEAN_ERROR = 1e-8
 # Number of lags per block.
 _LAGS = 256
-# Numbers of pairs and of points per block, whose arrays stay in the cache.
+# Numbers of pairs and of points per block. Arrays of this size stay in the cache of the processor.
 _PAIRS, _POINTS = 1 << 12, 4
 
 
@@ -162,7 +172,7 @@ def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
 
 
 def channel_at(element: SourceElement, channel: Channel, x: Floats) -> Complex | float:
-    """Return a channel of an element of weight 1 at positions x (..., 2)."""
+    """Return a channel of an element of weight 1, shape (...), at positions x (..., 2)."""
     if channel is None:
         return 1.0 if element.illumination is None else element.illumination(x)
     amplitude = element.amplitudes[(element.frequencies == channel).all(axis=1)].sum()
@@ -179,9 +189,9 @@ def summed_over_pairs(
 ) -> Floats | None:
     """Return the irradiance (n,) at points (n, 3) by (PC11).
 
-    The result is None if the estimated time exceeds ``longest_time`` in ns, if the rules do not
-    converge, or if the boundary condition requires normal derivatives of a curved wave or of waves
-    that may graze the plane.
+    The result is None if the estimated time exceeds ``longest_time`` in ns, if the quadrature rules
+    do not converge, or if the boundary condition requires normal derivatives of a curved wave or of
+    waves that may graze the plane.
     """
     width, form = source.coherence_width, normal_form(source)
     steepest = np.linalg.norm(form.frequencies, axis=1).max() + _GRAZING / (2 * np.pi * width)
@@ -189,7 +199,7 @@ def summed_over_pairs(
     if condition.needs_normal_derivative and not is_steep:
         return None
     elements = form.in_plane.elements
-    # bound on the second derivatives of the phase, in cycles per square metre
+    # Upper bound on the second derivatives of the phase, in cycles per square metre.
     bend = 1.0 / (wavelength * points[:, 2].min()) + float(np.linalg.norm(source.curvature, 2))
     largest = 2.0 * abs(form.frequencies).max(axis=0)
 
@@ -227,7 +237,8 @@ def summed_over_pairs(
                 factor = amounts * a.weight * np.conj(b.weight) * np.exp(2j * np.pi * cycles)
                 first = [factor * channel_at(a, c, x + lag / 2) for c in channels]
                 second = [np.conj(channel_at(b, c, x - lag / 2)) for c in channels]
-                # The normal derivatives of all waves have the same factor on their path to a point.
+                # On the path to a point, the normal derivatives of all waves are multiplied by the
+                # same factor, so they form one group.
                 mutual = np.zeros((groups, groups, len(x)), np.complex128)
                 for (i, u), (j, v) in product(enumerate(first), enumerate(second)):
                     mutual[min(i, groups - 1), min(j, groups - 1)] += degrees[i, j][lag_of] * u * v
@@ -241,8 +252,9 @@ def summed_over_pairs(
 def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
     """Return the means over tilts t of p_a p_b* exp(2 pi i t.xi), (a, b, n), for lags xi (n, 2).
 
-    a and b are channels. The channel of a wave kappa has p = p_z(kappa + t), since the normal
-    derivative of the tilted wave is ik p_z times the wave; the channel of the field has p = 1.
+    The indices a and b stand for channels. For the channel of a wave kappa, p = p_z(kappa + t),
+    because the normal derivative of the tilted wave is ik p_z times the wave. For the channel of
+    the field, p = 1.
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
@@ -256,21 +268,22 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
         ]
     )
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
-    # einsum is used, because the threads of BLAS take longer to synchronise than to compute such
-    # small products.
+    # einsum is faster than a matrix product here, because the threads of BLAS would take longer to
+    # start than such small products.
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
 def _pairs(
     first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, Indices]:
-    """Return midpoints (n, 2) of pairs of points, weights (n,), and indices (n,) of lags."""
+    """Return midpoints (n, 2) of pairs of points, weights (n,), and indices (n,) of their lags."""
     ahead, behind = (np.full(len(lags), e.shape.polygons, object) for e in (first, second))
     common = shapely.intersection(shifted(ahead, -lags / 2), shifted(behind, lags / 2))
     parts, lag_of_part = shapely.get_parts(common, return_index=True)
     has_area = shapely.area(parts) > 0
     if not has_area.any():
-        return np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)  # no lag connects the elements
+        # No lag connects the two elements.
+        return np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)
     cells, part_of = trapezoids_of(parts[has_area])
     lag_of_cell = lag_of_part[has_area][part_of]
     nodes, weights, cell_of = rule_on(cells, rates[lag_of_cell], _ERROR, extra)
@@ -280,9 +293,9 @@ def _pairs(
 def _sum_of_waves(
     points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
 ) -> Floats:
-    """Return the sum (n,) at points (n, 3) over m pairs with mutual intensities (c, c, m).
+    """Return the irradiance (n,) at points (n, 3) of m pairs with mutual intensities (c, c, m).
 
-    ``means`` and ``lags`` (m, 2): midpoints of the pairs, and their differences.
+    ``means`` and ``lags`` (m, 2) are the midpoints and the differences of the pairs.
     """
     total = np.zeros(len(points))
 
@@ -299,7 +312,7 @@ def _sum_of_waves(
         along = dx * xi + dy * eta
         square = dx * dx + dy * dy + (z * z + 0.25 * (xi * xi + eta * eta))
         first, second = np.sqrt(square + along), np.sqrt(square - along)
-        # The difference of the distances is computed without loss of digits.
+        # This form of the difference of both distances does not lose digits by cancellation.
         phase = (2 * k) * along / (first + second)
         waves = (np.cos(phase) + 1j * np.sin(phase)) / (first * second)
         terms = zip(
@@ -308,22 +321,24 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # An explicit sum is used, because the threads of BLAS take longer to synchronise than to
-        # compute such short products.
+        # An explicit sum is faster than a matrix product here, because the threads of BLAS would
+        # take longer to start than such short products.
         total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 
 
-# ---- rows of trapezoids --------------------------------------------------------------------------
+# ---- quadrature on trapezoids
+# ---------------------------------------------------------------------
 
 Trapezoids = NDArray[np.float64]
 """Trapezoids with two sides parallel to x, (n, 3, 2): the y, the left x and the right x of the
-lower and of the upper side."""
+lower side and of the upper side.
+"""
 
-# Number of pairs of edges and heights per block.
+# Number of pairs of an edge and a height per block.
 _BATCH = 1 << 20
-# Factor in the number of additional nodes: poles of the integrand at a distance d from a trapezoid
-# of size 2 a require _POLE/arcsinh(d/a) nodes.
+# Factor of the number of additional nodes. Poles of the integrand at the distance d from a
+# trapezoid of size 2 a require _POLE/arcsinh(d/a) nodes.
 _POLE = 4.0
 
 
@@ -353,9 +368,9 @@ def trapezoids_of(
 
 
 def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
-    """Return trapezoids of n polygons with m edges each, and the index of the polygon of each.
+    """Return trapezoids of n polygons with m edges each, and the index of each trapezoid's polygon.
 
-    ``edges`` (n, m, 2, 2): polygon, edge, end, coordinate.
+    The axes of ``edges`` (n, m, 2, 2) are polygon, edge, end and coordinate.
     """
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
@@ -374,10 +389,10 @@ def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
 def node_counts(
     trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
 ) -> Indices:
-    """Return the numbers of rows, and of nodes on a row, that n trapezoids need, (n, 2).
+    """Return the number of rows, and of nodes on each row, for n trapezoids, (n, 2).
 
-    ``rates``: largest frequencies of the integrand along x and y in 1/m, (2,) or (n, 2).
-    ``nearest``: distance of the poles of the integrand from the plane in m.
+    ``rates`` are the highest frequencies of the integrand along x and y in 1/m, (2,) or (n, 2).
+    ``nearest`` is the distance in m of the poles of the integrand from the plane.
     """
     y, left, right = trapezoids.transpose(1, 0, 2)
     height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
@@ -393,7 +408,7 @@ def node_counts(
 def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
     """Return x (..., m, n), y (..., m) and weights (..., m, n) of nodes on trapezoids (..., 3, 2).
 
-    Each trapezoid has m rows of n nodes: ``counts`` is (m, n).
+    Each trapezoid has m rows of n nodes; ``counts`` is (m, n).
     """
     (up, of_rows), (along, on_row) = (unit_rule(count) for count in counts.tolist())
     lines = trapezoids[..., :1] + up * np.diff(trapezoids)
@@ -408,7 +423,8 @@ def rule_on(
 ) -> tuple[Floats, Floats, Indices]:
     """Return nodes (n, 2), weights (n,), and the index (n,) of the trapezoid of each node.
 
-    The rule has ``extra`` rows, and nodes on each row, more than :func:`node_counts` returns.
+    The rule has ``extra`` rows, and ``extra`` nodes on each row, more than :func:`node_counts`
+    returns.
     """
     counts = node_counts(trapezoids, rates, error) + extra
     y, left, right = trapezoids.transpose(1, 0, 2)
@@ -419,13 +435,14 @@ def rule_on(
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
     """Return the highest frequencies along x and y, (n, 2), of the integrand for points (n, 3).
 
-    The integrand is the field on the source times the wave from there to the point. Frequencies are
-    in cycles per metre.
+    The integrand is the field on the source times the wave from the source to the point.
+    Frequencies are in cycles per metre.
     """
     low, high = np.reshape(source.bounds, (2, 2))
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     away = corners - points[:, None, :2]
-    # the slope along an axis is largest where the source is nearest across this axis
+    # The slope of the distance along an axis is largest at the positions on the source that are
+    # closest to the point across this axis.
     outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
     distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature

@@ -10,7 +10,7 @@ distributed with the standard deviation 1/(2 pi width), where ``width`` is the c
   source.
 - If the coherence width is far below the size of the source, :mod:`.lag_sums` is faster.
 
-If none of these applies, the caller computes the field of each tilt.
+If none of these methods applies, the caller computes the field of each tilt.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
@@ -43,11 +43,8 @@ from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
 from polywigner.transforms.wavefronts import coherent_source
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 Compute = Callable[[Any, Floats], Floats]
-"""Irradiance of a coherent source at n points, and its error, (2, n)."""
+"""Function of a coherent source and n points. It returns the irradiance and its error, (2, n)."""
 
 
 def partly_coherent_irradiance(
@@ -59,17 +56,17 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance of partially coherent light at n points and its error, (2, n).
+    """Return the irradiance of partially coherent light at n points, and its error, (2, n).
 
     Points have the shape (n, 2) behind a first-order system, otherwise (n, 3). ``error`` is the
-    allowed error relative to the largest irradiance. The result is None if the mean over the fields
-    of single tilts is faster.
+    allowed error relative to the largest irradiance. The result is None if it is faster to compute
+    the field of each tilt separately.
     """
     if system is not None or method == "fresnel":
         return _in_parabolic_waves(compute, source, points, wavelength, system, error)
     if method not in CONDITIONS:
         return None
-    # This call raises the errors of invalid arguments.
+    # This call has no other purpose than to raise the errors of invalid arguments.
     compute(coherent_source(source), points[:1])
     values = _in_spherical_waves(source, points, wavelength, CONDITIONS[method], error)
     return None if values is None else _with_error(values, error)
@@ -85,12 +82,12 @@ def _sides(source: Wavefront) -> Floats:
 
 # ---- parabolic waves -----------------------------------------------------------------------------
 
-# Size of the source in coherence widths above which sums over lags are tried first.
+# Size of the source, in coherence widths, above which sums over lags are tried first.
 _SHORT = 30.0
-# Largest number of points of a lattice, and largest number of points in all planes at which fields
-# are computed.
+# Largest number of points of a lattice, and largest total number of points in all planes at which
+# fields are computed.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
-# Number of array elements per block.
+# Number of values in the arrays of a block.
 _BLOCK = 1 << 22
 
 
@@ -148,18 +145,18 @@ def _in_parabolic_waves(
 
 
 class _Blur(NamedTuple):
-    """Normal density of the shifts of an irradiance that the tilts cause."""
+    """Normal distribution of the shifts of an irradiance that the tilts cause."""
 
     axes: Floats
-    """Principal directions in the plane of the points, the columns of a (2, 2) matrix."""
+    """Principal directions in the plane of the points, as columns of a (2, 2) matrix."""
     spreads: Floats
-    """Standard deviations (2,) along the principal directions in m."""
+    """Standard deviations (2,) of the shifts along the principal directions, in m."""
     reaches: Floats
-    """Extents (2,) of the source along the matching directions, in coherence widths."""
+    """Extents (2,) of the source along the corresponding directions, in coherence widths."""
 
 
 def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
-    """Return the blur behind a system with the matrix B = ``transfer``.
+    """Return the blur behind a first-order system with the matrix B = ``transfer``.
 
     A tilt t shifts the irradiance by wavelength B t.
     """
@@ -174,10 +171,10 @@ def _convolution(
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
     """Return a quadrature rule for the convolution at points (n, 2).
 
-    The rule consists of nodes (m, 2) and a function that maps k quantities at the nodes, (k, m), to
-    their means at the points, (k, n). It is the trapezoidal rule on a lattice that all points
-    share, or the Gauss-Hermite rule about each point, whichever has fewer nodes. The result is None
-    if both have too many nodes. ``error`` is relative to the largest irradiance.
+    The rule consists of nodes (m, 2), and of a function that maps k quantities at the nodes, (k,
+    m), to their means at the points, (k, n). It is either the trapezoidal rule on a lattice for all
+    points, or the Gauss-Hermite rule about each point, whichever has fewer nodes. The result is
+    None if both have too many nodes. ``error`` is relative to the largest irradiance.
     """
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
@@ -227,23 +224,24 @@ class _LatticeAxis(NamedTuple):
     near: Indices
     """Indices (n, k) of the nodes near each point."""
     weights: Floats
-    """Weights (n, k) of these nodes."""
+    """Weights (n, k) of these k nodes."""
 
 
 def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _LatticeAxis:
-    """Return the trapezoidal rule for normal densities about all coordinates ``along`` (n,).
+    """Return the trapezoidal rule for normal distributions about all coordinates ``along`` (n,).
 
     The irradiance has frequencies up to reach/(2 pi spread). A step of 2 pi spread/(reach + steps)
     leaves an aliasing error of exp(-steps^2/2).
     """
     step = 2 * math.pi * spread / (reach + steps)
-    if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:  # There is no blur along this axis.
+    # Tilts cause no blur along this axis.
+    if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:
         nodes, near = np.unique(along, return_inverse=True)
         return _LatticeAxis(nodes, near[:, None], np.ones((len(along), 1)))
     half = math.ceil(steps * spread / step)
     origin = float(along.min())
     centre = np.rint((along - origin) / step).astype(np.intp)
-    # the lattice consists of nodes that are near at least one point
+    # The lattice contains only nodes close to at least one point.
     numbers = np.unique(np.unique(centre)[:, None] + np.arange(-half, half + 1))
     near = np.searchsorted(numbers, centre - half)[:, None] + np.arange(2 * half + 1)
     nodes = origin + step * numbers
@@ -259,19 +257,21 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
 # Gauss nodes on rows along x. One matrix product transforms each row from x to the tilts t_x, and a
 # second product transforms the results of all rows from y to the tilts t_y.
 
-# Relative error of the quadrature on the source.
+# Relative error of the quadrature rule on the source.
 _QUADRATURE = 1e-9
-# Fraction of the largest tilt that the nodes resolve; larger tilts have negligible weights.
+# Fraction of the largest tilt that the nodes on the source resolve; larger tilts have negligible
+# weights.
 _RESOLVED = 0.8
-# Largest number of points that share nodes, of values of a spectrum, and of values per batch.
+# Largest number of points that are computed with the same nodes, of values of a spectrum over the
+# tilts, and of values per batch.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Time per point, in ns, of summing over the tilts: the cost per node, and the cost per row of nodes
-# and tilt.
+# Computing time per point, in ns, of a sum over the tilts: for each node, and for each row of nodes
+# and each tilt.
 _NODE, _TILT = 60.0, 2.0
-# Time per point and tilt, in ns, of boundary integrals: the cost per wavelength along the outline,
-# and the cost per edge.
+# Computing time per point and tilt, in ns, of boundary integrals: for each wavelength of the length
+# of the outline, and for each edge.
 _WAVELENGTH, _EDGE = 250.0, 1e4
-# Longest time per point, in ns, of summing over pairs.
+# Longest computing time per point, in ns, of a sum over pairs of points on the source.
 _LONGEST_TIME = 1e10
 
 
@@ -292,7 +292,7 @@ class _TiltAxis(NamedTuple):
 
 
 def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
-    """Return the rule with a step of 2 pi/reach and an end of ``tail`` standard deviations."""
+    """Return the rule with a step of 2 pi/reach that ends at ``tail`` standard deviations."""
     step = 2 * math.pi / reach
     half = math.ceil(tail / step)
     weights = np.exp(-0.5 * (step * np.arange(-half, half + 1)) ** 2)
@@ -300,7 +300,7 @@ def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
 
 
 class _TiltSum(NamedTuple):
-    """A source and the rule of its mean over tilts."""
+    """A source, and the rule for its mean over tilts."""
 
     source: Wavefront
     elements: Sequence[SourceElement]
@@ -316,7 +316,8 @@ def _in_spherical_waves(
     """Return the irradiance (n,) at points (n, 3) by the method with the shortest estimated time.
 
     The methods are sums over tilts (Q7), sums over pairs of points on the source (PC11), and one
-    boundary integral for each tilt. The result is None if the boundary integrals are the fastest.
+    boundary integral for each tilt. The result is None if the boundary integrals are the fastest
+    method.
     """
     tail = math.sqrt(2 * math.log(8 / error))
     reaches = _sides(source) / source.coherence_width + tail
@@ -361,10 +362,10 @@ def _in_spherical_waves(
 def _summed_over_tilts(
     rule: _TiltSum, points: Floats, blocks: Sequence[tuple[Indices, Sequence[Indices]]]
 ) -> Floats:
-    """Return the irradiance (n,) at points (n, 3), by (Q7).
+    """Return the irradiance (n,) at points (n, 3) by (Q7).
 
-    Each block contains the indices of the points that share nodes, and the numbers of nodes of each
-    element.
+    Each block contains the indices of the points that use the same nodes, and the numbers of nodes
+    of each element.
     """
     plane = np.stack(np.meshgrid(*(axis.tilts for axis in rule.axes)), axis=-1)
     cosines: list[Any] = [
@@ -389,11 +390,11 @@ def _trapezoids(outline: Aperture) -> Trapezoids:
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
-    """Return sums over the source at p points for all tilts, (channel, t_y, t_x, p).
+    """Return integrals over the source for p points and all tilts, (channel, t_y, t_x, p).
 
     The source is multiplied by cosines of the tilts t >= 0 along an axis in the first half of each
     tilt axis, and by sines in the second half. ``counts`` contains the number of rows, and of nodes
-    on a row, of each trapezoid of each element.
+    on each row, of each trapezoid of each element.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
@@ -403,7 +404,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
     for element, of_element in zip(rule.elements, counts, strict=True):
         for trapezoid, shape in zip(_trapezoids(element.outline), of_element, strict=True):
             x, y, weights = rows_of(trapezoid, shape)
-            # The rows of a rectangle share their x.
+            # All rows of a rectangle have the same x coordinates, so one row is enough.
             nodes = (x if np.diff(trapezoid[1:]).any() else x[:1]) - centre[0]
             inner = np.empty((channels, len(y), *halves[1:]), np.complex128)
             columns = channels * len(points) + (along_x.half if len(nodes) > 1 else 0)
@@ -422,7 +423,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
 def _samples(
     rule: _TiltSum, element: SourceElement, x: Floats, y: Floats, weights: Floats, points: Floats
 ) -> Complex:
-    """Return the field at nodes times the waves from there to points (p, 3), (channel, m, n, p).
+    """Return the field at nodes times the waves to points (p, 3), (channel, m, n, p).
 
     There are m rows of n nodes with coordinates ``x`` (m, n), ``y`` (m,) and ``weights`` (m, n).
     """
@@ -430,7 +431,8 @@ def _samples(
     px, py, z = points.T
     squares = (x[..., None] - px) ** 2 + ((y[:, None] - py) ** 2)[:, None]
     distance = np.sqrt(squares + z * z)
-    # R - z = (R^2 - z^2)/(R + z), without cancellation; the phase of z is left out
+    # The phase is that of R - z = (R^2 - z^2)/(R + z), a form without cancellation; the constant
+    # phase of z does not change the irradiance.
     cycles = squares / ((distance + z) * wavelength)
     cycles -= np.rint(cycles)
     cycles *= 2 * math.pi
@@ -446,7 +448,7 @@ def _samples(
                 offset = nodes - source.centre
                 bend = ((offset @ source.curvature) * offset).sum(axis=-1)
                 field = field * np.exp(1j * np.pi * bend)
-            # the wave times (z/R) (1 + i/(kR))
+            # The field channel is the wave times (z/R) (1 + i/(kR)).
             size_of_field = size * inverse * (condition.field * z)
             imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
             values.real = size_of_field * sine + imaginary * cosine
@@ -462,7 +464,7 @@ def _samples(
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:
-    """Return cos(2 pi x t), then sin(2 pi x t), of tilts t >= 0: (..., 2 (half + 1), n).
+    """Return cos(2 pi x t), followed by sin(2 pi x t), for tilts t >= 0: (..., 2 (half + 1), n).
 
     ``x`` has the shape (..., n).
     """
@@ -474,7 +476,7 @@ def _waves(x: Floats, axis: _TiltAxis) -> Floats:
 
 
 def _of_both_signs(sums: Complex, axis: int) -> Complex:
-    """Convert sums with cosines and sines of t >= 0 to sums with exp(2 pi i x t) of all t."""
+    """Convert sums with cos and sin of 2 pi x t, t >= 0, to sums with exp(2 pi i x t) of all t."""
     cosines, sines = np.split(sums, 2, axis=axis)
     sines = 1j * sines
     negative = np.flip(cosines - sines, axis).take(range(cosines.shape[axis] - 1), axis)
@@ -482,5 +484,5 @@ def _of_both_signs(sums: Complex, axis: int) -> Complex:
 
 
 def _product(table: Floats, values: Complex) -> Complex:
-    """Return the matrix product; BLAS has none of a real and a complex matrix."""
+    """Return the product of a real and a complex matrix, for which BLAS has no function."""
     return np.asarray((table @ values.view(np.float64)).view(np.complex128))

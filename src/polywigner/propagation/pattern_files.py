@@ -1,4 +1,4 @@
-"""Readers and writers of radiation patterns in files of simulators and planning tools."""
+"""Readers and writers of radiation patterns in file formats of simulators and planning tools."""
 
 from __future__ import annotations
 
@@ -56,19 +56,20 @@ if TYPE_CHECKING:
 
 # ---- reading ------------------------------------------------------------------------------------
 
-# Largest relative difference between a requested frequency and the frequency of a file.
+# Largest relative difference between the requested frequency and a frequency in a file.
 _SAME_FREQUENCY = 1e-3
-# Largest difference in dB between the directivity in a file and the integral over its directions.
-# Missing directions and coarse steps explain smaller differences.
+# Largest difference in dB between the directivity in a file and the directivity from the integral
+# over its directions. Missing directions and coarse steps can cause smaller differences.
 _CONTRADICTION = 1.0
-# Largest relative difference of two fields in one direction, such as phi = 0 and 360 degrees.
+# Largest relative difference between two fields for the same direction, such as phi = 0 and 360
+# degrees.
 _SAME_FIELD = 1e-3
-# Smallest number of meridians for an integral over directions.
+# Smallest number of meridians from which the radiated power is integrated.
 _LEAST_MERIDIANS = 8
 
 
 def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -> xarray.Dataset:
-    """Read a radiation pattern from a file of a simulator or of a planning tool.
+    """Read a radiation pattern from a file of a simulator or a planning tool.
 
     ======  =====================================================================================
     suffix  content
@@ -145,7 +146,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern of a file at the frequency in the file that is nearest to ``frequency``."""
+    """Read the pattern at the frequency in a file that is closest to ``frequency``."""
     return _read(path, frequency, math.inf)
 
 
@@ -168,14 +169,15 @@ def _read(
 def _check_suffix(suffix: str, known: Iterable[str]) -> None:
     if suffix not in known:
         raise FileFormatError(
-            f"expected a pattern file with the suffix {', '.join(known)}, got {suffix or 'none'!r}"
+            f"the suffix {suffix or 'none'!r} of the pattern file is not supported; use one of "
+            f"{', '.join(known)}"
         )
 
 
 def _selected(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
-    """Return the table of the requested frequency, or the only table."""
+    """Return the table at the requested frequency, or the only table."""
     if not tables:
         raise FileFormatError("the file contains no far field")
     known = np.array([table.frequency for table in tables])
@@ -184,7 +186,7 @@ def _selected(
     listed = ", ".join(f"{value:g}" for value in known[:6]) + ", ..." * (len(known) > 6)
     if np.isnan(known).any() or len(np.unique(known)) < len(known):
         raise FileFormatError(
-            "expected one far field for each frequency, got several; keep one of them"
+            "the file contains several far fields for the same frequency; keep one of them"
         )
     if frequency is None:
         raise FileFormatError(
@@ -192,14 +194,19 @@ def _selected(
         )
     nearest = int(np.abs(known - frequency).argmin())
     if not abs(known[nearest] / frequency - 1) <= tolerance:
-        raise FileFormatError(f"expected a frequency of {frequency:g} Hz, got {listed} Hz")
+        raise FileFormatError(
+            f"the file contains no far field at the requested frequency of {frequency:g} Hz; "
+            f"its frequencies are {listed} Hz"
+        )
     return tables[nearest]
 
 
 def _dataset(table: FarFieldTable) -> xarray.Dataset:
-    """Return the pattern of a table, whose directions may be a few cuts if the power is known."""
+    """Return the pattern of a table; a few cuts are enough if the radiated power is known."""
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
-        raise FileFormatError("some directions occur several times; keep one row for each")
+        raise FileFormatError(
+            "some directions occur several times in the file; keep one row for each direction"
+        )
     fields = table.fields.conj() / math.sqrt(2 * FREE_SPACE)
     flat = _folded(table.theta, table.phi, fields)
     axes = np.unique(flat[0]), np.unique(flat[1])
@@ -207,7 +214,9 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
     if table.has_unit_power and few:
         theta, phi, (polar, azimuthal) = _gridded(table.theta.round(6), table.phi.round(6), fields)
         if not fields.any():
-            raise FileFormatError("the far field is zero in all directions; export it again")
+            raise FileFormatError(
+                "the far field is zero in all directions; export the far field again"
+            )
         power = 1.0
     else:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
@@ -243,8 +252,8 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
     """Convert directions to theta from 0 to 180 degrees and phi from 0 to below 360 degrees.
 
     (-theta, phi) and (theta, phi + 180) are the same direction, but their unit vectors along theta
-    and phi have opposite signs, and so have the field components. If theta was negative, rows for
-    phi + 180 are added at the poles.
+    and phi have opposite signs, and so do the field components. If some theta are negative, rows
+    for phi + 180 are added at the poles.
     """
     theta = theta.round(6) % 360
     beyond = theta > 180
@@ -258,7 +267,7 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 
 
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Return theta (n,) and phi (m,) in rad, and both components (2, n, m)."""
+    """Return theta (n,) and phi (m,) in rad, and E_theta and E_phi as an array (2, n, m)."""
     polar, row = np.unique(theta, return_inverse=True)
     azimuth, column = np.unique(phi, return_inverse=True)
     shape = len(polar), len(azimuth)
@@ -267,19 +276,19 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
     grid[:, row, column] = fields
     if np.isnan(grid).any():
         raise FileFormatError(
-            f"expected a grid of {shape[0]} angles theta and {shape[1]} angles phi, got "
-            f"{len(theta)} directions"
+            f"expected all directions of a grid of {shape[0]} angles theta and {shape[1]} angles "
+            f"phi, got {len(theta)} directions; export a complete grid"
         )
     if np.abs(grid[:, row, column] - fields).max() > _SAME_FIELD * np.abs(fields).max():
         raise FileFormatError(
-            "the same direction is given with different fields; compare the rows at phi = 0 and "
-            "360 degrees, and at theta and -theta"
+            "the file contains different fields for the same direction; compare the rows at phi "
+            "= 0 and 360 degrees, and at theta and -theta"
         )
     return np.radians(polar), np.radians(azimuth), grid
 
 
 def _radiated_power(table: FarFieldTable, integral: float) -> float:
-    """Return the radiated power in W, from the directivity in the file or the integral."""
+    """Return the radiated power in W, from the directivity in the file or from an integral."""
     squares = np.square(np.abs(table.fields)).sum(axis=0)
     peak = int(squares.argmax())
     strongest = float(squares[peak]) / (2 * FREE_SPACE)
@@ -290,24 +299,25 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
         power = 1.0
     level, stated = (10 * math.log10(4 * math.pi * strongest / p) for p in (integral, power))
     contradiction = (
-        f"the file has a directivity of {stated:.2f} dBi, but the integral over its directions "
-        f"gives {level:.2f} dBi"
+        f"the file contains a directivity of {stated:.2f} dBi, but the integral over its "
+        f"directions gives {level:.2f} dBi"
     )
-    # Missing directions reduce the integral of the power, so they can only increase ``level``.
+    # Missing directions reduce the integral of the power, so they can only increase the directivity
+    # `level`.
     if (abs(level - stated) if is_sphere else stated - level) > _CONTRADICTION:
         raise FileFormatError(
             f"{contradiction}; check the units in the header, or export finer steps"
         )
     if abs(level - stated) > SAME_LEVEL:
         warn_caller(
-            f"{contradiction}, so directions are missing or steps are too coarse; the directivity "
-            "in the file is used"
+            f"{contradiction}, so directions are missing or the steps are too coarse; the "
+            "directivity in the file is used"
         )
     column, gain = totals.get("gain", (None, 0.0))
     if column is not None and 4 * math.pi * gain > 10 ** ((stated + SAME_LEVEL) / 10):
         warn_caller(
             f"the gain of {10 * math.log10(4 * math.pi * gain):.2f} dBi in column {column.title} "
-            f"exceeds the directivity of {stated:.2f} dBi, so directions are missing, steps are "
+            f"exceeds the directivity of {stated:.2f} dBi: directions are missing, the steps are "
             "too coarse, or the unit is wrong"
         )
     return power
@@ -317,7 +327,7 @@ _GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE
 
 
 def _planning_cuts(lines: list[str]) -> xarray.Dataset:
-    """Read the gain in an MSI Planet file (.msi, .pln) at phi = 0 and 90 degrees.
+    """Read the gain at phi = 0 and 90 degrees from an MSI Planet file (.msi, .pln).
 
     Theta is from -180 to 180 degrees.
     """
@@ -329,8 +339,8 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
     gain = float(match[1]) + (DIPOLE_GAIN if (match[2] or "dBd").lower() == "dbd" else 0.0)
     if match[2] is None:
         warn_caller(
-            f"GAIN has no unit; dBd is assumed, the default of the format, which gives {gain:.2f} "
-            "dBi; add dBi or dBd"
+            "the line GAIN has no unit; the default dBd of the format is assumed, which gives "
+            f"{gain:.2f} dBi; add dBi or dBd to the line"
         )
     text = values.get("FREQUENCY", "")
     is_band = not text or "-" in text
@@ -339,9 +349,11 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
     cuts = [_planning_cut(name, words, lines) for name in ("HORIZONTAL", "VERTICAL")]
     angles = cuts[0][0]
     if not np.array_equal(angles, cuts[1][0]):
-        raise FileFormatError("expected the same angles in both cuts, got different ones")
-    # Angles of the file increase to the right and downwards, as seen from behind the antenna. With
-    # y up, x points to the left.
+        raise FileFormatError(
+            "expected the same angles in the horizontal and the vertical cut, got different angles"
+        )
+    # In the file, angles increase to the right and downwards, as seen from behind the antenna. If y
+    # points up, x points to the left.
     theta = np.where(angles > 180, 360 - angles, -angles)
     levels = gain - np.stack([attenuation for _, attenuation in cuts], axis=1)
     back = np.flatnonzero(theta == -180)
@@ -354,16 +366,16 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
 
 
 def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Return angles (n,) from 0 to below 360 degrees and attenuations (n,) in dB of a cut."""
+    """Return the angles (n,) of a cut, from 0 to below 360 degrees, and attenuations (n,) in dB."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
-        raise FileFormatError(f"expected one line with {name} and a number of angles")
+        raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
     start, count = at[0], int(words[at[0]][1])
     table = numbers_of(lines[start + 1 : start + 1 + count], start + 2, 2)
     angles, rows = np.unique(table[:, 0] % 360, return_index=True)
     if len(table) != count or count < 4 or np.ptp(np.diff(angles, append=360.0)) > 1e-6:
         raise FileFormatError(
-            f"expected {count} lines with evenly spaced angles around the full circle after {name}"
+            f"expected {count} lines of evenly spaced angles around the full circle after {name}"
         )
     return angles, table[rows, 1]
 
@@ -375,13 +387,13 @@ Lines = Iterator[str]
 
 # Largest attenuation in dB in files of planning tools.
 _MOST_ATTENUATION = 99.9
-# Axial ratio in dB that represents infinity in files of CST.
+# Axial ratio in dB that stands for infinity in files of CST.
 _AXIAL_RATIO = 40.0
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """Content of a file to write."""
+    """Content of a pattern file to write."""
 
     theta: Floats
     """Angles (n,) in degrees."""
@@ -390,7 +402,7 @@ class _Pattern:
     directivity: Floats
     """Directivity (n, m) in dBi."""
     components: tuple[Complex, Complex]
-    """E_theta and E_phi (n, m) in V, with the phases of the files."""
+    """E_theta and E_phi (n, m) in V, with the sign of phases that files use."""
     about: dict[str, float]
     """Numerical attributes of the pattern, in Hz, W and dBi."""
 
@@ -477,8 +489,8 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
     checked_pattern(pattern)
     if "field" not in pattern:
         raise ArgumentError(
-            "expected a pattern with directivity and field over theta and phi, got a pattern "
-            "without a field; use a result of polywigner.radiation_pattern"
+            "the pattern has no complex field, which a file requires; use a result of "
+            "polywigner.radiation_pattern"
         )
     if "cross_field" not in pattern:
         name = "y" if polarisation is None else polarisation
@@ -487,7 +499,8 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
         pattern = pattern.assign_attrs(polarisation=jones.view(np.float64))
     elif polarisation is not None:
         raise ArgumentError(
-            f"expected no polarisation for a polarised pattern, got {polarisation!r}; omit it"
+            f"polarisation={polarisation!r} is not allowed, since the pattern already has a "
+            "polarisation; omit polarisation"
         )
     theta, phi, x, y, _ = linear_components(pattern, "pattern")
     levels, about = checked_pattern(pattern.sortby(["theta", "phi"]))[2:]
@@ -526,8 +539,8 @@ def _cst(pattern: _Pattern) -> Lines:
 def _ffd(pattern: _Pattern) -> Lines:
     if pattern.theta.min() < 0:
         raise ArgumentError(
-            f"expected theta from 0 to 180 degrees for an .ffd file, got {pattern.theta.min():g}; "
-            "use phi over the full circle"
+            "an .ffd file requires theta from 0 to 180 degrees, got theta = "
+            f"{pattern.theta.min():g} degrees; replace negative theta by phi over the full circle"
         )
     for name, angles in (("theta", pattern.theta), ("phi", pattern.phi)):
         _step(name, angles, ".ffd")
@@ -539,7 +552,7 @@ def _ffd(pattern: _Pattern) -> Lines:
 
 def _grasp(pattern: _Pattern) -> Lines:
     step = _step("theta", pattern.theta, ".cut")
-    # squares are directivities, 4 pi |rE|^2/(2 Z0)/P with rE in V
+    # Fields are scaled so that |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P, with rE in V.
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * pattern.about["radiated_power"]))
     for j, phi in enumerate(pattern.phi):
         yield f"polywigner, {pattern.about['frequency']:.12g} Hz, phi = {phi:.9g} deg"
@@ -560,11 +573,12 @@ def _msi(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # Angles increase to the right and downwards, as _planning_cuts reads them.
+    # Angles in the file increase to the right and downwards, as seen from behind the antenna.
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"
-        angles = 180.0 - (np.arange(360) + 180) % 360  # 0, -1, ..., 180, 179, ..., 1
+        # Theta in degrees: 0, -1, ..., -179, 180, 179, ..., 1.
+        angles = 180.0 - (np.arange(360) + 180) % 360
         front = np.where(np.abs(angles) > 90, FLOOR, np.interp(angles, theta, levels))
         for degrees, level in enumerate(front):
             yield f"{degrees} {min(peak - level, _MOST_ATTENUATION):.3f}"
@@ -580,18 +594,19 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
         if (same or opposite) and reach.min() <= -90 + 1e-6 and reach.max() >= 90 - 1e-6:
             return (reach, levels) if same else (-reach[::-1], levels[::-1])
     raise ArgumentError(
-        f"expected a cut at phi = {phi:g} degrees with theta from -90 to 90 degrees for an .msi "
-        f"file, got phi = {', '.join(f'{a:g}' for a in pattern.phi[:8])} and theta from "
-        f"{pattern.theta.min():g} to {pattern.theta.max():g} degrees; add them to radiation_pattern"
+        f"an .msi file requires a cut at phi = {phi:g} degrees with theta from -90 to 90 degrees, "
+        f"got phi = {', '.join(f'{a:g}' for a in pattern.phi[:8])} and theta from "
+        f"{pattern.theta.min():g} to {pattern.theta.max():g} degrees; add the missing angles to "
+        "radiation_pattern"
     )
 
 
 def _step(name: str, angles: Floats, suffix: str) -> float:
-    """Return the step of evenly spaced angles in degrees; raise ArgumentError for others."""
+    """Return the step of evenly spaced angles in degrees; raise ArgumentError for uneven steps."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(
-            f"expected evenly spaced {name} for a {suffix} file, got steps from {steps.min():g} "
-            f"to {steps.max():g} degrees"
+            f"a {suffix} file requires evenly spaced {name}, got steps from {steps.min():g} to "
+            f"{steps.max():g} degrees"
         )
     return float((angles[-1] - angles[0]) / max(1, steps.size))

@@ -1,4 +1,4 @@
-"""Radiation patterns over angles or along great circles, and the cuts of both."""
+"""Radiation patterns over angles or along great circles, and cuts through such patterns."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
+from polywigner.numerics import Floats
 from polywigner.propagation.element_patterns import (
     MOST_PHI,
     MOST_THETA,
@@ -36,24 +37,24 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
 Values = NDArray[Any]
 
-# Tolerance in rad of the horizon and of opposite meridians, since angles in degrees are rounded.
+# Tolerances in rad for angles on the horizon and for opposite meridians, because angles converted
+# from degrees are rounded.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
-# Number of samples per lobe of width lambda/D, which resolves nulls some 30 dB below the lobe.
+# Number of samples per lobe of width lambda/D. It resolves nulls down to some 30 dB below the lobe.
 _STEPS_PER_LOBE = 64
 # Smallest and largest number of samples of a half circle.
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
-# Number of interpolated samples per step of a table.
+# Number of interpolated samples per angular step of a table.
 _STEPS_PER_ANGLE = 4
-# Largest difference in dB between the beam and the level along the normal for which cuts go along x
-# and y.
+# If the level along the normal is at most this much below the beam, in dB, the cuts go along x and
+# y.
 _NORMAL = 0.1
-# Smallest number of meridians for an interpolation over phi.
+# Smallest number of meridians from which a pattern is interpolated over phi.
 _LEAST_MERIDIANS = 8
-# Rounding error of the cosine of directions on the horizon.
+# Rounding error of the z component of directions on the horizon.
 _HORIZON = 1e-15
 
 _ATTRIBUTES = (
@@ -201,7 +202,7 @@ def beam_cuts(
 
 
 def _great_circles(far: FarField, step: float) -> xarray.Dataset:
-    """Return the pattern along two great circles through the beam, in steps of an angle in rad."""
+    """Return the pattern along two great circles through the beam; ``step`` is in rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
@@ -236,9 +237,9 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
-    """Return the pattern of a far field, whose values are known at unit vectors (..., 3).
+    """Return the pattern of a far field, from its values at unit vectors (..., 3).
 
-    ``values``: the scalar field (...), or the components of the electric field (..., 3).
+    ``values`` are the scalar field (...), or the components of the electric field (..., 3).
     """
     power, energy = far.powers
     largest, theta, phi = far.beam
@@ -272,7 +273,7 @@ def _dataset(
 
 
 def jones_of(components: tuple[Values, Values]) -> Values:
-    """Return the Jones vector of field components along x and y; the larger component is real."""
+    """Return the Jones vector of fields along x and y; its larger component is real."""
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
 
@@ -285,7 +286,7 @@ def vector_dataset(
     about: dict[str, Any],
     source: PlaneSource | Wavefront | None = None,
 ) -> xarray.Dataset:
-    """Return the pattern of a polarised source from levels in dBi and components along x and y."""
+    """Return the pattern of a polarised source, from levels in dBi and fields along x and y."""
     co, cross = co_and_cross(along, jones)
     variables = {
         "directivity": levels,
@@ -299,13 +300,13 @@ def vector_dataset(
 
 
 def decibels(intensity: Values, power: float) -> Values:
-    """Convert radiant intensities in W/sr to directivity in dBi."""
+    """Convert radiant intensities in W/sr to directivities in dBi."""
     with np.errstate(divide="ignore"):
         return np.asarray(10 * np.log10(4 * math.pi / power * intensity))
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
-    """Return the ratio of co- to cross-polar in dB; NaN if both are zero."""
+    """Return the ratio of the co- to the cross-polar field in dB; NaN if both are zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
@@ -330,7 +331,7 @@ def described(
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset of variables over axes, with their units and long names, and the source."""
+    """Return a dataset of variables with their units and long names over axes, and the source."""
     from polywigner import __version__
 
     convention = {
@@ -359,9 +360,9 @@ class Cut(NamedTuple):
     phi: float
     """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
     angles: Floats
-    """Angles theta in rad, or angles from the beam on a great circle."""
+    """Angles theta in rad, or angles from the beam along a great circle."""
     levels: Floats
-    """Directivity in dBi."""
+    """Directivities in dBi."""
     kind: CutKind
     cross_levels: Floats | None = None
     """Directivity of the cross-polar part in dBi; None for a scalar pattern."""
@@ -372,12 +373,15 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
     levels, about = _checked_levels(pattern, ("theta", "phi"))
     theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
     if np.isnan(levels).any():
-        raise ArgumentError("expected a pattern without NaN, got NaN at some angles")
+        raise ArgumentError(
+            "the pattern contains NaN at some angles; expected numbers, or minus infinity "
+            "without radiation"
+        )
     return theta, phi, levels, about
 
 
 def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[str, float]]:
-    """Return the directivity in dBi over two axes, and the numerical attributes."""
+    """Return the directivity in dBi over two axes, and the numerical attributes of a pattern."""
     try:
         for name in axes:
             len(pattern[name].values)
@@ -389,14 +393,14 @@ def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[s
             f"{type(pattern).__name__}; use a result of polywigner.radiation_pattern"
         ) from None
     if not levels.size:
-        raise ArgumentError("expected a pattern over angles, got no angles")
+        raise ArgumentError("the pattern contains no angles; expected at least one angle")
     return levels, about
 
 
 def _cross_polar(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the directivity of the cross-polar part in dBi, or ``levels`` of a scalar pattern."""
+    """Return the cross-polar directivity in dBi, or ``levels`` if the pattern is scalar."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -463,7 +467,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
 
 
 def circles_through_beam(pattern: Any) -> list[Cut]:
-    """Interpolate a pattern along the great circles through its beam.
+    """Interpolate a pattern along great circles through its beam.
 
     The list is empty unless the pattern has a field over the hemisphere in even steps.
     """
@@ -473,7 +477,9 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     if "field" not in pattern or not fine_enough or not covers_front(polar, azimuths):
         return []
     is_scalar = "cross_field" not in pattern
-    if is_scalar:  # interpolated as a field along x (Ludwig's third definition): smooth at the pole
+    # A scalar field is interpolated as a field along x (Ludwig's third definition), which is smooth
+    # at the pole.
+    if is_scalar:
         pattern = pattern.assign(cross_field=0 * pattern["field"])
         pattern = pattern.assign_attrs(polarisation=[1.0, 0.0, 0.0, 0.0])
     element = element_pattern_of(pattern, "pattern")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import (
@@ -21,30 +21,29 @@ from polywigner.geometry.arguments import (
     shape_of,
     warn_caller,
 )
+from polywigner.numerics import Floats
 from polywigner.source.obliquities import BoundaryCondition
 from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
 
-Angles = NDArray[np.float64]
-Values = NDArray[np.float64]
 Index = tuple[int, ...]
 
 _AXES = ("x", "y", "z")
 
 
-def checked_theta(values: Any) -> Angles:
-    """Return angles from the normal (n,) in rad, from -pi to pi; raise ArgumentError for others."""
+def checked_theta(values: Any) -> Floats:
+    """Return angles (n,) from the normal in rad, from -pi to pi; raise ArgumentError otherwise."""
     return checked_angles(values, "theta", math.pi)
 
 
-def checked_phi(values: Any) -> Angles:
-    """Return angles from the x axis (n,) in rad; raise ArgumentError for others."""
+def checked_phi(values: Any) -> Floats:
+    """Return angles (n,) from the x axis in rad; raise ArgumentError otherwise."""
     return checked_angles(values, "phi", math.inf)
 
 
-def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
+def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
     """Return the coordinates theta and phi of a dataset, in rad."""
     axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
     return {
@@ -53,23 +52,24 @@ def angle_axes(theta: Angles, phi: Angles) -> dict[str, xarray.Variable]:
     }
 
 
-def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
-    """Return unit vectors (n, m, 3) at angles (n,) from the z axis and (m,) from the x axis."""
+def unit_vectors(theta: Floats, phi: Floats) -> Floats:
+    """Return unit vectors (n, m, 3) at n angles from z and m angles from x, in rad."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # In floating point cos(pi/2) is 6e-17, but the horizon must count as both front and back.
+    # In floating point, cos(pi/2) is 6e-17, but directions on the horizon must count as both front
+    # and back.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
 
 
-def checked_angles(values: Any, name: str, largest: float) -> Angles:
-    """Return angles (n,) in rad, up to ``largest``; raise ArgumentError for others."""
+def checked_angles(values: Any, name: str, largest: float) -> Floats:
+    """Return angles (n,) in rad of at most ``largest``; raise ArgumentError otherwise."""
     expected = f"expected {name} as angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
         raise ArgumentError(
-            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, "
-            f"got {value_text(values)}; convert degrees by numpy.radians"
+            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, got "
+            f"{value_text(values)}; convert degrees with numpy.radians"
         )
     return angles
 
@@ -77,17 +77,17 @@ def checked_angles(values: Any, name: str, largest: float) -> Angles:
 Method = Literal[BoundaryCondition, "fresnel", "fraunhofer"]
 
 METHODS: tuple[str, ...] = get_args(Method)
-"""Methods that compute the complex field."""
+"""Names of the methods that compute the complex field."""
 
 DEFAULT_TOLERANCE = 1e-9
 """Default relative error of fields."""
 
-# Smallest tolerance of fields: some tens of rounding errors.
+# Smallest tolerance of fields, some tens of times the rounding error.
 _LEAST = 1e-13
 
 
-def checked_coordinates(points: Any, expected: str, *shape: int) -> NDArray[np.float64]:
-    """Return finite coordinates in metres, (..., *shape); raise ArgumentError for others."""
+def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
+    """Return finite coordinates (..., *shape) in metres; raise ArgumentError otherwise."""
     try:
         array = real_numbers(points)
     except ValueError as error:
@@ -97,33 +97,37 @@ def checked_coordinates(points: Any, expected: str, *shape: int) -> NDArray[np.f
     if not np.isfinite(array).all():
         bad = ~np.isfinite(array).all(axis=-1)
         raise ArgumentError(
-            f"expected finite points, got {array[bad][0].tolist()}; remove such points"
+            f"expected points with finite coordinates, got {array[bad][0].tolist()}; remove such "
+            "points"
         )
     return array
 
 
-def checked_points(points: Any) -> NDArray[np.float64]:
-    """Return points (..., 3) in metres, z > 0; raise ArgumentError for others."""
-    expected = "expected points as real numbers of shape (..., 3), components x, y, z last"
+def checked_points(points: Any) -> Floats:
+    """Return points (..., 3) in metres with z > 0; raise ArgumentError otherwise."""
+    expected = (
+        "expected points as real numbers of shape (..., 3), with x, y and z along the last axis"
+    )
     array = checked_coordinates(points, expected, 3)
     behind = array[..., 2] <= 0
     if behind.any():
         raise ArgumentError(
-            "expected points in front of the source, z > 0, got "
-            f"{array[behind][0].tolist()}; sources lie in the plane z = 0 and radiate to +z"
+            f"expected points in front of the source (z > 0), got {array[behind][0].tolist()}; "
+            "sources lie in the plane z = 0 and radiate towards +z"
         )
     return array
 
 
 def checked_amplitude_tolerance(tolerance: float | None) -> float:
-    """Return a tolerance that :func:`amplitude` can meet; raise ArgumentError for others."""
+    """Return a tolerance that :func:`amplitude` can meet; raise ArgumentError otherwise."""
     return tolerance_from(tolerance, DEFAULT_TOLERANCE, _LEAST)
 
 
 def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
-    """Return a number from ``least`` to 0.1, or the default; raise ArgumentError for others.
+    """Return a number from ``least`` to 0.1, or the default; raise ArgumentError otherwise.
 
-    ``where``: words of the message that say when this range applies, such as " with obstacles".
+    ``where`` contains words for the message that specify when this range applies, such as " with
+    obstacles".
     """
     if tolerance is None:
         return default
@@ -132,18 +136,18 @@ def tolerance_from(tolerance: float | None, default: float, least: float, where:
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; for others, raise an ArgumentError that lists the names."""
+    """Return the name of a method; raise an ArgumentError with all names otherwise."""
     return checked_choice(method, "method", allowed)
 
 
-def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], what: str) -> None:
-    """Warn if errors exceed the allowed errors; ``what``: the results, in the plural."""
+def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
+    """Warn if errors exceed the allowed errors; ``what`` names the results, in the plural."""
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
         warn_caller(
-            f"{int(missed.sum())} of {len(errors)} {what} miss the tolerance, the worst by a "
-            f"factor of {worst:.3g}; allow a larger tolerance"
+            f"{int(missed.sum())} of {len(errors)} {what} have an estimated error above the "
+            f"tolerance, at most {worst:.3g} times the allowed error; allow a larger tolerance"
         )
 
 
@@ -151,65 +155,51 @@ def warn_of_missed(errors: NDArray[np.float64], allowed: NDArray[np.float64], wh
 
 
 @dataclass(frozen=True, eq=False)
-class StraightGrid:
-    """Points of a line, a plane or a volume: origin + sum of a_k e_k over axes k.
-
-    Each axis k has the direction e_k, and a_k takes each of its coordinates.
-    """
+class Grid:
+    """Points on a line, in a plane, in a volume or on a hemisphere."""
 
     coords: dict[str, xarray.Variable]
-    """Coordinates a_k (n_k,) in m by the name of the axis, in the order of the dimensions."""
-    origin: Values
-    """Origin (3,) in m."""
-    directions: Values
-    """Directions e_k (axes, 3)."""
+    """Coordinates along each axis in m or rad, by the name of the axis."""
+    points_at: Callable[..., Floats]
+    """Function of coordinates (n,), (m,), ... along the axes, which returns points (n, m, ..., 3)
+    in m."""
 
-    def points(self, first: Index, shape: Index) -> Values:
-        """Return points (*shape, 3) in m, from the indices ``first`` on."""
+    @property
+    def shape(self) -> Index:
+        """Number of points along each axis."""
+        return tuple(axis.size for axis in self.coords.values())
+
+    def points(self, first: Index, shape: Index) -> Floats:
+        """Return points (*shape, 3) in m, starting at the indices ``first``."""
         axes = zip(self.coords.values(), first, shape, strict=True)
-        along = np.ix_(*(axis.values[start : start + count] for axis, start, count in axes))
-        steps = (a[..., None] * e for a, e in zip(along, self.directions, strict=True))
-        return np.asarray(sum(steps, self.origin))
+        return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
 
-@dataclass(frozen=True, eq=False)
-class Hemisphere:
-    """Points on a sphere, for all pairs of angles theta and phi."""
-
-    coords: dict[str, xarray.Variable]
-    """Angles "theta" and "phi" in rad."""
-    centre: Values
-    """Centre (3,) in m."""
-    radius: float
-    """Radius in m."""
-
-    def points(self, first: Index, shape: Index) -> Values:
-        """Return points (*shape, 3) in m, from the indices ``first`` on."""
-        theta, phi = (
-            axis.values[start : start + count]
-            for axis, start, count in zip(self.coords.values(), first, shape, strict=True)
-        )
-        return self.centre + self.radius * unit_vectors(theta, phi)
+def _straight(origin: Floats, directions: Floats, *along: Floats) -> Floats:
+    """Return origin + sum of a_k e_k over axes k with directions e_k (axes, 3)."""
+    steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
+    return np.asarray(sum(steps, origin))
 
 
-Grid = StraightGrid | Hemisphere
+def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Floats:
+    return centre + radius * unit_vectors(theta, phi)
 
 
-def box_grid(box: Any, shape: Any) -> StraightGrid:
-    """Return a volume with ``shape`` points along x, y and z, including all faces of a box."""
+def box_grid(box: Any, shape: Any) -> Grid:
+    """Return a volume of ``shape`` points along x, y and z, including all faces of a box."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
-            f"expected a box from its lowest to its highest corner, got {low.tolist()} and "
-            f"{high.tolist()}"
+            f"expected the lowest corner of the box, then its highest corner, got {low.tolist()} "
+            f"and {high.tolist()}; swap the coordinates that descend"
         )
     counts = _counts(shape, 3)
     spans = dict(zip(_AXES, zip(low, high, counts, strict=True), strict=True))
     return _straight_grid(spans, np.zeros(3), np.eye(3))
 
 
-def plane_grid(where: Any, shape: Any) -> StraightGrid:
-    """Return a plane, from a box of zero thickness or from three corners of a rectangle."""
+def plane_grid(where: Any, shape: Any) -> Grid:
+    """Return the grid of a plane, from a box of zero thickness or three corners of a rectangle."""
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
@@ -218,8 +208,8 @@ def plane_grid(where: Any, shape: Any) -> StraightGrid:
         flat = np.flatnonzero(low == high)
         if len(flat) != 1 or (high < low).any():
             raise ArgumentError(
-                f"{expected}, got the box {low.tolist()} to {high.tolist()}; make one pair of "
-                "coordinates equal, and the others ascending"
+                f"{expected}, got the box from {low.tolist()} to {high.tolist()}; make exactly "
+                "one pair of coordinates equal, and the others ascending"
             )
         sides = [k for k in range(3) if k != flat[0]]
         spans = {_AXES[k]: (low[k], high[k], n) for k, n in zip(sides, counts, strict=True)}
@@ -231,62 +221,58 @@ def plane_grid(where: Any, shape: Any) -> StraightGrid:
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
         raise ArgumentError(
-            "expected three corners of a rectangle, the first between the others, got sides "
+            "expected three corners of a rectangle, the first between the other two, got sides "
             f"{along[0].tolist()} and {along[1].tolist()} that are not perpendicular"
         )
     spans = {name: (0.0, lengths[k], counts[k]) for k, name in enumerate(("u", "v"))}
     return _straight_grid(spans, corners[0], along / lengths[:, None])
 
 
-def line_grid(ends: Any, samples: Any) -> StraightGrid:
-    """Return a line with both ends; its coordinate is the distance from the first end."""
+def line_grid(ends: Any, samples: Any) -> Grid:
+    """Return the points of a line; their coordinate is the distance from the first end."""
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
-        raise ArgumentError(f"expected a line between two points, got {start.tolist()} twice")
+        raise ArgumentError(
+            f"expected a line between two different points, got {start.tolist()} twice"
+        )
     count = checked_count(samples, "samples", 1)
     return _straight_grid({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
 
 
-def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemisphere:
+def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     """Return points around a centre at angles theta from the z axis and phi from the x axis."""
     length = checked_length(radius, "radius")
     origin = _checked(centre, "expected a centre (3,)", 3)
     if origin.ndim != 1:
-        raise ArgumentError(f"expected a centre (3,), in metres, got shape {origin.shape}")
-    grid = Hemisphere(angle_axes(checked_theta(theta), checked_phi(phi)), origin, length)
-    checked_points(grid.points((0, 0), shape_of_grid(grid)))
+        raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
+    points_at = partial(_spherical, origin, length)
+    grid = Grid(angle_axes(checked_theta(theta), checked_phi(phi)), points_at)
+    checked_points(grid.points((0, 0), grid.shape))
     return grid
 
 
-def shape_of_grid(grid: Grid) -> Index:
-    """Return the number of points along each axis."""
-    return tuple(axis.shape[0] for axis in grid.coords.values())
-
-
 def _straight_grid(
-    spans: dict[str, tuple[float, float, int]], origin: Values, directions: Values
-) -> StraightGrid:
+    spans: dict[str, tuple[float, float, int]], origin: Floats, directions: Floats
+) -> Grid:
     axes = {
         name: labelled_array(_span(*span), (name,), {"units": "m"}) for name, span in spans.items()
     }
-    ends = np.array(np.meshgrid(*([low, high] for low, high, _ in spans.values()))).reshape(
-        len(spans), -1
-    )
-    checked_points(origin + ends.T @ directions)
-    return StraightGrid(axes, np.asarray(origin, np.float64), directions)
+    points_at = partial(_straight, origin, directions)
+    checked_points(points_at(*(np.array([low, high]) for low, high, _ in spans.values())))
+    return Grid(axes, points_at)
 
 
-def _span(low: float, high: float, count: int) -> Values:
-    """Return evenly spaced values with both ends; the midpoint if ``count`` is 1."""
+def _span(low: float, high: float, count: int) -> Floats:
+    """Return evenly spaced values including both ends, or the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 
-def _corners(name: str, corners: Any, which: str) -> Values:
+def _corners(name: str, corners: Any, which: str) -> Floats:
     return _checked(corners, f"expected a {name} as two points (2, 3), the {which}", 2, 3)
 
 
-def _checked(values: Any, expected: str, *shape: int) -> Values:
+def _checked(values: Any, expected: str, *shape: int) -> Floats:
     array = checked_coordinates(values, expected, *shape)
     if array.ndim > 2 or array.size > 9:
         raise ArgumentError(f"{expected}, in metres, got shape {array.shape}")
@@ -296,7 +282,5 @@ def _checked(values: Any, expected: str, *shape: int) -> Values:
 def _counts(shape: Any, dimensions: int) -> Index:
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
-        raise ArgumentError(
-            f"expected a shape of {dimensions} whole numbers, got {value_text(shape)}"
-        )
+        raise ArgumentError(f"expected shape as {dimensions} integers, got {value_text(shape)}")
     return tuple(checked_count(n, "shape", 1) for n in shape)

@@ -15,30 +15,30 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, finite_array
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.point_grids import warn_of_missed
 from polywigner.source import Illumination
 from polywigner.source.obliquities import CONDITIONS
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Position = tuple[float, float, float]
 
 _OPS = NumpyOperations()
-# Rule for the waves that edges diffract.
+# Quadrature rule for the waves that edges diffract.
 _RULE = EdgeRule.of(8.0, 100, 14)
-# Bound on the error of the rule as a fraction of the incident field. The largest error of 40,000
-# random edges was 1e-13; half of the points were within 10 wavelengths of the shadow boundary.
+# Upper bound on the error of this rule, as a fraction of the incident field. The largest error for
+# 40,000 random edges was 1e-13; half of the points were within 10 wavelengths of the shadow
+# boundary.
 _ERROR = 2e-13
 # Points exactly on a shadow boundary are shifted in this direction, by this fraction of their
-# distance from the source, to assign them to one side.
+# distance from the source, so that they are on one side.
 _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
 # On a line through the source and a corner, the waves of both edges diverge and their sum loses
 # digits. Points within _AT_CORNER of such a line get the mean field of two points at the distance
-# _BESIDE_CORNER on opposite sides. Both are fractions of the distance from the source.
+# _BESIDE_CORNER on opposite sides. Both lengths are fractions of the distance from the source.
 _AT_CORNER, _BESIDE_CORNER = 1e-10, 1e-9
-# Number of pairs of a point and an edge per block; temporary arrays then take a few MB.
+# Number of pairs of a point and an edge per block. Temporary arrays of a block take a few MB.
 _PAIRS = 1 << 15
 
 
@@ -53,7 +53,7 @@ def waves_through(
 ) -> tuple[Complex, Floats]:
     """Return the field of a point source behind an opening at points (n, 3), and its error (B9).
 
-    ``mirrored``: factor of the edge waves that the mirror image of the source excites.
+    ``mirrored`` is the factor of the edge waves that the mirror image of the source excites.
     """
     begin = np.concatenate(opening.rings) / wavelength
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength
@@ -91,7 +91,7 @@ def waves_through(
 
 
 def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
-    """Return whether each point (n, 3) lies on a line through a source (3,) and a corner (m, 2)."""
+    """Return which points (n, 3) lie on a line through a source (3,) and a corner (m, 2)."""
     near = np.zeros(len(points), np.bool_)
     away = points - source
     lengths = np.linalg.norm(away, axis=1)
@@ -165,8 +165,8 @@ class PlaneWave:
         ahead = _three(direction, "direction", "of any length")
         if not ahead[2] > 0:
             raise ArgumentError(
-                "expected direction with z > 0, from the front to the back of the screen, got "
-                f"{ahead}"
+                "direction must have z > 0, which is from the front to the back of the screen, "
+                f"got {ahead}"
             )
         x, y, z = (c / math.hypot(*ahead) for c in ahead)
         object.__setattr__(self, "direction", (x, y, z))
@@ -216,7 +216,7 @@ class Screen:
     def __post_init__(self) -> None:
         if not isinstance(self.outline, Aperture) or self.outline.illumination is not None:
             raise ArgumentError(
-                "expected the outline of a screen as an Aperture without illumination, got "
+                "expected the outline of a screen as an Aperture without an illumination, got "
                 f"{self.outline!r:.80}"
             )
         if not isinstance(self.illuminated_by, (PointSource, PlaneWave)):
@@ -227,7 +227,7 @@ class Screen:
         light = self.illuminated_by
         if isinstance(light, PointSource) and not light.position[2] < 0:
             raise ArgumentError(
-                "the point source of a screen must lie in front of the screen, at z < 0, got "
+                "the point source must lie in front of the screen, at z < 0, got the position "
                 f"{light.position}; the screen lies in the plane z = 0"
             )
         checked_choice(self.kind, "kind", ("plate", "opening"))
@@ -244,7 +244,8 @@ def field_of_screen(
     """Return the field (n,) at points (n, 3) with z > 0, and an estimate of its error (n,)."""
     if method not in CONDITIONS:
         raise ArgumentError(
-            f"expected method to be one of {', '.join(CONDITIONS)} behind a screen, got {method!r}"
+            f"the field behind a screen requires one of the methods {', '.join(CONDITIONS)}, got "
+            f"{method!r}"
         )
     light = screen.illuminated_by
     if isinstance(light, PointSource):

@@ -1,13 +1,13 @@
-"""Shadows that diffract: the field of a source behind opaque bodies and plates. Source: (SB1).
+"""Shadows with diffraction: the field of a source behind opaque bodies and plates. Source: (SB1).
 
 The source is replaced by a grid of points with the same field beyond a few wavelengths (B8). The
 wave of each point is zero in the geometric shadow of the bodies. The boundary waves (SB3) of the
-edges of the silhouette are added (Maggi and Rubinowicz), so that the field is smooth across the
-boundary of the shadow. Waves over two edges and creeping waves are left out.
+edges of the silhouette are added (Maggi and Rubinowicz), so the field is smooth across the boundary
+of the shadow. Waves over two edges and creeping waves are neglected.
 
-A surface behind an edge blocks the wave of the edge (SB6). Behind that surface the wave of the edge
-is the wave around a single edge, seen from the midpoint of the first: the least detour over the rim
-of the surface sets its amplitude and phase.
+A surface behind an edge blocks the wave of the edge (SB6). Behind that surface, the wave of the
+edge is the wave around a single edge, as seen from the midpoint of the first edge. The shortest
+detour over the rim of the surface determines its amplitude and phase.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from polywigner.kernels.boundary.edge_waves import (
     path_over,
 )
 from polywigner.kernels.kernel import Values
-from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
@@ -56,34 +56,39 @@ Number = TypeVar("Number")
 """A float, or an array of NumPy or Dr.Jit."""
 
 DEFAULT_TOLERANCE = 1e-6
-"""Relative error of fields behind obstacles, far below the error of the model of black edges."""
+"""Default relative error of fields behind obstacles, far below the black-edge model's error."""
 LEAST_TOLERANCE = 1e-8
 """The smallest tolerance of fields behind obstacles."""
 
-# Smallest tolerance, nodes of an edge, and coarser nodes; the difference estimates the error.
-# For 40,000 random edges, half of the points near shadow boundaries, the largest errors were 1.5e-6
-# and 2e-5, 5e-9 and 3e-7, 4e-10 and 2e-7 of the wave.
+# Smallest tolerance, quadrature rule on an edge, and coarser rule for the error estimate. For
+# 40,000 random edges, half of the points close to shadow boundaries, the largest errors of both
+# rules as a fraction of the wave were 1.5e-6 and 2e-5, 5e-9 and 3e-7, and 4e-10 and 2e-7.
 _RULES = (
     (1e-4, EdgeRule.of(1.0, 12, 5), EdgeRule.of(1.0, 10, 4)),
     (1e-6, EdgeRule.of(2.0, 24, 5), EdgeRule.of(2.0, 20, 5)),
     (0.0, EdgeRule.of(4.0, 40, 5), EdgeRule.of(4.0, 32, 4)),
 )
-# Error of the points that represent the source, as a fraction of the tolerance.
+# Allowed error of the points that represent the source, as a fraction of the tolerance.
 _OF_GRID = 0.1
-# Direction from a point to the neighbouring point at which light and shadow are distinguished.
+# Direction from a point to the neighbouring point at which it is decided whether the point is
+# illuminated or in shadow.
 ASIDE = np.array([0.57, 0.31, 0.76])
-# Negligible lengths: fractions of the extent of edges and points, and of the distances from the
-# source, fifty times their rounding errors.
+# Lengths are negligible below these fractions of the extent of all edges and points, and of the
+# distances from the source. They are fifty times the rounding errors.
 _FINE, _ROUNDED = 1e-9, 1e-14
-# Points closer to a surface than this multiple of a negligible length are on its illuminated side.
+# A point this close to a surface, as a multiple of the negligible length, is on the illuminated
+# side of the surface.
 _ON_SURFACE = 4.0
-# Number of pairs of an edge and a sample below which NumPy is faster than starting compiled code.
+# Number of pairs of an edge and a sample below which NumPy is faster than compiled code, because of
+# the time to start the code.
 _FEW = 10_000
-# Distance of a point from the line through the source and a corner, over the root of its distance
-# from the source, in wavelengths: derivatives lose digits below the first number, and not at the
-# second. The third number limits the search to directions close to a corner.
+# Distance of a point from the line through the source and a corner, divided by the square root of
+# its distance from the source, in wavelengths. Below the first number, derivatives of the edge
+# waves lose digits; at the second number, they do not. The third number limits the search to
+# directions close to a corner.
 _CORNER, _BESIDE, _ALIGNED = 1e-5, 1e-4, 1e-8
-# Distance from the source in wavelengths below which a warning names neglected evanescent waves.
+# Distance from the source in wavelengths below which a warning reports that evanescent waves are
+# neglected.
 _NEAR = 1.0
 
 
@@ -97,13 +102,13 @@ def shadow_of(
     engine: str,
     with_error: bool = False,
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
-    """Return the change that obstacles make to the field at points (n, 3), in m, of a source.
+    """Return the change of the field at points (n, 3) in m that obstacles cause.
 
-    ``bodies``: in wavelengths. Also return a mask of the points inside a body, where the field is
-    zero, and the estimated errors (n,), which are zero unless ``with_error``. ``source``: a source
-    of :func:`equivalent_grid`, or a PointSource.
+    Also return a mask of the points inside a body, where the field is zero, and the estimated
+    errors (n,), which are zero unless ``with_error``. ``bodies`` are in wavelengths. ``source`` is
+    a source that :func:`equivalent_grid` accepts, or a PointSource.
 
-    Raises ArgumentError for obstacles around the source, and sources that need too many points.
+    Raises ArgumentError for obstacles around the source, and for sources that need too many points.
     """
     positions = points / wavelength
     sources, seen = _seen(source, bodies, positions, wavelength, method, tolerance)
@@ -128,7 +133,8 @@ def diffracted(
     change, free, off = summed(positions, coarser=coarser if with_error else None)
     near, across = _near_corners(sources, seen, positions)
     if near.any():
-        # mean over neighbouring points on a line: an error of the fourth order in their distance
+        # The change at a point near a corner line is a weighted mean over four neighbouring points.
+        # Its error is of fourth order in their distance.
         change[near] = 0.0
         for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
             change[near] += share * summed(positions[near] + number * across)[0]
@@ -140,8 +146,8 @@ def _near_corners(
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Return a mask of points (n, 3) on a line through a point of the source and a corner.
 
-    On these lines the derivatives (SB5) of the two edges diverge, and their sum loses its digits.
-    Also return displacements (k, 3) across the line, over which the field is smooth.
+    On these lines the derivatives (SB5) of the waves of two edges diverge, and their sum loses its
+    digits. Also return displacements (k, 3) across the line, over which the field is smooth.
     """
     near = np.zeros(len(positions), bool)
     for point, silhouette in zip(sources, seen, strict=True):
@@ -168,7 +174,7 @@ def _seen(
     method: str,
     tolerance: float,
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
-    """Return the points that represent a source, and the silhouettes that they see."""
+    """Return the points that represent a source, and their silhouettes of the bodies."""
     boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
     targets = np.concatenate([np.stack(boxes), np.stack([positions, positions], axis=1)])
     error = _OF_GRID * tolerance
@@ -186,11 +192,12 @@ def _summed(
     rule: EdgeRule,
     coarser: EdgeRule | None = None,
 ) -> tuple[Complex, Complex, Floats]:
-    """Return change of the field, free field, and error (0 without a coarser rule)."""
+    """Return the change of the field, the free field, and the error (0 without a coarser rule)."""
     count = len(positions)
     blocked = blocked_edges(bodies, seen, np.mean([position for position, *_ in sources], axis=0))
     group = np.concatenate(blocked.groups)
-    # rows (k, 17): point of the source, seven numbers; ends; and plane of the face behind
+    # Rows (k, 17) of the table: seven numbers of a point of the source, both ends of an edge, and
+    # the plane of the face behind the edge.
     table = np.concatenate(
         [
             np.column_stack([np.tile(p.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes])
@@ -206,18 +213,18 @@ def _summed(
         heights = positions @ planes[:, :3].T + planes[:, 3]
         if (heights < -margin[:, None]).any():
             edges.append((rows, blocker))
-        else:  # nothing is behind the surface
+        else:  # No point lies behind this surface.
             group[group == number] = NO_SURFACE
     lines = shadow_lines(table[group == OWN_SURFACE])
     edges.append((np.concatenate([table[group < 0], lines]), None))
-    # Illumination is decided from the angles of the edges for points beyond all bodies, and by
-    # tracing rays for other points.
+    # For points farther away than all bodies, illumination is decided from the angles of the edges;
+    # for other points, by tracing rays.
     by_angles = np.zeros(count, bool)
     if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
         by_angles = np.all([bodies.beyond(position, positions) for position, *_ in sources], axis=0)
     samples = np.column_stack([positions, aside, by_angles])
     change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)
-    # the engine is chosen for the edges of all groups together
+    # The engine is chosen from the number of edges of all groups together.
     chosen = resolved(engine, count, sum(len(rows) for rows, _ in edges))
     is_oblique = any(point.field for point in sources)
     for rows, surface in edges:
@@ -247,7 +254,7 @@ def _summed(
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
     """Return lengths (n,) that are negligible at points (n, 3), far above rounding errors.
 
-    ``ends``: (m, 3) of edges; ``sources``: (k, 3).
+    ``ends`` (m, 3) are ends of edges, and ``sources`` (k, 3) are positions.
     """
     if not len(ends):
         return np.zeros(len(points))
@@ -269,13 +276,14 @@ def _edge(
     sample: Point,
     _: Point,
 ) -> Values:
-    """Return the change of the field by an edge that a point of the source sees, and its error.
+    """Return the change of the field by one edge for one point of the source, and its error.
 
-    ``sample`` : a point, its neighbour, and 1 if the angles of edges distinguish light and shadow;
-    for blocked edges also the depth up to which points lie on a surface, and the real and
-    imaginary part of the amplitude of edge waves behind the blocker.
-    ``is_oblique``: whether the point has a weight of the field, whose edge waves (SB5) depend on
-    the direction from the point to the edge; ``is_blocked``: whether a surface is behind the edge.
+    ``sample`` contains a point, its neighbour, and 1 if the angles of edges decide between light
+    and shadow. For blocked edges it also contains the depth up to which points lie on a surface,
+    and the real and imaginary part of the amplitude of edge waves behind the blocker.
+    ``is_oblique``: whether the point of the source has a weight of the field, whose edge waves
+    (SB5) depend on the direction from the point to the edge. ``is_blocked``: whether a surface is
+    behind the edge.
     """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
@@ -307,37 +315,40 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
     positions = np.array([position for position, *_ in sources])
     if bodies.inside(positions).any():
         raise ArgumentError(
-            "an obstacle encloses a part of the source; move it away from the source"
+            "an obstacle encloses a part of the source; move the obstacle away from the source"
         )
     nearest = min(float(body.distance(positions).min()) for body in bodies.bodies)
     if nearest < _NEAR and len(sources) > 1:
         warn_caller(
-            f"an obstacle is {nearest:.2g} wavelengths from the source: its shadow neglects "
-            "evanescent waves"
+            f"an obstacle is only {nearest:.2g} wavelengths away from the source, so its shadow "
+            "is inaccurate: evanescent waves are neglected"
         )
 
 
 # ---- surfaces behind edges -----------------------------------------------------------------------
 
-# Asymptote of the wave around an edge: 1/(_STEEP sqrt(detour)) of the free wave, in wavelengths.
+# Far from a shadow boundary, the wave around an edge tends to 1/(_STEEP sqrt(detour)) of the free
+# wave, with the detour in wavelengths.
 _STEEP = 2.0 * math.pi * math.sqrt(2.0)
-# Detour in wavelengths at which this wave is attenuated to 1/e. Waves over two edges are left out,
-# except near the boundary of the second shadow, where they keep the field continuous.
+# Detour in wavelengths at which the wave around a second edge is attenuated to 1/e. Waves over two
+# edges are neglected except close to the boundary of the second shadow, where they keep the field
+# continuous.
 _SECOND = 16.0
-# Triangles of a body that is not convex, above which the face behind the edge stands for it.
+# If a body that is not convex has more triangles than this, only its face behind the edge blocks
+# the wave of the edge.
 _MOST_TRIANGLES = 256
 
 
 @dataclass(frozen=True)
 class Blocker:
-    """The surface behind an edge. Lengths in wavelengths."""
+    """The surface behind an edge. Lengths are in wavelengths."""
 
     origin: Floats
-    """(3,) midpoint of the edge."""
+    """Midpoint (3,) of the edge."""
     triangles: Floats
-    """(t, 3, 3) of the surface, facing the origin."""
+    """Triangles (t, 3, 3) of the surface that face the origin."""
     rim: Floats
-    """(m, 2, 3) edges of the surface as the origin sees it."""
+    """Edges (m, 2, 3) of the surface's silhouette from the origin."""
 
     def hides(self, points: Floats, within: Floats) -> NDArray[np.bool_]:
         """Return a mask of the points (n, 3) that the surface hides from the origin.
@@ -353,7 +364,7 @@ class Blocker:
         return hidden
 
     def transmission(self, ops: Any, point: Point, hidden: Any) -> Pair:
-        """Amplitude at a point of the wave from the origin, over the free one."""
+        """Return the amplitude at a point of the wave from the origin, over the free wave."""
         detour, amplitude = 1e30, 0.0
         for edge in self.rim:
             origin, start, end = (tuple(p) for p in (self.origin, *edge))
@@ -366,9 +377,9 @@ class Blocker:
 
 
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
-    """Detour of the shortest path over an edge, and amplitude of the wave around the edge."""
+    """Return the detour of the shortest path over an edge, and the amplitude of its wave."""
     detour, cosine, _ = path_over(ops, source, point, start, end)
-    # half of the angle by which the path bends, as in Kirchhoff's obliquity
+    # Cosine of half the angle by which the path bends, as in Kirchhoff's obliquity.
     share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
     return detour, share * ops.exp(detour * (-1.0 / _SECOND))
 
@@ -376,10 +387,10 @@ def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: 
 def behind_face(
     ops: Any, source: Point, start: Point, end: Point, plane: Point, point: Point, margin: Number
 ) -> Number:
-    """Weight of an edge's shadow behind a face: d^2/(d^2 + a^2), 0 in front of the face.
+    """Return the weight d^2/(d^2 + a^2) of an edge's shadow behind a face, 0 in front of the face.
 
-    d is the distance of the point behind the plane of the face, minus a margin. a is the distance
-    of the point from the plane through the source and the edge.
+    The point lies at the distance d plus a margin behind the plane of the face, and at the distance
+    a from the plane through the source and the edge.
     """
     depth = ops.maximum(-(dot(plane, point) + plane[3]) - margin, 0.0)
     normal = cross(difference(start, source), difference(end, source))
@@ -389,23 +400,24 @@ def behind_face(
     return weight
 
 
-# Groups of edges with nothing behind them, or a surface of their body.
+# Group numbers of edges without a surface behind them, and of edges in front of a surface of the
+# same body.
 NO_SURFACE, OWN_SURFACE = -1, -2
 
 
 @dataclass(frozen=True)
 class BlockedEdges:
-    """Edges of silhouettes by the surface behind them."""
+    """Edges of silhouettes, grouped by the surface behind them."""
 
     blockers: list[Blocker]
     groups: list[Indices]
-    """For each silhouette, the number of the blocker of each edge; NO_SURFACE, OWN_SURFACE."""
+    """For each silhouette, the number of the blocker of each edge, or NO_SURFACE or OWN_SURFACE."""
 
 
 def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats) -> BlockedEdges:
-    """Return the blockers of the edges of silhouettes, seen from near one source (3,).
+    """Return the blockers of the edges of silhouettes, seen from close to a source position (3,).
 
-    Edges that the silhouettes have in common have one blocker.
+    An edge of several silhouettes has a single blocker.
     """
     number, front, behind = (
         np.concatenate([getattr(s, name) for s in seen]) for name in ("numbers", "bodies", "behind")
@@ -422,7 +434,7 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
     rows, body = rows[~is_own], body[~is_own]
     if not len(rows):
         return BlockedEdges([], _split(group, seen))
-    # the faces of a convex body block as one
+    # All faces of a convex body form one blocker.
     is_simple = np.array([body.is_simple for body in bodies.bodies])
     keys = np.column_stack([number[rows], np.where(is_simple[body], -1 - body, behind[rows])])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -442,9 +454,10 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
 
 
 def shadow_lines(table: Floats) -> Floats:
-    """Return rows (k, 17) of the shadow lines of edges on faces, in the opposite direction.
+    """Return rows (k, 17) of the shadow lines that edges cast on faces, in the opposite direction.
 
-    ``table``: point of a source, seven numbers; ends of an edge; plane of the face behind.
+    Each row of ``table`` contains seven numbers of a point of the source, the ends of an edge, and
+    the plane of the face behind the edge.
     """
     source, plane = table[:, None, :3], table[:, None, 13:]
     ends = table[:, 7:13].reshape(-1, 2, 3)[:, ::-1] - source
@@ -463,7 +476,8 @@ def _blocker(
 ) -> Blocker:
     """Return the surface of some bodies behind a plane, seen from the midpoint of an edge.
 
-    ``flush``: other bodies in contact with these, which continue the plane. Slits are closed.
+    ``flush`` are other bodies in contact with these bodies, which continue the plane. Slits between
+    them are closed.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]

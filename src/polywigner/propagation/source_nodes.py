@@ -1,9 +1,9 @@
-"""Few points of a source from which its shadows are computed, and their waves at edges.
+"""A few nodes that represent the points of a source in shadows, and their waves at edges.
 
-The field of a radiating point behind obstacles, over its free field, is a smooth function of the
-position of the point. It is evaluated at a few nodes of the source and interpolated. The wave of a
-node is the sum of the waves of all radiating points, each times a Lagrange polynomial: exact in
-free space. Lengths are in wavelengths. Source: (SB7).
+The field of a radiating point behind obstacles, divided by its free field, is a smooth function of
+the position of the point. It is evaluated at a few nodes of the source and interpolated. The wave
+of a node is the sum of the waves of all radiating points, each multiplied by a Lagrange polynomial;
+it is exact in free space. Lengths are in wavelengths. Source: (SB7).
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 EDGE_AMPLITUDE = 1.0 / (math.sqrt(8.0) * math.pi)
-"""Amplitude of the wave around an edge over the free wave, times the root of the detour."""
+"""Amplitude of the wave around an edge over the free wave, times the square root of the detour."""
 NEAR = 0.3
-"""Detour below which the wave of an edge has the weights of the nodes at the point."""
-# Numbers of nodes along x or y, odd, so that the centre is a node. Values: the largest errors
-# of the wave of an edge by interpolation, over the largest free field, for which each number is
-# used. The error is estimated four to ten times too large for several nodes.
+"""Detour below which the edge wave is computed with the weights of the nodes at the point."""
+# Numbers of nodes along x or y, and the largest error of an edge's wave by interpolation, over the
+# largest free field, for which each number is used. The numbers are odd, so that the centre is a
+# node. With several nodes, the error is overestimated by a factor of four to ten.
 _LIMITS = {1: 1e-3, 3: 8e-3, 5: 8e-3, 7: 8e-3}
-# Largest error in the same unit if the centre replaces all nodes.
+# Largest error, in the same unit, for which the centre replaces all nodes.
 _BY_CENTRE = 5e-4
-# Directions along an axis of the hemisphere in which the largest far field is searched.
+# Number of directions along each axis of the hemisphere in which the largest far field is searched.
 _DIRECTIONS = 33
-# Positions on edges, times radiating points, per block: some 100 MB.
+# Number of positions on edges times number of radiating points per block (some 100 MB).
 _BLOCK = 1 << 21
 
 
 @dataclass(frozen=True)
 class SourceNodes:
-    """Nodes of a source, and the radiating points for which they stand."""
+    """Nodes of a source, and the radiating points that they represent."""
 
     points: Sequence[RadiatingPoint]
     """The n radiating points."""
     positions: Floats
-    """(k, 3)"""
+    """Positions (k, 3) of the nodes."""
     fractions: Floats
-    """(k, n): each node's fraction of each radiating point; the sum over nodes is 1."""
+    """Fractions (k, n) of each radiating point that each node represents; they add up to 1."""
 
     @property
     def is_reduced(self) -> bool:
@@ -57,12 +57,12 @@ class SourceNodes:
 
     @cached_property
     def origins(self) -> Floats:
-        """(n, 3) positions of the radiating points."""
+        """Positions (n, 3) of the radiating points."""
         return np.array([point.position for point in self.points])
 
     @cached_property
     def centre(self) -> Floats:
-        """(3,) mean position of the radiating points."""
+        """Mean position (3,) of the radiating points."""
         return np.mean(self.origins, axis=0)
 
     @cached_property
@@ -77,20 +77,21 @@ class SourceNodes:
         return float(np.abs(phases @ slope + rays[:, 2] * (phases @ field)).max())
 
     def waves_at(self, places: Floats) -> tuple[Complex, Floats]:
-        """Return waves of the nodes, and of the source, at places (q, 3).
+        """Return the waves of the nodes, and of the entire source, at positions (q, 3).
 
-        The waves (q, k + 1) are relative to a unit wave from the node, and for the source from the
-        centre. Also return detours (q,) from which on the second is accurate enough.
+        The waves (q, k + 1) are relative to a unit wave from the node, and for the entire source
+        from the centre. Also return the detours (q,) from which on the wave of the source is
+        accurate enough.
         """
         parts, detours = zip(*map(self._waves_at, self.blocks_of(places)), strict=True)
         return np.concatenate(parts), np.concatenate(detours)
 
     def blocks_of(self, places: Floats) -> list[Floats]:
-        """Divide places (q, 3) into blocks, whose waves from all radiating points fit in memory."""
+        """Divide positions (q, 3) into blocks whose waves from all points fit in memory."""
         return np.array_split(places, 1 + len(places) * len(self.points) // _BLOCK)
 
     def waves_of_points(self, places: Floats) -> Complex:
-        """Return the waves (q, n) of the radiating points at places (q, 3)."""
+        """Return the waves (q, n) of the radiating points at positions (q, 3)."""
         return np.stack([point.wave(places.T) for point in self.points], axis=1)
 
     def _waves_at(self, places: Floats) -> tuple[Complex, Floats]:
@@ -103,7 +104,7 @@ class SourceNodes:
         first = np.hypot(*np.abs(moments @ np.stack([x, y], axis=1)).T)
         second = np.abs(moments @ np.stack([x * x, y * y, x * y], axis=1)).max(axis=1)
         curvature = 1.0 / np.linalg.norm(places - self.centre, axis=1)
-        # error: slope/detour + bend/sqrt(detour)
+        # The estimated error is slope/detour + bend/sqrt(detour).
         slope = 0.5 * np.sqrt(2.0 * curvature) * first * EDGE_AMPLITUDE / self.peak
         bend = math.pi * curvature * second * EDGE_AMPLITUDE / self.peak
         root = 0.5 * (bend + np.sqrt(bend * bend + 4.0 * slope * _BY_CENTRE)) / _BY_CENTRE
@@ -121,7 +122,7 @@ def all_points(points: Sequence[RadiatingPoint]) -> SourceNodes:
 
 
 def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
-    """Return the nodes of a source for edges with ends (m, 2, 3), few if all edges are far away."""
+    """Return the nodes of a source for edges with ends (m, 2, 3): few if all edges are far away."""
     every = all_points(points)
     start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     squares = np.maximum((along * along).sum(axis=1), 1e-300)
@@ -129,11 +130,11 @@ def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
     fractions = [0.0 * nearest, 0.5 * nearest, nearest, 0.5 + 0.5 * nearest, 0.0 * nearest + 1.0]
     places = np.concatenate([start + part[:, None] * along for part in fractions])
     rules = [
-        # points with one coordinate have one node along this axis
+        # Along an axis on which all points have the same coordinate, there is one node.
         [_axis(at, count) for count in _LIMITS if count == 1 or np.ptp(at) > 0.0]
         for at in every.origins[:, :2].T
     ]
-    # Along each axis, the first rule whose error is small enough.
+    # Along each axis, the first rule with a small enough error is used.
     is_enough = _errors(every, places, rules) <= np.array([*_LIMITS.values()]) * every.peak
     chosen = [rules[k][row.argmax()] for k, row in enumerate(is_enough) if row.any()]
     if len(chosen) < 2 or math.prod(len(nodes) for nodes, _ in chosen) >= len(points):
@@ -147,7 +148,7 @@ def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
 def _axis(at: Floats, count: int) -> tuple[Floats, Floats]:
     """Return Gauss nodes (k,) over coordinates (n,), and their Lagrange polynomials (k, n) there.
 
-    Each node has one polynomial, which is 1 at the node and 0 at the other nodes.
+    The polynomial of a node is 1 at this node and 0 at the other nodes.
     """
     centre, half = 0.5 * (at.max() + at.min()), 0.5 * np.ptp(at)
     nodes = centre + half * gauss_legendre(count)[:, 0]
@@ -162,9 +163,9 @@ def _axis(at: Floats, count: int) -> tuple[Floats, Floats]:
 def _errors(
     source: SourceNodes, places: Floats, rules: Sequence[Sequence[tuple[Floats, Floats]]]
 ) -> Floats:
-    """Estimate the errors (axis, rule) of the waves of edges by interpolation, times the distance.
+    """Estimate the errors (axis, rule) of interpolated waves of edges, times the distance.
 
-    ``rules``: results of :func:`_axis` for x and y. Over the source, the phase of the wave of an
+    ``rules`` are results of :func:`_axis` for x and y. Over the source, the phase of the wave of an
     edge changes by 2 pi sqrt(2 detour/distance) times the position, if the point is far behind the
     edge.
     """

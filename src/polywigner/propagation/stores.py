@@ -1,8 +1,8 @@
 """Datasets in memory, lazy or on disk: zarr stores written chunk by chunk, and NetCDF files.
 
-zarr writes a chunk to a temporary file and renames it, so a chunk is complete or missing, and a
-second run only computes missing chunks. The attributes and coordinates of a store are the settings
-of its run (docs/large_runs.md).
+zarr writes a chunk to a temporary file and renames it, so a chunk is either complete or missing,
+and a second run computes only the missing chunks. The attributes and coordinates of a store are the
+settings of its run (docs/large_runs.md).
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 Index = tuple[int, ...]
 """An integer for each dimension: an index, or a number of samples."""
 Block = Callable[[Index, Index], NDArray[Any]]
-"""Function of the index of the first sample and of a shape, which returns the values of a block."""
+"""Function of the index of the first sample and of a shape. It returns the values of a block."""
 Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
-"""Function that computes blocks of a variable, type of the values, and attributes."""
+"""Function that computes blocks of a variable, dtype of the values, and attributes."""
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
 """Sizes of chunks, in a form that dask accepts."""
 Scheduler: TypeAlias = "str | Cluster | None"
@@ -56,14 +56,15 @@ Scheduler: TypeAlias = "str | Cluster | None"
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 """A dataset in memory or lazy, one array, or the path of a store on disk."""
 
-# Time in s to wait for a scheduler, and for its first worker.
+# Longest time in s to wait for a scheduler, and for its first worker.
 _PATIENCE = 10.0
 
-# Largest number of samples in memory: 16 GiB of float32. Some systems would allocate any size.
+# Largest number of samples of a result in memory (16 GiB of float32). The limit is explicit,
+# because some systems would accept an allocation of any size.
 _MOST_IN_MEMORY = 1 << 32
 
 LARGEST_CHUNK = 1 << 22
-"""Largest number of samples of a chunk: 16 MiB of float32. Kernels reach their full speed."""
+"""Largest number of samples of a chunk (16 MiB of float32), enough for the kernels' full speed."""
 
 
 def required(*names: str) -> ModuleType:
@@ -80,7 +81,7 @@ def require_stores(scheduler: Scheduler = None) -> None:
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Return the shape of chunks of at most ``samples`` samples, by halving the longest axes."""
+    """Return the shape of chunks with up to ``samples`` samples, by halving the longest axes."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
@@ -89,13 +90,13 @@ def chunks_within(shape: Sequence[int], samples: int) -> Index:
 
 
 def source_attrs(source: Any) -> dict[str, str]:
-    """Return the attribute of a dataset that describes a source in up to 200 characters."""
+    """Return the attribute of a dataset that describes a source in at most 200 characters."""
     return {"source": f"{source!r:.200}"}
 
 
 def source_coords(source: Any) -> dict[str, xarray.Variable]:
-    """Return the coordinate that holds a source as JSON."""
-    # object dtype: zarr cannot store NumPy's fixed-length strings
+    """Return the coordinate of a dataset that contains a source as JSON."""
+    # The dtype is object, because zarr cannot store NumPy's strings of fixed length.
     values = np.array(source_json(source), dtype=object)
     return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
 
@@ -126,11 +127,11 @@ def results_on_grid(
     """Return variables over ``axes``: computed now, lazy with ``chunks``, or in the store ``out``.
 
     Values in memory are computed in blocks of up to ``block_size`` samples. Chunks of a store have
-    up to ``chunk_size`` samples, unless ``chunks`` is given.
+    up to ``chunk_size`` samples, unless ``chunks`` is specified.
 
-    ``options``: ``out`` and StoreOptions. ``compiled``: blocks use Dr.Jit's pool of threads, so one
-    chunk is computed at a time, and ``threads`` is the size of the pool. Otherwise ``threads``
-    chunks are computed at a time.
+    ``options`` contains ``out`` and StoreOptions. ``compiled`` specifies that blocks use Dr.Jit's
+    thread pool: chunks are then computed one at a time, and ``threads`` is the size of the pool.
+    Otherwise ``threads`` chunks are computed at the same time.
 
     Raises
     ------
@@ -151,7 +152,7 @@ def results_on_grid(
     )
     if out is None and not (scheduler is None and threads is None):
         raise ArgumentError(
-            "expected out with scheduler or threads, got none; name a store to write to"
+            "expected out, the path of a store, with scheduler or threads, got none; pass out"
         )
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
@@ -177,7 +178,7 @@ def _in_memory(
     if math.prod(shape) > _MOST_IN_MEMORY:
         raise ArgumentError(
             f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
-            "use chunks, or write them to disk with out"
+            "pass chunks for a lazy result, or out to write it to disk"
         )
     values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
     origins = list(product(*(range(0, n, c) for n, c in zip(shape, size, strict=True))))
@@ -197,13 +198,14 @@ def _lazy_array(
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
         if not all(n > 0 for axis in sizes for n in axis):
-            raise ValueError("chunks without samples")
+            raise ValueError("chunks must contain at least one sample")
     except (TypeError, ValueError, ArithmeticError) as error:
         raise ArgumentError(
-            f"expected chunks that dask accepts: a number, a tuple of {len(shape)}, or 'auto', "
-            f"got {chunks!r}: {error}"
+            f"expected chunks that dask accepts: a number, a tuple of {len(shape)} numbers, or "
+            f"'auto', got {chunks!r}: {error}"
         ) from None
-    # The block is a node of the graph, so each worker receives it once and reuses its caches.
+    # The block function is a node of dask's graph, so each worker receives it once and reuses its
+    # caches.
     node = required("dask").delayed(block, traverse=False)
     options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
     array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
@@ -216,7 +218,7 @@ def _compute_chunk(
     location = block_info[None]["array-location"]
     origin, shape = tuple(a for a, _ in location), tuple(b - a for a, b in location)
     if compiled and threads is None and "distributed" in sys.modules:
-        # The error means that this is not a worker.
+        # get_worker raises ValueError outside a worker.
         with suppress(ValueError):
             threads = sys.modules["distributed"].get_worker().state.nthreads
     with kernel_threads(threads) if compiled else nullcontext():
@@ -226,7 +228,7 @@ def _compute_chunk(
 def _complete(
     folder: Path, dataset: xarray.Dataset, default: str, options: Mapping[str, Any]
 ) -> None:
-    """Compute the chunks of lazy arrays that a store lacks, by dask's ``default`` or a scheduler.
+    """Compute the missing chunks of a store, with dask's ``default`` scheduler or another one.
 
     The store is created if it does not exist.
     """
@@ -245,7 +247,8 @@ def _complete(
     bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
     with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
-            # The store is created only now, after the scheduler has responded.
+            # The store is created after the scheduler has responded, so that a failed connection
+            # leaves no store.
             if is_new:
                 _create(folder, dataset)
             with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
@@ -254,8 +257,8 @@ def _complete(
             if isinstance(error, PolywignerError):
                 raise
             raise StoreError(
-                f"cannot write to the store {folder}: {error}; correct that and start the same "
-                "run again, which keeps finished chunks"
+                f"cannot write to the store {folder}: {error}; correct the cause and start the "
+                "same run again, which keeps finished chunks"
             ) from error
 
 
@@ -268,13 +271,13 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
         different.append("coordinates")
     if different:
         raise StoreError(
-            f"{folder} holds results of other settings ({', '.join(different)}); choose another "
-            "name, or delete that store"
+            f"the store {folder} contains results of other settings (different: "
+            f"{', '.join(different)}); choose another path, or delete the store"
         )
 
 
 def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
-    """Return the attributes, types and chunks of a dataset as JSON texts, by name."""
+    """Return the attributes, dtypes and chunks of a dataset as JSON strings, by name."""
     settings: dict[str, Any] = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
         settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
@@ -286,29 +289,31 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
-    """Write metadata and coordinates of a store without chunks."""
-    # Chunks are not compressed: compression would halve the speed, and the last digits do not
-    # compress.
+    """Write the metadata and coordinates of a store, without chunks."""
+    # Chunks are not compressed, because compression would halve the speed, and the last digits of
+    # results do not compress.
     encoding: dict[Any, Any] = {
-        name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # value of missing chunks
+        name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # NaN for missing chunks
         for name, array in dataset.data_vars.items()
     }
     folder.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings(), atomic_path(folder) as scratch:
-        # zarr warns of strings, and of missing consolidated metadata.
+        # zarr warns about strings, and about missing consolidated metadata.
         warnings.simplefilter("ignore")
         try:
             dataset.to_zarr(scratch, mode="w-", compute=False, zarr_format=3, encoding=encoding)
-        except ValueError as error:  # The chunks differ in size.
-            raise ArgumentError(f"expected chunks that zarr can store: {error}") from None
+        except ValueError as error:  # zarr requires chunks of equal size.
+            raise ArgumentError(
+                f"zarr cannot store these chunks: {error}; pass other chunks"
+            ) from None
 
 
 def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
-    """Return tasks that compute and write the missing chunks of a store."""
+    """Return dask tasks that compute and write the missing chunks of a store."""
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
-        # dask fuses both steps into one task.
+        # dask fuses the computation and the writing of a chunk into one task.
         blocks = array.data.map_blocks(_write_region, path=path, meta=meta).to_delayed()
         for index in np.ndindex(blocks.shape):
             if not path.joinpath("c", *map(str, index)).is_file():
@@ -319,19 +324,19 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
     """Write one chunk to the array of a store, and return an empty array."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
-    # Chunks of NaN are written, because a chunk without a file counts as missing.
+    # Chunks that are all NaN are written too, because a chunk without a file counts as missing.
     array = required("zarr").open_array(path, mode="r+")
     array.with_config({"write_empty_chunks": True})[region] = values
     return values[(slice(0),) * values.ndim].copy()
 
 
 def _connected(scheduler: Scheduler) -> Client:
-    """Connect to a scheduler with workers, or raise EngineError."""
+    """Connect to a scheduler that has workers, or raise EngineError."""
     distributed = required("distributed")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
         client.wait_for_workers(1, timeout=_PATIENCE)
-    except Exception as error:  # Another server raises errors of many types.
+    except Exception as error:  # Servers other than a dask scheduler raise errors of many types.
         raise EngineError(
             f"no dask scheduler with workers responds at {scheduler!r} ({type(error).__name__}: "
             f"{error!s:.300}); start `dask scheduler` and `dask worker`, and pass an address such "
@@ -343,7 +348,7 @@ def _connected(scheduler: Scheduler) -> Client:
 def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Open a zarr store (format 3) lazily; raise StoreError for anything else.
 
-    No codec of zarr runs code from the store, as pickle would.
+    In contrast to pickle, no codec of zarr executes code from the store.
     """
     required("zarr", "dask")
     import xarray
@@ -353,16 +358,16 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
         return xarray.open_zarr(folder, zarr_format=3, consolidated=False)
     except Exception as error:  # zarr and its codecs raise errors of many types.
         raise StoreError(
-            f"expected a zarr store of format 3 at {folder}, got something else there "
-            f"({type(error).__name__}: {error!s:.200}); choose another name"
+            f"there is no zarr store of format 3 at {folder} ({type(error).__name__}: "
+            f"{error!s:.200}); choose another path"
         ) from error
 
 
-# ---- files for other programs -------------------------------------------------------------------
+# ---- files for other programs --------------------------------------------------------------------
 
 
 def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, ParaView and xarray read.
+    """Write a dataset to a NetCDF 4 file for MATLAB, Julia, ParaView, xarray and other programs.
 
     NetCDF has no complex numbers: a complex variable A becomes A_real and A_imag. Needs the extra
     ``datasets``.
@@ -398,16 +403,16 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 
 def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset, which may have complex variables, to a new zarr store (format 3)."""
+    """Write a dataset, possibly with complex variables, to a new zarr store (format 3)."""
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # zarr warns of missing consolidated metadata.
+        warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.
         _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
 
 
 @contextmanager
 def in_place(path: Path) -> Iterator[Path]:
-    """Yield a scratch path for a file or a folder, which replaces ``path`` after the block.
+    """Yield a temporary path for a file or folder, which replaces ``path`` after the block.
 
     Raises ArgumentError if the path cannot be written to.
     """
@@ -419,7 +424,7 @@ def in_place(path: Path) -> Iterator[Path]:
         raise
     except OSError as error:
         raise ArgumentError(
-            f"expected to write {path}, got {error.strerror or error}; choose another location"
+            f"cannot write {path}: {error.strerror or error}; choose another location"
         ) from error
 
 
@@ -433,7 +438,7 @@ def _opened(dataset: Stored) -> xarray.Dataset:
     if isinstance(dataset, (str, os.PathLike)):
         return open_store(dataset)
     raise ArgumentError(
-        f"expected an xarray.Dataset or the path of a store, got {value_text(dataset)}"
+        f"expected dataset as an xarray.Dataset or the path of a store, got {value_text(dataset)}"
     )
 
 

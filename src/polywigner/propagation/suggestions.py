@@ -1,4 +1,4 @@
-"""Suggested numbers of samples, from the bands of transforms and fields."""
+"""Suggested numbers of samples, from the bandwidths of transforms and fields."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )  # fmt: skip
+from polywigner.numerics import Floats
 from polywigner.propagation.point_grids import box_grid, line_grid, unit_vectors
 from polywigner.radiometry.directions import checked_source
 from polywigner.source import Array
 from polywigner.transforms import PhaseSpaceSource
 
-Values = NDArray[np.float64]
 Band = tuple[str, str, float, float, float, bool]
-"""Name, unit, first and last value, Nyquist step, and whether the axis is band-limited."""
+"""Name, unit, first and last value, Nyquist step of an axis, and whether it is band-limited."""
 
 SampledQuantity = Literal[
     "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance"
@@ -33,15 +33,15 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Nyquist step of positions relative to the width of the narrowest part. For a strip, W along x is a
-# triangle of this width, which is then sampled several times.
+# Largest step of positions, relative to the width of the narrowest part of the source. For a strip,
+# W along x is a triangle of this width, which is then sampled several times.
 _OF_WIDTH = 0.5
-# Largest number of samples along an axis. Larger numbers result from wrong units.
+# Largest number of samples along an axis. Larger numbers are a sign of wrong units.
 _MOST_SAMPLES = 1 << 53
-# Largest theta of hemispheres, since fields are not computed in the plane z = 0.
+# Largest theta of points on a hemisphere, because fields are not computed in the plane z = 0.
 _GRAZING = math.radians(89.5)
-# Numbers of points along the axes of a box and of a hemisphere, at which local frequencies are
-# evaluated. Few points are enough, because the frequencies vary slowly.
+# Numbers of points along each axis of a box, and along theta and phi of a hemisphere, at which
+# local frequencies are evaluated. A few points are enough, because the frequencies vary slowly.
 _POINTS, _THETA, _PHI = 17, 31, 24
 
 
@@ -68,10 +68,13 @@ class AxisSampling:
     count: int
     """Number of samples, both ends included; odd if the axis is symmetric, to include 0."""
     nyquist: float
-    """Nyquist step, the largest step that determines the values between samples; may be inf."""
+    """Nyquist step: the largest step from which values between samples can be recovered; may be
+    inf.
+    """
     band_limited: bool
     """Whether the sampling theorem holds exactly. Otherwise there is weak detail beyond the band,
-    because of kinks at edges and of waves from points of the source without stationary phase."""
+    caused by kinks at edges, and by waves from points of the source without stationary phase.
+    """
 
     @property
     def step(self) -> float:
@@ -107,7 +110,7 @@ class Sampling:
             if axis.name == name:
                 return axis
         names = ", ".join(axis.name for axis in self.axes)
-        raise ArgumentError(f"expected an axis among {names}, got {name!r}")
+        raise ArgumentError(f"the sampling has no axis {name!r}; its axes are {names}")
 
 
 @takes_frequency
@@ -194,14 +197,14 @@ def suggest_sampling(
         kinds = _PHASE_SPACE if name == "reach" else _FIELDS
         if value is not None and quantity not in kinds:
             raise ArgumentError(
-                f'expected no {name} for "{quantity}", got {value_text(value)}; pass quantity as '
-                "one of " + ", ".join(f'"{kind}"' for kind in kinds)
+                f'the quantity "{quantity}" does not use {name}, got {value_text(value)}; omit '
+                f"{name}, or pass quantity as one of " + ", ".join(f'"{kind}"' for kind in kinds)
             )
     if isinstance(source, Wavefront):
         if quantity not in (*_FIELDS, "pattern"):
             raise ArgumentError(
-                f'expected a source with a flat, coherent wave for "{quantity}", got a Wavefront; '
-                "pass its .source, and use finer steps if its phase varies faster"
+                f'the quantity "{quantity}" requires a flat, coherent wave, got a Wavefront; pass '
+                "its .source, and use finer steps if its phase varies faster"
             )
         source = source.source
     if quantity in _PHASE_SPACE:
@@ -216,8 +219,8 @@ def suggest_sampling(
             chosen = {name: region for name, region in regions.items() if region is not None}
             if len(chosen) != 1:
                 raise ArgumentError(
-                    f"expected one of {', '.join(regions)} to specify the points of the field, got "
-                    f"{' and '.join(chosen) or 'none'}"
+                    f"expected exactly one of {', '.join(regions)} to specify the points of the "
+                    f"field, got {' and '.join(chosen) or 'none'}"
                 )
             bands = _field_bands(plane.bounds, length, quantity == "amplitude", *chosen.popitem())
     axes = tuple(_axis(band, finer) for band in bands)
@@ -233,7 +236,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
     if reach is not None:
         most = checked_length(reach, "reach")
     elif wavelength is None:
-        raise ArgumentError("expected a wavelength in m or a reach in 1/m, got neither")
+        raise ArgumentError("expected a wavelength in m or a reach in 1/m, got neither of them")
     else:
         most = 1 / checked_wavelength(wavelength)
     elements = source.elements_in_plane
@@ -259,7 +262,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
 
 
 def _narrowest(element: Aperture | Slits) -> float:
-    """Return the width of the narrowest strip, ring or slit; for a square half of its side."""
+    """Return the width of the narrowest strip, ring or slit (for a square, half its side)."""
     if isinstance(element, Slits):
         return float(np.diff(element.intervals, axis=1).min())
     return min(2 * part.area / part.length for part in element.polygons.geoms)
@@ -270,8 +273,8 @@ def _axis(band: Band, oversampling: float) -> AxisSampling:
     steps = (high - low) / nyquist * oversampling if nyquist > 0 else math.inf
     if not steps < _MOST_SAMPLES:
         raise ArgumentError(
-            f"expected an axis {name} of fewer than {_MOST_SAMPLES} samples, got {steps:.3g}; "
-            "check the units of the wavelength and of the positions"
+            f"the axis {name} would need {steps:.3g} samples, more than {_MOST_SAMPLES}; check "
+            "the units of the wavelength and of the positions"
         )
     count = 1 if high == low else max(1, math.ceil(steps * (1 - 1e-12))) + 1
     if low == -high and count % 2 == 0:
@@ -279,29 +282,30 @@ def _axis(band: Band, oversampling: float) -> AxisSampling:
     return AxisSampling(name, unit, low, high, count, nyquist, band_limited)
 
 
-# ---- fields -------------------------------------------------------------------------------------
+# ---- sampling of fields --------------------------------------------------------------------------
 
 
 def _field_bands(
     bounds: tuple[float, ...], wavelength: float, coherent: bool, kind: str, region: Any
 ) -> list[Band]:
-    """Return the bands of a field in a "box", on a "line", or on a hemisphere of a "radius"."""
-    metres = 1.0  # length in m that corresponds to one unit of an axis
+    """Return the bands of a field in a "box", on a "line", or on a hemisphere with a "radius"."""
+    metres = 1.0  # length in m of one unit of the axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # The angles between rays are largest at points exactly in front of the source.
+        # The angles between rays are largest at points directly in front of the source.
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # Many points are needed, since directions change fast where the line passes close to the
+        # A line needs many points, because directions change fast where it passes close to the
         # source.
         grid = line_grid(region, _POINTS**2)
-        points, tangents = grid.points((0,), (_POINTS**2,)), [grid.directions]
-        ends = [("distance", "m", 0.0, float(grid.coords["distance"].values[-1]))]
+        points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
+        tangents = [(points[-1] - points[0]) / length]
+        ends = [("distance", "m", 0.0, length)]
     else:
         metres = checked_length(region, "radius")
         theta, phi = np.linspace(0.0, _GRAZING, _THETA), 2 * math.pi * np.arange(_PHI) / _PHI
@@ -321,7 +325,7 @@ def _field_bands(
     return bands
 
 
-def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
+def _rays(points: Floats, bounds: tuple[float, ...]) -> Floats:
     """Return unit vectors (n, 9, 3) from nine points of the source's box to points (n, 3)."""
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)

@@ -29,7 +29,7 @@ from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.kernels.boundary.integrals import STRIPS, distance_of, point_in_wavelengths
-from polywigner.numerics import phases
+from polywigner.numerics import Complex, Floats, phases
 from polywigner.propagation.boundary import (
     Radiator,
     boundary_field,
@@ -63,30 +63,27 @@ from polywigner.source.polarisation import (
     ludwig_axes,
 )
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.xarray_arguments import takes_xarray
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Waves are divided by p_z, which is not possible for |p_z| near zero. The field is analytic in the
-# frequency of a wave, so such a wave is replaced by a weighted mean of four neighbouring waves,
-# whose phases differ by this value in radians across half of the source. The relative error, from
-# the fourth derivative, is 1e-11.
+# Waves are divided by p_z, which is not possible for |p_z| close to zero. Because the field is
+# analytic in the frequency of a wave, such a wave is replaced by a weighted mean of four
+# neighbouring waves, whose phases differ by this value in radians across half of the source. The
+# relative error, from the fourth derivative, is 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
-# Smallest tolerance of the parts of a field, their rounding error.
+# Smallest tolerance of each part of a field, which is its rounding error.
 _LEAST = 1e-13
 
 
 def polarised_parts(
     source: PlaneSource | Wavefront, polarisation: Any
 ) -> list[tuple[PlaneSource | Wavefront, Complex]]:
-    """Return scalar sources and unit vectors q (3,) whose products add up to a polarised source."""
+    """Return scalar sources and unit vectors q (3,) whose products sum to a polarised source."""
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -107,7 +104,7 @@ def field(
     *,
     tolerance: float | None = None,
 ) -> Complex:
-    """Compute the electric field E(x, y, z) of a polarised source in the plane z = 0.
+    """Return the electric field E(x, y, z) of a polarised source in the plane z = 0.
 
     Equivalent currents in the plane replace the field u p on the source (VP1). |E|^2 has the unit
     of |u|^2, W/m^2: E is the electric field divided by the square root of twice the impedance of
@@ -178,7 +175,7 @@ def field(
     total = np.zeros((len(flat), 3), np.complex128)
     errors, limits = np.zeros((2, len(flat)))
     for part, q in parts:
-        if isinstance(part, Wavefront):  # The field is a sum over nodes on the source.
+        if isinstance(part, Wavefront):  # Fields of curved waves are sums over nodes on the source.
             terms = partial(_dipole_terms, part, q, MODELS[name])
             value, off = summed_over_cells(part, flat, length, terms, (3,))
         else:
@@ -206,7 +203,7 @@ def _dipole_terms(
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
     """Return the field (..., 3) of currents in one square wavelength at the origin.
 
-    ``ahead`` (..., 3): positions relative to the currents, in wavelengths.
+    ``ahead`` (..., 3) are positions relative to the currents, in wavelengths.
     """
     distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
     s, a = ahead / distance, 0.5j / (math.pi * distance)
@@ -230,7 +227,7 @@ def _near_field(
     q: Complex,
     currents: Currents,
 ) -> tuple[Complex, Floats, Floats]:
-    """Return the field E (n, 3) of currents along q (3,), estimated and allowed errors (n,)."""
+    """Return the field E (n, 3) of currents along q (3,), and estimated and allowed errors (n,)."""
     radiator, (m, e) = radiator_of(source), currents
     without_grazing = _not_grazing(radiator, wavelength)
     field = np.zeros((len(points), 3), np.complex128)
@@ -276,7 +273,8 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         scale = -1j * e / (4 * math.pi**2)
-        # gradient of u G: (Q - P) times ``rise`` from G, plus the wave vector of u
+        # The gradient of u G has two parts: (Q - P) times `rise`, from G, and the wave vector, from
+        # u.
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
         for a in range(2):
@@ -289,7 +287,7 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
-    """Replace waves whose p_z is a rounding error by means of neighbouring waves."""
+    """Replace waves whose p_z is a rounding error by means over neighbouring waves."""
     half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
     step = _ASIDE / (2 * math.pi * half)
     elements = []
@@ -321,28 +319,29 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 
 # Number of pairs of a point and a panel per block, and number of panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
-# Time of a pair, as a number of terms of an edge sum, for the choice of an engine.
+# Computing time of a pair of a point and a panel, as a number of terms of an edge sum. The choice
+# of an engine depends on it.
 _TERMS = 16
-# Tolerance of integrals along edges, as a fraction of the field's tolerance, since the integrals of
-# different edges may cancel.
+# Tolerance of integrals along edges, as a fraction of the field's tolerance, because the integrals
+# of different edges may cancel.
 _FRACTION = 1e-2
 
 
 @dataclass(frozen=True)
 class EdgeIntegrals:
-    """Integrals of u times functions of R along m panels of edges for n points.
+    """Integrals of u times functions of R along m panels of edges, for n points.
 
     Lengths are in wavelengths, and G = exp(2 pi i R)/R.
     """
 
     where: NDArray[np.intp]
-    """Indices of the points (n,)."""
+    """Indices (n,) of the points."""
     points: Floats
     """Points (n, 3), relative to the centre of the source."""
     begin: Floats
-    """First ends of the panels (m, 2), relative to the centre of the source."""
+    """First ends (m, 2) of the panels, relative to the centre of the source."""
     along: Floats
-    """Directions of the panels (m, 2)."""
+    """Directions (m, 2) of the panels."""
     plane: Floats
     """Direction cosines p_x and p_y (m, 2) of the wave on each panel."""
     cosine: Complex
@@ -356,14 +355,14 @@ class EdgeIntegrals:
 
     @property
     def normal(self) -> Floats:
-        """Outward normals of the panels, (m, 2)."""
+        """Outward normals (m, 2) of the panels."""
         return np.stack([self.along[:, 1], -self.along[:, 0]], axis=1)
 
 
 def edge_integrals(
     radiator: Radiator, points: Floats, wavelength: float, tolerance: float
 ) -> Iterator[EdgeIntegrals]:
-    """Yield integrals along the panels of a source's edges for blocks of points (n, 3) in m."""
+    """Yield integrals along the panels of a source's edges, for blocks of points (n, 3) in m."""
     digits = -math.log(max(tolerance * _FRACTION, 1e-14))
     x, y = radiator.centre.tolist()
     entered = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -413,7 +412,7 @@ def far_vectors(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """Return lim r exp(-ikr) E(r s) (..., 3) of polarised parts at unit vectors s: (VP2).
+    """Return lim r exp(-ikr) E(r s) (..., 3) of polarised parts at unit vectors s. Source: (VP2).
 
     The unit is m times the unit of u. The field is zero at z < 0.
     """
@@ -426,7 +425,7 @@ def far_vectors(
 
 
 def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return far fields (..., 3) of currents along q (3,), divided by F/(i lambda): (VP2)."""
+    """Return the far fields (..., 3) of currents along q (3,), divided by F/(i lambda) (VP2)."""
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
     far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
@@ -434,7 +433,7 @@ def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
 
 
 def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Complex]:
-    """Return components of far fields (..., 3) along x and y by Ludwig's third definition."""
+    """Return the components of far fields (..., 3) along x and y by Ludwig's third definition."""
     x, y, z = np.moveaxis(directions, -1, 0)
     axes = ludwig_axes(x, y, np.maximum(z, -1.0 + np.finfo(np.float64).epsneg))
     along_x, along_y = ((far * np.stack(axis, axis=-1)).sum(axis=-1) for axis in axes)
@@ -442,7 +441,7 @@ def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Comple
 
 
 def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
-    """Convert components along x and y to co- and cross-polar parts for a Jones vector: (VP3)."""
+    """Convert components along x and y to co- and cross-polar parts for a Jones vector (VP3)."""
     (x, y), (p, q) = components, jones
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
 
@@ -454,7 +453,7 @@ def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Comple
 
 
 def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
-    """Return axial ratios of polarisation ellipses in dB; infinite for linear polarisation."""
+    """Return the axial ratios of polarisation ellipses in dB; infinite for linear polarisation."""
     x, y = components
     right, left = np.abs(x - 1j * y), np.abs(x + 1j * y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -464,7 +463,7 @@ def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
 def vector_powers(
     parts: Sequence[tuple[PlaneSource | Wavefront, Complex]], wavelength: float, model: str
 ) -> tuple[float, float]:
-    """Return the power int |E|^2 dOmega over the hemisphere in front, and int |u|^2, in W."""
+    """Return the power int |E|^2 dOmega over the front hemisphere, and int |u|^2, in W."""
     lag = max(largest_lag(part) for part, _ in parts)
     power = 0.0
     for directions, solid_angle in directions_and_weights(lag, wavelength):

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
@@ -24,7 +23,8 @@ from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.functions.slices import SliceSum
 from polywigner.kernels.kernel import Values
-from polywigner.numerics.triangles import (
+from polywigner.numerics import Floats
+from polywigner.numerics.nodes import (
     Triangles,
     gauss_rule,
     node_count,
@@ -39,33 +39,34 @@ from polywigner.source import Array
 from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliquity_of
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
-Floats = NDArray[np.float64]
-
-# Irradiance below which errors are absolute, relative to the largest possible irradiance (T2).
+# Errors are absolute where the irradiance is below this fraction of the largest possible irradiance
+# (T2).
 _FLOOR = 1e-3
-# Number of edges above which rays take seconds; the exact field takes a hundredth of the time.
+# Number of edges of a source above which Wigner rays take seconds. The exact field takes a
+# hundredth of this time.
 _MANY_EDGES = 50
-# Distance to the source in wavelengths below which rays are a rough approximation.
+# Distance from the source in wavelengths below which Wigner rays are a rough approximation.
 _NEAREST = 2.0
 
-# Additional nodes along a side of a triangle for each successive rule. Two nodes integrate W
-# exactly on triangles far smaller than a wavelength, where W is a quadratic.
+# Numbers of additional nodes along a side of a triangle of successive quadrature rules. Two nodes
+# integrate W exactly on triangles far smaller than a wavelength, where W is a quadratic.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
-# Number of triangles above which a rule with one additional node is tried first.
+# If there are more triangles than this, a rule with one additional node is tried first.
 _MANY_TRIANGLES = 500
-# Largest number of nodes of a rule; this many need 64 MiB of memory.
+# Largest number of nodes of a rule. This many nodes take 64 MiB of memory.
 _MOST_NODES = 1 << 22
-# Points whose phase rates agree within this fraction of 1/wavelength share their rules.
+# The same rules are used for all points whose phase rates agree within this fraction of
+# 1/wavelength.
 _RATE_STEP = 0.25
-# Largest error of a settled point, as a fraction of the allowed error. Settled points are not
-# refined further.
+# A point is settled, and no longer refined, if its error is below this fraction of the allowed
+# error.
 _SETTLED = 0.03
 
 NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
-"""Function of a rule (nodes, weights) and points (n, 3) that returns the irradiance (n,)."""
+"""Function of a rule (nodes, weights) and points (n, 3). It returns the irradiance (n,)."""
 
 
 def irradiance_by_rays(
@@ -78,7 +79,7 @@ def irradiance_by_rays(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3).
 
-    ``allowed``: relative error, as the tolerance of :func:`irradiance`.
+    ``allowed`` is the relative error, defined as the tolerance of :func:`irradiance`.
     """
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
@@ -97,14 +98,14 @@ def irradiance_by_rays(
     clearance = radiator.distance(points)
     if (clearance < _NEAREST * wavelength).any():
         warn_caller(
-            "Wigner rays are a rough approximation at points less than "
-            f"{_NEAREST:g} wavelengths from the source; use method={DEFAULT!r}, which is exact"
+            f"some points are less than {_NEAREST:g} wavelengths from the source, where Wigner "
+            f"rays are a rough approximation; use method={DEFAULT!r}, which is exact"
         )
     edges = sum(len(ring) for ring in normal_form(flat).rings)
     if edges > _MANY_EDGES:
         warn_caller(
-            f"Wigner rays from {edges} edges take seconds; use method='auto' for the exact field, "
-            "which is about a hundred times faster"
+            f"Wigner rays take seconds for a source of {edges} edges; use method='auto' for the "
+            "exact field, which is about a hundred times faster"
         )
 
     def node_sum(rule: tuple[Floats, Floats], block: Floats) -> Floats:
@@ -117,7 +118,7 @@ def irradiance_by_rays(
 
     area = sum(element.area for element in flat.elements_in_plane)
     reach = wavelength * radiator.distance_of_centre(points)
-    # largest possible irradiance (T2)
+    # Largest possible irradiance (T2).
     largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)
     floor = _FLOOR * largest
     values, errors = np.zeros(len(points)), np.zeros(len(points))
@@ -126,8 +127,8 @@ def irradiance_by_rays(
     if has_few_kinks(flat):
         triangles = smooth_triangles(flat)
     else:
-        # Kinks cross these triangles, but the gradient of W is continuous across most kinks. The
-        # errors of Gauss rules are proportional to the fourth power of the size of a triangle.
+        # Kinks of W cross these triangles, but the gradient of W is continuous across most kinks.
+        # The errors of Gauss rules are proportional to the fourth power of the size of a triangle.
         triangles = quartered(triangles_of(list(mutual_support(flat).polygons.geoms))[0])
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
@@ -137,19 +138,19 @@ def irradiance_by_rays(
         )
     if not (errors <= allowed * np.maximum(np.abs(values), floor)).all():
         warn_caller(
-            "the tolerance is not met at all points; use irradiance_with_error to get the errors, "
-            "or method='auto' for the exact field"
+            "the tolerance is not met at all points; use irradiance_with_error for estimates of "
+            "the errors, or method='auto' for the exact field"
         )
     return values, errors
 
 
 @lru_cache(maxsize=64)
 def _along_rays(base: Kernel) -> Kernel:
-    """Return the integrand of (R1) for a kernel of W.
+    """Return the integrand of (R1), from a kernel of W.
 
-    Its arguments are the position x, y on the source; the point X, Y, Z; the wavelength; the three
-    coefficients of the obliquity (D2); and for a curved wave, whose local frequency depends on the
-    position, Q_xx, Q_xy, Q_yy and the two coordinates of its centre.
+    Its arguments are the position x, y on the source; the point X, Y, Z; the wavelength; and the
+    three coefficients of the obliquity (D2). For a curved wave, whose local frequency depends on
+    the position, they include Q_xx, Q_xy, Q_yy and the two coordinates of its centre.
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
@@ -191,7 +192,7 @@ def _refined_sums(
     tolerance: float,
     floor: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return irradiance and error estimates (n,), from rules refined until all points are settled.
+    """Return irradiance and error (n,), from rules that are refined until all points are settled.
 
     The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if that is
     larger.
@@ -231,15 +232,15 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
         across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
         raise ArgumentError(
             f"a source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
-            f"which require {count:.2g} nodes; use method={DEFAULT!r}, which is exact, and check "
-            "the unit of the wavelength"
+            f"which require {count:.2g} quadrature nodes; use method={DEFAULT!r}, which is exact, "
+            "and check the unit of the wavelength"
         )
 
 
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Return the largest |nu - kappa| (n,) in 1/m of rays nu to points (n, 3) and waves kappa."""
+    """Return the largest |nu - kappa| (n,) in 1/m, for rays nu to points (n, 3) and waves kappa."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
@@ -256,17 +257,17 @@ def _phase_rates(
     return rates + bent
 
 
-# ---- triangles where W is smooth -----------------------------------------------------------------
+# ---- triangles on which W is smooth --------------------------------------------------------------
 
-# Largest number of kink segments, which take some seconds, and of their intersections.
+# Largest number of kinks of W, which take some seconds, and of intersections of kinks.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
-# Number of segments from which the number of intersections is estimated.
+# Number of kinks from which the number of intersections is estimated.
 _SAMPLE = 256
 
 
 @lru_cache(maxsize=64)
 def _kinks(source: Aperture | Array) -> Floats | None:
-    """Return the ends (m, 2, 2) of the distinct kink segments (T1); None if there are too many."""
+    """Return the ends (m, 2, 2) of the distinct kinks of W (T1); None if there are too many."""
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
@@ -290,7 +291,7 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 def _distinct(segments: Floats, grid: float) -> Floats:
     """Round segments (n, 2, 2) to a grid, and remove duplicates and segments of length zero.
 
-    Segments that differ in the order of their ends only are duplicates.
+    Segments that differ only in the order of their ends are duplicates.
     """
     steps = np.rint(segments / grid)
     order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
@@ -301,7 +302,7 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def has_few_kinks(source: Aperture | Array) -> bool:
-    """Return whether W has at most 65,536 kink segments with at most about 1e6 intersections."""
+    """Return whether W has at most 65,536 kinks with at most about 1e6 intersections."""
     segments = _kinks(source)
     if segments is None:
         return False

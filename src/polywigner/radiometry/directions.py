@@ -20,6 +20,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, checked_vectors
+from polywigner.numerics import Floats
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
@@ -30,22 +31,20 @@ from polywigner.transforms import lag_marginal
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 
-Floats = NDArray[np.float64]
-
-# Largest product of the bandwidth and the propagation time across the source, which is about the
-# number of wavelengths that a mean over the band requires.
+# Largest product of the bandwidth and the propagation time across the source. The mean over a band
+# requires about this number of wavelengths.
 _MOST_SPREAD = 500.0
 _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """Return a bandwidth in Hz about a wavelength in m; raise ArgumentError for other values."""
+    """Return a bandwidth in Hz about a wavelength in m; raise ArgumentError otherwise."""
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
         raise ArgumentError(
-            f"expected {_MEANING}, {2 * carrier:.4g} Hz, got {bandwidth!r}; omit bandwidth for "
-            "a single wavelength"
+            f"expected {_MEANING} of {carrier:.4g} Hz, got {bandwidth!r}; omit bandwidth for a "
+            "single wavelength"
         )
     return width
 
@@ -55,14 +54,15 @@ def wavelengths_of_band(
 ) -> list[tuple[float, float]]:
     """Return pairs of a wavelength in m and a weight, whose weighted sum is a mean over a band.
 
-    ``lag``: size of the source in m; ``error``: allowed error of the mean.
+    ``lag`` is the size of the source in m, and ``error`` the allowed error of the mean.
     """
     spread = bandwidth * lag / SPEED_OF_LIGHT
     if not spread <= _MOST_SPREAD:
         raise ArgumentError(
-            f"expected a bandwidth of at most {_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz for a "
-            f"source of {lag:.4g} m, got {bandwidth:g} Hz, which requires about {spread:.3g} "
-            "wavelengths; check its unit, or compute parts of the band"
+            f"a source of {lag:.4g} m allows a bandwidth of at most "
+            f"{_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz, got {bandwidth:g} Hz, which would "
+            f"require a mean over about {spread:.3g} wavelengths; check its unit, or compute "
+            "parts of the band"
         )
     nodes, weights = flat_rule(math.pi * spread, error)
     frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes
@@ -73,7 +73,7 @@ PlaneSource = Aperture | Array
 
 
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
-    """Return an aperture, an array or a curved wave; raise errors as :func:`checked_source`.
+    """Return an aperture, an array or a curved wave; raise the errors of :func:`checked_source`.
 
     A partially coherent source raises IlluminationError unless ``partly`` is true.
     """
@@ -86,7 +86,7 @@ def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefro
 def checked_source(source: Any) -> PlaneSource:
     """Return an aperture, or an array of apertures in the plane z = 0.
 
-    Raises ArgumentError for other objects, and GeometryError for elements outside of this plane.
+    Raises ArgumentError for other objects, and GeometryError for elements outside this plane.
     """
     if isinstance(source, Aperture):
         return source
@@ -95,9 +95,9 @@ def checked_source(source: Any) -> PlaneSource:
         flat = source.repeated[0] if source.repeated is not None else source.elements_in_plane[0]
     if not isinstance(source, Array) or isinstance(flat, Slits):
         advice = {
-            "Slits": "use rectangles instead, since power requires an area",
+            "Slits": "use rectangles instead, because power requires an area",
             "PlacedAperture": "use its .aperture, and directions relative to it",
-            "Polyhedron": "only Fourier transforms of bodies are available",
+            "Polyhedron": "only Fourier transforms are available for bodies",
             "Wavefront": "use its .source, whose wave is flat and coherent",
         }.get(type(flat).__name__, "create an Aperture from a ring or from shapely polygons")
         raise ArgumentError(
@@ -115,18 +115,18 @@ def checked_directions(direction: Any) -> Floats:
     back = array[..., 2] < 0
     if back.any():
         raise ArgumentError(
-            "expected a direction with z >= 0, since sources radiate to +z, got "
+            "expected directions with z >= 0, because sources radiate to +z, got "
             f"{array[back][0].tolist()}"
         )
     return array
 
 
 def checked_positions(x: Any) -> Floats:
-    """Return finite positions (..., 2) on the aperture in m; raise ArgumentError for others."""
+    """Return finite positions (..., 2) on the aperture in m; raise ArgumentError otherwise."""
     check_no_drjit(x=x)
     array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
     if not np.isfinite(array).all():
-        raise ArgumentError("expected finite positions x, got inf or nan; remove them")
+        raise ArgumentError("expected finite positions x, got inf or NaN; remove them")
     return array
 
 
@@ -135,28 +135,31 @@ def checked_positions(x: Any) -> Floats:
 # Largest width of a source in wavelengths. Its power is a sum over 1.5e11 directions, which takes
 # half a day for a square on two cores.
 _MOST_WAVELENGTHS = 1e5
-# Number of directions per block, a few MB.
+# Number of directions per block, which takes a few MB.
 _BLOCK = 1 << 17
-# Number of values of F or W above which a terminal shows progress: a few seconds of work.
+# Number of values of F or W above which a terminal shows progress. This many values take a few
+# seconds.
 _LONG = 1 << 25
 
 # Smallest width in wavelengths of sources whose power is an integral over lags with a smooth
 # cut-off. For narrower sources, sums over directions take only seconds.
 _WIDE = 600.0
-# Largest relative difference between the powers of two cut-offs. If it is larger, the power is a
-# sum over directions.
+# Largest relative difference between the powers from two positions of the cut-off. If it is larger,
+# the power is computed as a sum over directions.
 _SAME = 1e-6
-# Largest spatial frequency of the field, as a fraction of 1/wavelength, for which lags are used.
+# The integral over lags is used if the largest spatial frequency of the field is below this
+# fraction of 1/wavelength.
 _STEEP = 0.8
 # Width of the cut-off in wavelengths for waves along the normal. It reduces the contribution of the
 # rim of the hemisphere to exp(-32).
 _SOFT = 1.8
 # Positions of the two cut-offs, in units of the width of the cut-off.
 _ENDS = (4.5, 6.5)
-# Distance from the cut-off to the end of the integral, in units of the width of the cut-off; 1e-14
-# of the power is left beyond it.
+# Distance from the cut-off to the end of the integral, in units of the width of the cut-off. Beyond
+# it, 1e-14 of the power is left.
 _BEYOND = 5.5
-# Largest number of directions of edges at which the angle of the lag is divided into panels.
+# The angle of the lag is divided into panels at the directions of edges, if there are at most this
+# many.
 _MOST_KINKS = 48
 # Number of Gauss nodes on a panel of angles, and per wavelength along the length of the lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
@@ -181,7 +184,7 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
-    """Return a bound in m on the difference of two path lengths to any point.
+    """Return an upper bound in m on the difference of two path lengths to any point.
 
     The paths start at two points of the source. Differences of path lengths before the source, such
     as in curved waves and feed networks, are included.
@@ -204,10 +207,9 @@ def check_width(lag: float, wavelength: float) -> None:
     """Raise ArgumentError for a source that is too large for integrals over directions."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
-            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths wide for integrals "
-            f"over directions, got {lag / wavelength:.3g} wavelengths; check the unit of the "
-            "wavelength (wide sources radiate all power but the fraction perimeter "
-            "wavelength/area)"
+            f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
+            f"directions allow at most {_MOST_WAVELENGTHS:.0e}; check the unit of the wavelength "
+            "(wide sources radiate all power except the fraction perimeter wavelength/area)"
         )
 
 
@@ -219,9 +221,9 @@ def directions_and_weights(
     The solid angles are the weights of a quadrature rule. The rule integrates functions that are
     band-limited by ``lag`` in m, also times polynomials of the direction's components, with errors
     of 1e-14 of the largest value. It has about 15 (lag/wavelength)^2 nodes, at least a hundred.
-    Terminals show a progress bar for long computations; ``positions`` is the
-    number of positions at which the caller evaluates each direction. Raises ArgumentError for lags
-    of too many wavelengths.
+    Terminals show a progress bar for long computations; ``positions`` is the number of positions at
+    which the caller evaluates each direction. Raises ArgumentError for lags of too many
+    wavelengths.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -251,8 +253,8 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
 def _azimuths(phase: Floats) -> NDArray[np.intp]:
     """Return the numbers of azimuths that integrate exp(i phase cos(phi)) cos(phi)^m to 3e-15.
 
-    m is 0, 1 or 2. The error of n azimuths is 2 J_n(phase), which is negligible if n exceeds the
-    phase by a few phase^(1/3). The constants were fitted to phases from 0.1 to 3000.
+    m is 0, 1 or 2. The error with n azimuths is 2 J_n(phase), which is negligible if n exceeds the
+    phase by a few times phase^(1/3). The constants were fitted to phases from 0.1 to 3000.
     """
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
@@ -280,8 +282,8 @@ def power_by_lags(
 ) -> float | None:
     """Return the power of a wide source in W (E5); None if a sum over directions is required.
 
-    The obliquity factor is smooth except at the horizon. Lags of more than some wavelengths
-    therefore contribute only through parallel sides: (wavelength/width)^(5/2) of the power, or
+    The obliquity factor is smooth except at the horizon. Therefore lags of more than some
+    wavelengths contribute only through parallel sides: (wavelength/width)^(5/2) of the power, or
     (wavelength/width)^(3/2) for obliquities with a normal derivative. A smooth cut-off omits these
     lags.
     """
@@ -320,8 +322,8 @@ def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
 def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, Floats]:
     """Return angles (n,) of lags over half a circle, and weights of an integral over the circle.
 
-    R_xi has kinks at lags along edges, where the angle is divided into panels. ``rate`` is a bound
-    on the derivative of the phase of R_xi with respect to the angle.
+    R_xi has kinks at lags along edges, where the angle is divided into panels. ``rate`` is an upper
+    bound on the derivative of the phase of R_xi with respect to the angle.
     """
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
@@ -350,6 +352,7 @@ def checked_powers(power: float, energy: float, wavelength: float) -> tuple[floa
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"the source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check "
-            "the unit of the wavelength, and whether waves graze the aperture or cancel"
+            "the unit of the wavelength, and whether the waves of the source graze the aperture "
+            "or cancel each other"
         )
     return power, energy

@@ -25,11 +25,11 @@ from polywigner.radiometry.directions import (
     wavelengths_of_band,
 )
 from polywigner.transforms import fourier, wigner
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Error of the mean over a band, relative to the largest intensity.
+# Error of the mean over a band of wavelengths, relative to the largest intensity.
 _BAND_ERROR = 1e-12
 
 
@@ -44,7 +44,7 @@ def radiance(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.float64]:
-    """Compute the radiance L(x, s) = W(x, s_par/lambda)/lambda^2 at positions x in directions s.
+    """Return the radiance L(x, s) = W(x, s_par/lambda)/lambda^2 at positions x in directions s.
 
     The radiance can be negative, as W can: only integrals over position or direction are
     measurable. Its integral over positions and projected solid angle is the power
@@ -104,7 +104,7 @@ def radiant_intensity(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.float64]:
-    """Compute the radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2 in directions s.
+    """Return the radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2 in directions s.
 
     Its integral over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
 
@@ -143,7 +143,7 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # radiant_intensity updates phases that depend on path lengths to each wavelength
+        # radiant_intensity adapts phases that depend on path lengths to each wavelength.
         total = sum(w * radiant_intensity(radiator, directions, node, **how) for node, w in parts)
         return np.asarray(total)[()]
 
@@ -161,7 +161,7 @@ def radiant_intensity(
     return (directions[..., 2] * squares).astype(squares.dtype, copy=False)[()]
 
 
-# Number of values of the radiance per block: 32 MB.
+# Number of values of the radiance per block (32 MB).
 _BLOCK = 1 << 22
 
 
@@ -172,7 +172,7 @@ _BLOCK = 1 << 22
 def flux_vector(
     source: PlaneSource | Wavefront, x: ArrayLike, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
-    """Compute the flux vector J(x) = int L(x, s) s dOmega over the directions s with z > 0.
+    """Return the flux vector J(x) = int L(x, s) s dOmega over the directions s with z > 0.
 
     J_z is the radiated power per area, the part of |u|^2 with |nu| < 1/lambda (docs/radiometry.md,
     (E3)). It can be negative, and is not zero outside the source. The components along the plane
@@ -225,7 +225,7 @@ def flux_vector(
 
 @takes_frequency
 def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
-    """Compute the power through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
+    """Return the power through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
 
     It is the integral of :func:`radiant_intensity`, and equals int |u|^2 dx without the evanescent
     part (docs/radiometry.md, (E4)).
@@ -291,12 +291,12 @@ class EnergyBudget:
 
     @property
     def propagating_fraction(self) -> float:
-        """Propagating part over the total; NaN for a source whose elements cancel each other."""
+        """Propagating fraction of the total; NaN for a source whose elements cancel each other."""
         return self.propagating / self.total if self.total > 0 else float("nan")
 
     @property
     def evanescent_fraction(self) -> float:
-        """Evanescent part over the total; NaN for a source whose elements cancel each other."""
+        """Evanescent fraction of the total; NaN for a source whose elements cancel each other."""
         return self.evanescent / self.total if self.total > 0 else float("nan")
 
 
@@ -304,7 +304,7 @@ class EnergyBudget:
 def energy_budget(
     source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto"
 ) -> EnergyBudget:
-    """Compute the radiated and the evanescent power of a source (docs/radiometry.md, (E4)).
+    """Return the radiated and the evanescent power of a source (docs/radiometry.md, (E4)).
 
     It takes as long as :func:`power`.
 

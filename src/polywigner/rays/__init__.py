@@ -7,15 +7,13 @@ space and thin lenses, and approximately through aberrations.
 ===================  ==========================================================================
 module               content
 ===================  ==========================================================================
-``sampling``         rays drawn from W of a source: :func:`sample_rays`
-``bundles``          rays as a dataset, before and after a ray tracer, and the irradiance in the
-                     pixels of a plane, with its standard error
-``files``            source files of OpticStudio
+``sampling``         positions in the automean; rays drawn from W of a source: :func:`sample_rays`
+``bundles``          rays as a dataset, before and after a ray tracer, the irradiance in the pixels
+                     of a plane, with its standard error, and source files of OpticStudio
 ===================  ==========================================================================
 """
 
-from polywigner.rays.bundles import rebuild, traced
-from polywigner.rays.files import load, save
+from polywigner.rays.bundles import load, rebuild, save, traced
 from polywigner.rays.sampling import sample_rays
 
 __all__ = ["load", "rebuild", "sample_rays", "save", "traced"]

@@ -1,29 +1,37 @@
-"""Rays as a dataset of positions, directions and weights in watts, and the irradiance of rays."""
+"""Rays as a dataset, their irradiance, and ray files of Ansys Zemax OpticStudio (.dat).
+
+Rays have positions, directions and weights in watts.
+"""
 
 from __future__ import annotations
 
 import math
+import os
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, FileFormatError, at_key
 from polywigner.geometry.arguments import (
     checked_count,
     checked_flag,
     checked_number,
+    checked_path,
     checked_row,
     checked_vectors,
     rigid_pose,
     shape_of,
+    warn_caller,
 )
+from polywigner.geometry.io.limits import check_regular
+from polywigner.interruption import atomic_path
+from polywigner.numerics import Floats
 
 if TYPE_CHECKING:
     import xarray
-
-
-Values = NDArray[np.float64]
 
 # Units and long names of the variables of a dataset of rays.
 _VARIABLES = {
@@ -31,14 +39,14 @@ _VARIABLES = {
     "direction": ("1", "unit vector along the ray"),
     "weight": ("W", "power of the ray, signed"),
 }
-# Tolerance of unit vectors: ray tracers may use single precision.
+# Tolerance of the length of unit vectors, because ray tracers may use single precision.
 _UNIT = 1e-4
 
 
 def bundle(
-    position: Values,
-    direction: Values,
-    weight: Values,
+    position: Floats,
+    direction: Floats,
+    weight: Floats,
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
@@ -103,38 +111,38 @@ def traced(
     return bundle(*columns, batch, {**rays.attrs, "count": count_of(rays)})
 
 
-def checked_bundle(rays: Any) -> tuple[Values, Values, Values, NDArray[Any] | None]:
+def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
-    Values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that are
-    not unit vectors.
+    The values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that
+    are not unit vectors.
     """
     import xarray
 
     if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
         raise ArgumentError(
             "expected rays as a dataset with position, direction and weight, got "
-            f"{type(rays).__name__}; use sample_rays or rays.load"
+            f"{type(rays).__name__}; create it with sample_rays or rays.load"
         )
     axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
     try:
         arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
     except ValueError as error:
         raise ArgumentError(
-            "expected position and direction over ray and component, and weight over ray, got "
-            f"other axes: {error}"
+            "the dataset of rays must have position and direction over ray and component, and "
+            f"weight over ray, got other axes: {error}"
         ) from None
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays that were drawn; the dataset may be a selection of them."""
+    """Return the number of rays that were drawn; the dataset may contain only some of them."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
-def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
+def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
     """Return checked positions, directions and weights of ``count`` rays."""
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
@@ -143,24 +151,24 @@ def _columns(count: int, *values: Any) -> tuple[Values, Values, Values]:
             raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        # The comparison is False for lost rays, which contain NaN.
+        # This comparison is False for lost rays, which contain NaN.
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
-            f"expected direction as unit vectors, got {direction[wrong][0].tolist()}; divide each "
-            "vector by its length"
+            f"direction must contain unit vectors, got {direction[wrong][0].tolist()}; divide "
+            "each vector by its length"
         )
     return position, direction, weight
 
 
 # Largest number of pixels along an axis.
 _MOST_ALONG_AXIS = 1 << 14
-# Largest number of all pixels, and of all pixels times batches (1 GB).
+# Largest total number of pixels, and largest product of the numbers of pixels and batches (1 GB).
 _MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
-# Number of rays per block, some 100 MB.
+# Number of rays per block, which takes some 100 MB.
 _BLOCK = 1 << 20
 # Rays that start behind the plane still count if their distance from the plane is below this
-# fraction of the largest coordinate.
+# fraction of the largest coordinate, because positions on the plane are rounded.
 _ON_PLANE = 1e-9
 
 
@@ -225,15 +233,16 @@ def rebuild(
     edges = _edges(bounds, shape)
     size = len(edges[1]) - 1, len(edges[0]) - 1
     pixels = math.prod(size)
-    # The numbers of batches may have gaps, since the rays may be a selection.
+    # The numbers of batches may have gaps, because the rays may be a selection of the rays that
+    # were drawn.
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
     if batches * pixels > _MOST_SUMS:
         raise ArgumentError(
             f"expected at most {_MOST_SUMS} pixels times batches, got {pixels} pixels and "
-            f"{batches} batches; use fewer pixels"
+            f"{batches} batches of rays; use fewer pixels"
         )
-    # The last entry is the sum over all pixels.
+    # The last entry of each array is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
@@ -275,25 +284,25 @@ def rebuild(
     return xarray.Dataset(images, coords, {**rays.attrs, **about})
 
 
-def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
+def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the sums (pixel,) over all rays, and their standard errors.
 
-    ``sums`` (batch, pixel) and ``squares`` (pixel,): sums of weights and of squared weights.
+    ``sums`` (batch, pixel) are sums of weights, and ``squares`` (pixel,) sums of squared weights.
     """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # The expression is n times the variance of the power of one ray. The power is zero for rays
-    # that miss the pixel.
+    # The expression is n times the variance of the power of a ray. The power is zero for rays that
+    # miss the pixel.
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
 
 def _pixel_coordinates(
-    position: Values, direction: Values, pose: Values, edges: tuple[Values, Values], virtual: bool
-) -> Values:
-    """Return where rays meet a plane, (n, 2) in pixels along x and y; NaN if they do not."""
+    position: Floats, direction: Floats, pose: Floats, edges: tuple[Floats, Floats], virtual: bool
+) -> Floats:
+    """Return the points where rays meet a plane, (n, 2) in pixels along x and y, otherwise NaN."""
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
@@ -306,7 +315,7 @@ def _pixel_coordinates(
     return np.where(meets[:, None], pixels, np.nan)
 
 
-def _pose(plane: Any) -> Values:
+def _pose(plane: Any) -> Floats:
     if shape_of(plane) == "()":
         pose = np.eye(4)
         pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
@@ -314,8 +323,8 @@ def _pose(plane: Any) -> Values:
     return rigid_pose(plane)
 
 
-def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
-    """Return the edges of the pixels along x and y."""
+def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
+    """Return the edges of the pixels along x and along y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
     row = checked_row(bounds, expected)
     if row.shape != (4,) or not np.isfinite(row).all() or not (row[2:] > row[:2]).all():
@@ -328,3 +337,207 @@ def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
             f"expected at most {_MOST_PIXELS} pixels, got {nx} x {ny}; use fewer pixels"
         )
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
+
+
+# Length of each unit (m, in, cm, ft, mm) in metres, indexed by the header field DimensionUnits.
+_METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
+_MM = 4
+
+_IDENTIFIERS = 1010, 8675309  # identifiers of the current and of older versions of the format
+_HEADER = np.dtype(
+    [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
+    + [(name, "<f4") for name in ("SourceFlux", "RaySetFlux", "Wavelength")]
+    + [(f"{angle}{end}", "<f4") for angle in ("Inclination", "Azimuth") for end in ("Beg", "End")]
+    + [("DimensionUnits", "<i4"), ("Loc", "<f4", 3), ("Rot", "<f4", 3), ("Scale", "<f4", 3)]
+    + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
+    + [("reserved", "<i4", 2)]
+)
+# Number of values per ray, by the header field ray_format_type.
+_NUMBERS = {0: 7, 2: 8}
+_MICROMETRE = 1e-6
+# For each file that is written: sign of its powers, suffix of its name, and description in its
+# header.
+_SIGNED = 1, "", "signed"
+_SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
+# Pattern of the description in files written by polywigner: number of rays that were drawn, and
+# sign of their powers.
+_OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
+
+
+def save(
+    rays: xarray.Dataset, path: str | os.PathLike[str], *, split: bool = False
+) -> tuple[Path, ...]:
+    """Write rays to a binary source file of OpticStudio.
+
+    The file has a header of 208 bytes, then x, y, z (mm), l, m, n and power (W) of each ray in
+    single precision. To store rays for polywigner, use :func:`polywigner.write_netcdf` and
+    ``xarray.load_dataset``.
+
+    Other programs expect positive powers, and may clip, ignore or reject negative ones; a warning
+    reports the fraction of negative powers. With ``split`` two files with positive powers are
+    written, NAME_positive.dat and NAME_negative.dat. Trace the rays of both files, and subtract the
+    irradiance of the second file from the irradiance of the first one.
+
+    Parameters
+    ----------
+    rays : xarray.Dataset
+        From :func:`polywigner.sample_rays`, :func:`polywigner.rays.load` or :func:`traced`.
+    path : str or path
+        Path of the file, with the suffix ``.dat``. An existing file is replaced.
+    split : bool, default False
+        Whether to write positive and negative rays to separate files.
+
+    Returns
+    -------
+    tuple of pathlib.Path
+        Paths of the written files.
+
+    Raises
+    ------
+    ArgumentError
+        If ``rays`` is not a dataset of rays, or the path has another suffix or cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import polywigner as pw
+    >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 100)
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> [path.name for path in pw.rays.save(rays, folder / "square.dat", split=True)]
+    ['square_positive.dat', 'square_negative.dat']
+    """
+    target, is_split = _checked_file(path), checked_flag(split, "split")
+    position, direction, weight, _ = checked_bundle(rays)
+    if not is_split:
+        _warn_of_negative(weight)
+    columns = np.column_stack([position / _METRES[_MM], direction, weight])
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        parts = _SPLIT if is_split else (_SIGNED,)
+        return tuple(_write_part(rays, columns, target, *part) for part in parts)
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write {path}: {error.strerror or error}; choose another path"
+        ) from error
+
+
+def _checked_file(path: str | os.PathLike[str]) -> Path:
+    file = checked_path(path)
+    if file.suffix.lower() != ".dat":
+        raise ArgumentError(
+            f"the suffix of a ray file must be .dat, got {file.name!r}; to store rays for "
+            "polywigner, use polywigner.write_netcdf and xarray.load_dataset"
+        )
+    return file
+
+
+def _write_part(
+    rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
+) -> Path:
+    """Write rays (n, 7) and return the path; with a suffix, write the rays of one sign only."""
+    if suffix:
+        columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
+        path = path.with_stem(path.stem + suffix)
+    header = np.zeros((), _HEADER)
+    header["Identifier"], header["NbrRays"] = _IDENTIFIERS[0], len(columns)
+    header["Description"] = f"polywigner rays of {count_of(rays)}: {description}".encode()
+    header["SourceFlux"] = header["RaySetFlux"] = columns[:, 6].sum()
+    header["Wavelength"] = float(rays.attrs.get("wavelength", 0.0)) / _MICROMETRE
+    header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
+    header["DimensionUnits"] = _MM
+    header["Scale"] = 1.0
+    # Coordinates of lost rays may overflow.
+    with atomic_path(path) as scratch, np.errstate(over="ignore"):
+        scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
+    return path
+
+
+def _warn_of_negative(weight: Floats) -> None:
+    below = weight < 0
+    if below.any():
+        fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
+        warn_caller(
+            f"{100 * below.mean():.0f} % of the rays in the .dat file have negative powers, which "
+            f"are {100 * fraction:.0f} % of the total absolute power; other programs may ignore "
+            "or reject negative powers, so test with a small file, or write positive and "
+            "negative rays to two files with split=True",
+            stacklevel=4,
+        )
+
+
+def load(path: str | os.PathLike[str]) -> xarray.Dataset:
+    """Read rays from a file of OpticStudio, written by :func:`polywigner.rays.save` or others.
+
+    Rays from the negative part of a split file have negative weights. Join both parts by
+    ``xarray.concat([positive, negative], "ray", combine_attrs="override")``.
+
+    Parameters
+    ----------
+    path : str or path
+        Path of a ``.dat`` file with powers in watts and one wavelength.
+
+    Returns
+    -------
+    xarray.Dataset
+        Rays as returned by :func:`polywigner.sample_rays`.
+
+    Raises
+    ------
+    ArgumentError
+        If the path has another suffix.
+    FileFormatError
+        If the file does not exist or contains no rays.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import polywigner as pw
+    >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 100)
+    >>> paths = pw.rays.save(rays, pathlib.Path(tempfile.mkdtemp()) / "square.dat", split=True)
+    >>> [bool((pw.rays.load(path).weight > 0).all()) for path in paths]
+    [True, False]
+    """
+    file = _checked_file(path)
+
+    def wrong(got: str) -> FileFormatError:
+        return FileFormatError(
+            f"expected {file.name} to be a ray file of OpticStudio, got {got}; export it again"
+        )
+
+    with at_key(file.name):
+        check_regular(file)
+    content = file.read_bytes()
+    if len(content) < _HEADER.itemsize:
+        raise wrong(f"a file of {len(content)} bytes")
+    header = np.frombuffer(content, _HEADER, 1)[0]
+    if header["Identifier"] not in _IDENTIFIERS:
+        raise wrong(f"the identifier {header['Identifier']}")
+    columns = _NUMBERS.get(int(header["ray_format_type"]))
+    unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
+    if columns is None or not 0 <= unit < len(_METRES):
+        raise wrong(f"ray format {header['ray_format_type']} with unit of length {unit}")
+    if header["flux_type"] != 0:
+        raise wrong("powers in lumens, not in watts")
+    size = len(content) - _HEADER.itemsize
+    if size != 4 * count * columns:
+        raise wrong(f"{size} bytes of data for {count} rays")
+    rays = np.frombuffer(content, "<f4", offset=_HEADER.itemsize).astype(np.float64)
+    rays = rays.reshape(count, columns)
+    wavelengths = np.unique(rays[:, 7:])
+    if len(wavelengths) > 1:
+        raise wrong(f"{len(wavelengths)} wavelengths in one file")
+    wavelength = float([*wavelengths, header["Wavelength"]][0])
+    attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
+    position, direction, weight = rays[:, :3] * _METRES[unit], rays[:, 3:6], rays[:, 6]
+    # The positions of lost rays are NaN.
+    is_valid = np.isfinite(position).all(axis=1)
+    if not np.isfinite(rays[is_valid, 3:7]).all():
+        raise wrong("directions or powers that are NaN")
+    if not direction.any(axis=1).all():
+        raise wrong("directions of length zero")
+    # Unit vectors in single precision have errors of 6e-8.
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
+        attrs["count"] = int(ours[1])
+        weight = -weight if ours[2] == "negative" else weight
+    return bundle(position, direction, weight, None, attrs)

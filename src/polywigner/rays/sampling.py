@@ -1,4 +1,4 @@
-"""Rays that are drawn from the Wigner function of a source."""
+"""Random positions in the automean, and rays drawn from the Wigner function of a source."""
 
 from __future__ import annotations
 
@@ -11,17 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, require
-from polywigner.execution import Engine
-from polywigner.geometry import PlacedAperture, Wavefront
+from polywigner.execution import Engine, NumpyOperations
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront, automean
 from polywigner.geometry.arguments import (
     checked_choice,
     checked_count,
     checked_generator,
     checked_number,
     checked_wavelength,
+    real_numbers,
     rigid_pose,
     takes_frequency,
 )
+from polywigner.geometry.convex import point_in_trapezoid, trapezoids
+from polywigner.kernels import kernel_for
+from polywigner.numerics import Floats
 from polywigner.propagation.far_fields import check_slopes, radiated_power
 from polywigner.propagation.stores import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -32,24 +36,132 @@ from polywigner.radiometry.directions import (
     largest_lag,
 )
 from polywigner.rays.bundles import bundle
+from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, obliquity_of
-from polywigner.transforms import sample_automean, wigner
+from polywigner.transforms import wigner
+from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray
 
+
+def sample_automean(
+    source: PhaseSpaceSource,
+    samples: int | ArrayLike,
+    *,
+    seed: int | np.random.Generator | None = None,
+) -> tuple[Floats, Floats]:
+    """Draw uniform positions from the automean, the support of W(., nu), with their density.
+
+    The mean of ``W(x, nu)/density`` over the positions estimates ``int W dx = |F(nu)|^2`` without
+    bias. The density is 1/area of the automean. Vertical lines cut the automean into trapezoids,
+    and the unit square is mapped onto them with equal areas (docs/projections.md, (P14)).
+    Neighbours mostly stay neighbours, so stratified and quasi-random points keep their properties.
+
+    Parameters
+    ----------
+    source : Aperture, Slits, Array or Wavefront
+        d = 2, or 1 for slits; only the flat source of a Wavefront matters.
+    samples : int or array_like, shape (n, d)
+        Number of samples, or numbers in [0, 1) to map.
+    seed : int or numpy.random.Generator, optional
+        Seed of the random numbers.
+
+    Returns
+    -------
+    positions : ndarray of float, shape (n, d)
+        Positions in m.
+    density : ndarray of float, shape (n,)
+        Probability density in 1/m^d.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type, shape or range.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> positions, density = pw.sample_automean(pw.shapes.square(1.0), 100, seed=1)
+    >>> positions.shape, round(float(density.sum()), 6)
+    ((100, 2), 100.0)
+    """
+    # A curved wave has the same support as its flat source.
+    flat: Any = flat_source(source)
+    numbers = _checked_numbers(samples, kernel_for("wigner", flat).dimension, seed)
+    support = _support(flat)
+    if isinstance(support, Slits):
+        begins, ends = support.intervals.T
+        part, u = _chosen(ends - begins, numbers[:, 0])
+        positions = (begins[part] + u * (ends - begins)[part])[:, None]
+        return positions, np.full(len(positions), 1.0 / support.length)
+    # Coordinates are relative to the centre, since heights far from the origin would lose digits.
+    cells = trapezoids([ring - support.centre for ring in support.rings])
+    part, u = _chosen(cells.areas, numbers[:, 0])
+    row = [column[part] for column in cells]
+    inner = point_in_trapezoid(NumpyOperations(), row, u, numbers[:, 1])
+    positions = np.column_stack(inner) + support.centre
+    return positions, np.full(len(positions), 1.0 / support.area)
+
+
+# Largest number of samples. Their positions and densities take 6 GiB.
+_MOST_SAMPLES = 1 << 28
+
+
+def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
+    """Return the specified or random numbers (n, columns) in [0, 1)."""
+    if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
+        count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
+        return checked_generator(seed).random((count, columns))
+    expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
+    try:
+        array = real_numbers(samples)
+    except ValueError:
+        raise ArgumentError(f"{expected}, got {type(samples).__name__}") from None
+    if array.ndim != 2 or array.shape[1] != columns:
+        raise ArgumentError(f"{expected}, got shape {array.shape}")
+    # The comparison is false for NaN.
+    inside = (array >= 0.0) & (array < 1.0)
+    if not inside.all():
+        raise ArgumentError(f"{expected}, got {array[~inside][0]}")
+    return array
+
+
+def _support(source: Any) -> Aperture | Slits:
+    """Return the automean."""
+    if isinstance(source, Array) and source.dimension > 1:
+        return automean(source.support)
+    if isinstance(source, Aperture):
+        return automean(source)
+    ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
+    # The midpoints between two slits form an interval. With begins and ends sorted separately, the
+    # union of all intervals has a gap between ends[k] and begins[k + 1] if that begin is larger.
+    begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
+    gaps = np.flatnonzero(begins[1:] > ends[:-1])
+    return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
+
+
+def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Return the part that each number in [0, 1) selects by size, and the position in the part."""
+    ends = np.cumsum(sizes)
+    at = numbers * ends[-1]
+    index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)
+    return index, np.clip((at - (ends[index] - sizes[index])) / sizes[index], 0.0, 1.0)
+
+
 RaySampling = Literal["uniform", "quasi-random"]
 
-Values = NDArray[np.float64]
 
-# Number of rays per block, some 200 MB.
+# Number of rays per block, which takes some 200 MB.
 _BLOCK = 1 << 20
 # Number of independent sets of quasi-random numbers. The scatter of the sets estimates the standard
 # error to about a fifth.
 BATCHES = 16
-# Angle, as a fraction of pi/2, by which cones may extend behind the source, since axes may be given
-# in single precision.
+# Angle, as a fraction of pi/2, by which cones may extend behind the source, because axes may be in
+# single precision.
 _UNIT = 1e-6
 # Smallest cosine of a direction, so that factors such as 1/cos^2 remain finite.
 _LEAST_COSINE = 1e-8
@@ -57,11 +169,12 @@ _LEAST_COSINE = 1e-8
 
 def _numbers(
     sampling: str, count: int, seed: Any, tilts: int
-) -> Iterator[tuple[Values, int | None]]:
+) -> Iterator[tuple[Floats, int | None]]:
     """Yield uniform numbers (m, 4 + tilts) in [0, 1), and the batch of quasi-random numbers.
 
     The first two columns are for the direction, the next two for the position, and the remaining
-    ones for the tilt. Raises MissingExtraError if quasi-random numbers are requested without scipy.
+    columns for the tilt. Raises MissingExtraError if quasi-random numbers are requested without
+    scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -78,20 +191,21 @@ def _numbers(
             yield numbers[start : start + _BLOCK], batch
 
 
-def _normal_numbers(numbers: Values) -> Values:
+def _normal_numbers(numbers: Floats) -> Floats:
     """Map uniform numbers (n, 2) continuously to standard normal numbers (n, 2).
 
     The square of the radius is exponentially distributed (Box and Muller 1958).
     """
     plane = _disc(numbers)
     square = (plane**2).sum(axis=1)
-    # The rim of the disc would be mapped to infinity, so squares are limited to just below 1.
+    # The rim of the disc would be mapped to infinity, so squares of the radius are limited to just
+    # below 1.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
     unset = np.full_like(square, 2.0)
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
 
 
-def _root_of_ratio(numerator: Values, divisor: Values, limit: Values) -> Values:
+def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
     """Return sqrt(numerator/divisor), or sqrt(limit) if the divisor is zero."""
     return np.sqrt(np.divide(numerator, divisor, out=limit, where=divisor > 0))
 
@@ -100,25 +214,25 @@ def _root_of_ratio(numerator: Values, divisor: Values, limit: Values) -> Values:
 class Cone:
     """Random directions in a cone, most of them within a beam.
 
-    Their density refers to the solid angle projected on the axis of the cone.
+    Their density refers to the solid angle projected along the axis of the cone.
     """
 
-    frame: Values
+    frame: Floats
     """Rotation (3, 3), whose last column is the axis."""
     radius: float
     """Sine of the half angle of the cone."""
     width: float
     """Sine of the half width of the beam; infinite for uniform directions."""
 
-    def directions(self, numbers: Values, slope: Values | None = None) -> tuple[Values, Values]:
+    def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
         """Return unit vectors (n, 3) for uniform numbers (n, 2), and the inverse of their density.
 
-        The density is per solid angle projected on z. ``slope`` (n, 2) are the direction cosines of
-        each ray's beam, relative to the axis. If it is None, the beam is along the axis.
+        The density is per solid angle projected along z. ``slope`` (n, 2) are the direction cosines
+        of each ray's beam, relative to the axis. If it is None, the beam is along the axis.
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
-        # The product ratio * ratio overflows to infinity, but ratio**2 would raise an error.
+        # The product ratio * ratio overflows to infinity, while ratio**2 would raise an error.
         plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
@@ -127,10 +241,10 @@ class Cone:
         solid = math.pi * self.radius**2 * vectors[:, 2] / np.maximum(along, _LEAST_COSINE)
         return vectors, area * solid
 
-    def _beam_centres(self, slope: Values) -> Values:
+    def _beam_centres(self, slope: Floats) -> Floats:
         """Return the centres (n, 2) of beams, moved into the unit disc of directions."""
         cosines = self.frame[:2, 2] + slope
-        # Centres outside of the unit disc are moved to its rim, so that none is behind the plane.
+        # Centres outside the unit disc are moved to its rim, so that no beam is behind the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
         along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
         plane = np.column_stack([cosines, along]) @ self.frame[:, :2] / self.radius
@@ -138,10 +252,10 @@ class Cone:
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
-    """Return the cone of a half angle in rad about an axis; the default is the hemisphere about z.
+    """Return the cone of a half angle in rad about an axis, by default the hemisphere about z.
 
-    ``width``: sine of the beam's half width. Raises ArgumentError for invalid arguments, and for
-    cones that extend behind the source.
+    ``width`` is the sine of the beam's half width. Raises ArgumentError for invalid arguments, and
+    for cones that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2
@@ -149,19 +263,19 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
         angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
     vector = checked_unit_vectors("axis", axis)
     if vector.ndim > 1:
-        raise ArgumentError(f"expected axis as one unit vector (3,), got shape {vector.shape}")
+        raise ArgumentError(f"expected axis as a single unit vector (3,), got shape {vector.shape}")
     vector = vector / np.linalg.norm(vector)
     tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):
         raise ArgumentError(
-            f"expected a cone in front of the source, got {angle:.4g} rad about an axis "
-            f"{tilt:.4g} rad from the normal; use a narrower cone, or leave cone and axis out for "
-            "all directions"
+            f"the cone must be in front of the source, got a half angle of {angle:.4g} rad about "
+            f"an axis {tilt:.4g} rad from the normal; use a narrower cone, or omit cone and axis "
+            "for all directions"
         )
     return Cone(_frame(vector), math.sin(angle), width)
 
 
-def _frame(axis: Values) -> Values:
+def _frame(axis: Floats) -> Floats:
     """Return a rotation whose last column is the axis; for z it is the identity."""
     x, y, z = axis
     # The axis has z >= 0, so the denominator is not zero (Duff and others 2017).
@@ -170,13 +284,13 @@ def _frame(axis: Values) -> Values:
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
 
 
-def _concentrated(plane: Values, core: float, centre: Values | None) -> tuple[Values, Values]:
+def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Floats, Floats]:
     """Concentrate points of the unit disc about centres; return points and area weights (n,).
 
     The density is proportional to 1/(core + t), where t is the squared distance from the centre. W
-    decays in the same way across the edges of a polygon. The integral ln(1 + t/core) of the density
-    is inverted on each line from the centre to the rim. If ``centre`` is None, the points are
-    concentrated about the centre of the disc.
+    decays in the same manner across the edges of a polygon. The integral ln(1 + t/core) of the
+    density is inverted on each line from the centre to the rim. If ``centre`` is None, the points
+    are concentrated about the centre of the disc.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
@@ -188,10 +302,10 @@ def _concentrated(plane: Values, core: float, centre: Values | None) -> tuple[Va
     return points if centre is None else centre + points, (core + new_square) * integral
 
 
-def _reach(plane: Values, centre: Values) -> Values:
+def _reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances (n,) from centres (n, 2) to the rim of the unit disc.
 
-    ``plane`` (n, 2): directions in which the distances are measured.
+    ``plane`` (n, 2) are the directions in which the distances are measured.
     """
     length = np.hypot(*plane.T)
     along = np.divide(
@@ -199,12 +313,12 @@ def _reach(plane: Values, centre: Values) -> Values:
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # For positive values, the quotient avoids the cancellation in chord - along.
+    # For positive values of `along`, the quotient avoids the cancellation in chord - along.
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
 
-def _disc(numbers: Values) -> Values:
+def _disc(numbers: Floats) -> Floats:
     """Map the unit square to the unit disc, continuously and with constant density.
 
     Concentric squares become circles (Shirley and Chiu 1997).
@@ -220,9 +334,9 @@ def _disc(numbers: Values) -> Values:
 
 Directions = Literal["beam", "uniform"]
 
-# Largest number of rays; this many need 12 GB of memory.
+# Largest number of rays. This many rays need 12 GB of memory.
 _MOST = 100_000_000
-# Largest power, whose square is still a floating-point number.
+# Largest power in W whose square is still a floating-point number.
 _MOST_WATTS = 1e100
 
 
@@ -367,14 +481,14 @@ def sample_rays(
     return bundle(position, direction, weight, batch, attrs)
 
 
-def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values]:
+def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
     """Return the source in the plane z = 0, and its pose (4, 4)."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
     if to_world is not None:
         raise ArgumentError(
-            "expected no to_world: the placed aperture already has a pose; omit to_world"
+            "to_world must be omitted for a placed aperture, which already has a pose"
         )
     return source.aperture, source.pose
 

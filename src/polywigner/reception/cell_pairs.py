@@ -1,4 +1,4 @@
-"""Integrals of a link kernel over two sources, which are split into cells.
+"""Integrals of a link kernel over two sources, which are divided into cells.
 
 If two cells are small compared with their distance, the kernel is the product of two plane waves
 along the line s of their centres and a slowly varying function of both points. This function is
@@ -25,24 +25,23 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics.triangles import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
-
-# Parts of a cut polygon below this fraction of the cell's area are due to rounding.
+# Parts of a clipped polygon below this fraction of the cell's area are due to rounding errors.
 _SLIVER = 1e-14
-# Both sides of a box are halved if the shorter one is at least this fraction of the longer one. If
-# only the longer side were halved, boxes would become elongated, which wastes nodes along the short
-# side.
+# Both sides of a box are halved if the shorter side is at least this fraction of the longer side.
+# If only the longer side were halved, boxes would become elongated, which wastes nodes along the
+# short side.
 _SQUARE = 0.7
-# Nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE: 2.5 nodes, while Gauss rules require
-# pi/2. With 4 additional nodes, moments of triangles have errors of 1e-11 of the area.
+# Number of nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE. It is 2.5 nodes, while
+# Gauss rules require pi/2. With 4 additional nodes, moments of triangles have errors of 1e-11 of
+# the area.
 _NODE_RATIO = 0.7
-# Number of cached rules for other poses and orders. Each takes at most some hundred kB.
+# Number of cached quadrature rules for other poses and orders. Each rule takes at most some hundred
+# kB.
 _MOST_CACHED = 256
 
 
@@ -74,7 +73,7 @@ class Cells:
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
         """Divide cells (n,); return numbers (m,) of their parts, and the index of each part's cell.
 
-        A part is a half or a quarter of the cell's box.
+        A part lies in a half or a quarter of the cell's box.
         """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
@@ -86,11 +85,12 @@ class Cells:
         """Return nodes (n, 2) in a cell, and weights (n,) times the field, in square wavelengths.
 
         The rule integrates waves of ``rate`` cycles per wavelength times a polynomial of the given
-        ``order`` over the cell. ``extra``: additional nodes along a side.
+        ``order`` over the cell. It has ``extra`` additional nodes along a side.
         """
         longest = float((self.high[cell] - self.low[cell]).max())
         cycles = _NODE_RATIO * (rate + self.highest_frequency)
-        cycles += order / (NODES_PER_CYCLE * longest)  # ``order`` nodes along the longest side
+        # This adds "order" nodes along the longest side.
+        cycles += order / (NODES_PER_CYCLE * longest)
         triangles, owners = self._triangles_of(cell)
         nodes, weights, triangle = rule_by_triangles(triangles, cycles / self.wavelength, extra)
         owners = owners[triangle]
@@ -127,7 +127,7 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
-        """Add the part of a cell inside a box, unless it is empty."""
+        """Add the part of a cell inside a box as a new cell, unless it is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -145,18 +145,20 @@ class Cells:
 
 @lru_cache(maxsize=16)
 def cells_of(source: Any, wavelength: float) -> Cells:
-    """Return the cells of a source at a wavelength in m; equal sources share their cells."""
+    """Return the cells of a source at a wavelength in m, from a cache for equal sources."""
     return Cells(source, wavelength)
 
 
-# Number of values of the kernel, or of fields at nodes, per block; their arrays stay in the cache.
+# Number of values of the kernel, or of fields at nodes, per block. Arrays of this size stay in the
+# cache of the processor.
 _BLOCK = 1 << 14
 # Number of terms of a matrix product per block. For more terms, BLAS starts threads, which are
 # slower.
 _PRODUCT = 1 << 18
-# Number of moments per block, 64 MiB.
+# Number of moments per block (64 MiB).
 _MOMENTS = 1 << 21
-# Rates of waves are rounded up to multiples of this value, so that poses share their nodes.
+# Rates of waves are rounded up to multiples of this value, so that different poses use the same
+# nodes.
 _RATE_STEP = 0.125
 
 Pairs: TypeAlias = Any
@@ -164,8 +166,8 @@ Pairs: TypeAlias = Any
 
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
-    """Return a record array of columns (n,)."""
-    make: Any = np.rec.fromarrays  # NumPy's type hints require formats
+    """Return a record array from columns (n,)."""
+    make: Any = np.rec.fromarrays  # The type hints of NumPy require formats.
     return make(columns, names=names)
 
 
@@ -186,7 +188,7 @@ class Sight:
         normal = rotation[:, :, 2]
         centre_distance = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
         ones = np.ones((*x.shape[:2], 1)), np.ones((len(y), 1, y.shape[1]))
-        # |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y
+        # |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y.
         of_x = (x * x).sum(axis=2) - 2 * (x @ offset[:, :2, None])[..., 0]
         of_y = (y * y).sum(axis=2) + 2 * (y @ offset[:, :, None])[..., 0]
         left = np.concatenate([-2 * x, of_x[..., None], ones[0]], axis=2)
@@ -199,12 +201,12 @@ class Sight:
         self.wave = np.cos(excess), np.sin(excess)
         """Real and imaginary part of exp(ik(R - |offset|))."""
         self.rise = (offset[:, None, 2] + y[..., 2])[:, None, :]
-        """Products n.r, (n, 1, j)."""
+        """Dot products n.r, (n, 1, j)."""
         away = (offset * normal).sum(axis=1)[:, None] - (x @ normal[:, :2, None])[..., 0]
         self.away = away[..., None]
-        """Products m.r, (n, i, 1)."""
+        """Dot products m.r, (n, i, 1)."""
         self.lean = normal[:, 2, None, None]
-        """Products n.m, (n, 1, 1)."""
+        """Dot products n.m, (n, 1, 1)."""
 
     @property
     def r(self) -> list[Floats]:
@@ -228,12 +230,12 @@ class Links:
     offset: Floats
     """Vectors (n, 3) from the transmitter's centre to the receiver's centre."""
     kernel: Callable[[Sight], tuple[Floats, Floats]]
-    """Function that returns real and imaginary part of K, such as ``link_kernel``."""
+    """Function that returns the real and imaginary part of K, such as ``link_kernel``."""
     extra: float
-    """Nodes along a side of a cell in addition to the nodes that waves and polynomials require."""
+    """Number of nodes along a side of a cell in addition to the nodes for waves and polynomials."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half of the diagonals of both cells of pairs (n,), and the cells' distance."""
+        """Return half the diagonals of both cells of pairs (n,), and the distance of the cells."""
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
@@ -292,7 +294,7 @@ class Links:
     def _moments(self, cells: Cells, numbers: Indices, waves: Floats, order: int) -> Complex:
         """Return M_i of (RX3), (n, q^2), for cells with the given numbers (n,).
 
-        ``waves`` (n, 2): cycles per wavelength, relative to the centre of each cell.
+        ``waves`` (n, 2) are in cycles per wavelength, relative to the centre of each cell.
         """
         fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
         rate = float(np.ceil(fastest / _RATE_STEP) * _RATE_STEP)
@@ -308,8 +310,8 @@ class Links:
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
                     field = exp_cycles(waves[block] @ relative[part].T) * weights[part]
-                    # Complex terms are pairs of real numbers, since BLAS cannot multiply real by
-                    # complex matrices.
+                    # Complex terms are stored as pairs of real numbers, because BLAS cannot
+                    # multiply real by complex matrices.
                     terms = (field[:, :, None] * second).view(np.float64)
                     moments[block] += (first.T @ terms).view(np.complex128)
         return moments.reshape(len(numbers), order * order)
@@ -361,25 +363,26 @@ def _basis(points: Floats, order: int) -> Floats:
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
-# ---- links to a tolerance -----------------------------------------------------------------------
+# ---- links to a tolerance ------------------------------------------------------------------------
 
-# Orders of interpolation. The difference of the values of two orders is the error of the lower one.
-# Pairs that require more than the last order are split. Splitting earlier takes more time: sources
-# of 10 wavelengths at a distance of 10 wavelengths are one pair of order 22 with 2e5 values, or
-# pairs of order 18 with twice as many values.
+# Orders of interpolation. The difference between the values of two orders is the error of the lower
+# order. Pairs that require more than the last order are divided. Dividing earlier takes more time:
+# sources of 10 wavelengths at a distance of 10 wavelengths are one pair of order 22 with 2e5
+# values, or pairs of order 18 with twice as many values.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
-# Largest phase in radians across a pair of cells. Pairs with a larger phase are split without
+# Largest phase in radians across a pair of cells. Pairs with a larger phase are divided without
 # evaluation.
 _MOST_PHASE = 70.0
-# Largest ratio of the sum of the half diagonals of both cells to their distance. Pairs with a
-# larger ratio are split without evaluation.
+# Largest ratio of the sum of half the diagonals of both cells to their distance. Pairs with a
+# larger ratio are divided without evaluation.
 _MOST_RATIO = 4.0
-# Number of orders per radian of phase below which interpolation has no accuracy. Gauss rules
+# Interpolation with fewer orders than this per radian of phase has no correct digit. Gauss rules
 # require 1/2.
 _IDLE = 0.25
-# Rounding error of a pair's sum, relative to the sum of moduli.
+# Rounding error of the sum of a pair of cells, relative to the sum of the moduli.
 _ROUNDING = 1e-15
-# Largest number of values of the kernel per pose, which take some minutes, and of pairs per pose.
+# Largest number of values of the kernel per pose, which take some minutes, and largest number of
+# pairs of cells per pose.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
@@ -394,7 +397,7 @@ class LinkSums(NamedTuple):
 
 
 def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
-    """Return int int u_t K u_r of n poses.
+    """Return int int u_t K u_r for n poses.
 
     The allowed error is ``tolerance`` times the value, or times ``floor`` (n,) if that is larger.
     Raises ArgumentError if the sums would take longer than minutes.
@@ -425,9 +428,10 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Select the pairs with the largest errors, which have to be refined.
+    """Return which pairs have the largest errors and must be refined.
 
-    The errors of all other pairs of a pose add up to at most ``allowed``, one value per pose.
+    The errors of all other pairs of a pose add up to at most ``allowed``, which has one value per
+    pose.
     """
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
@@ -440,7 +444,7 @@ def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
 
 
 def _expected_error(links: Links, parts: Pairs) -> Floats:
-    """Return the error of pairs expected at the highest order; infinite for pairs at that order."""
+    """Return the error of pairs expected at the highest order; infinite for pairs at this order."""
     idle = _IDLE * _phase(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
     size = np.maximum(np.maximum(np.abs(parts.values), parts.errors), 1e-300)
@@ -450,9 +454,9 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 
 
 def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
-    """Evaluate pairs at the first two orders with any accuracy."""
+    """Return pairs evaluated at the first two orders that may have correct digits."""
     phase = _phase(links, pairs)
-    # This formula was fitted to the lowest sufficient orders of squares at all distances.
+    # This formula was fitted to the lowest sufficient orders for squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)
@@ -460,12 +464,12 @@ def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
 
 
 def _raised(links: Links, parts: Pairs) -> Pairs:
-    """Evaluate pairs at the next order."""
+    """Return pairs evaluated at the next order."""
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Evaluate pairs at orders (n,); the error is the difference from the values ``before``."""
+    """Return pairs evaluated at orders (n,); the error is the change from the values ``before``."""
     if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
@@ -485,21 +489,22 @@ def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
     _, _, distance = links.sizes(pairs)
     nearest = int(distance.argmin())
     return ArgumentError(
-        f"a link requires more than {len(pairs)} pairs of cells, the nearest of which are "
-        f"{distance[nearest]:.3g} wavelengths apart at pose {int(pairs.pose[nearest])}; use "
-        "smaller sources, a larger distance or a larger tolerance, or check the units"
+        f"the coupling requires more than {len(pairs)} pairs of cells of both sources, the "
+        f"closest of which are {distance[nearest]:.3g} wavelengths apart at pose "
+        f"{int(pairs.pose[nearest])}; use smaller sources, a larger distance or a larger "
+        "tolerance, or check the units"
     )
 
 
 def _phase(links: Links, pairs: Pairs) -> Floats:
-    """Return the largest phase in radians along one coordinate, relative to the plane waves."""
+    """Return the largest phase in radians along a coordinate, relative to the plane waves."""
     here, there, distance = links.sizes(pairs)
     result: Floats = 2 * math.pi * np.maximum(here, there) * (here + there) / distance
     return result
 
 
 def _feasible(links: Links, pairs: Pairs) -> Pairs:
-    """Split pairs until all are within the limits of interpolation."""
+    """Divide pairs of cells until all pairs are within the limits of interpolation."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)

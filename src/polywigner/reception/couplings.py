@@ -24,6 +24,7 @@ from polywigner.geometry.arguments import (
     warn_of_distance,
 )
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.point_grids import checked_method, tolerance_from, warn_of_missed
@@ -35,25 +36,25 @@ from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition, Obliquity
 from polywigner.source.polarisation import MODELS, CurrentModel, Currents, checked_pair
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import flat_source
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 
 _OPS = execution.NumpyOperations()
-# Default tolerance, and the smallest one: some hundred rounding errors of the sums.
+# Default tolerance, and smallest allowed tolerance, which is some hundred rounding errors of the
+# sums.
 _TOLERANCE, _LEAST = 1e-6, 1e-12
 # Errors of small couplings are relative to this fraction of the largest coupling of sources of the
-# same areas, since couplings in a null of a pattern have no correct digits.
+# same areas, because couplings in a null of a pattern have no correct digits.
 _FLOOR = 1e-3
 # Number of poses whose pairs of cells are refined together.
 _BLOCK = 64
-# Relative error of closed forms.
+# Relative error of couplings in closed form.
 _ROUNDING = 1e-12
-# Nodes along a side of a cell for a tolerance of 1e-6, and additional nodes for each digit.
+# Number of nodes along a side of a cell for a tolerance of 1e-6, and number of additional nodes for
+# each further digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 
@@ -204,7 +205,7 @@ def coupling(
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """Two sources and the settings of their coupling; arguments of :func:`coupling`."""
+    """Two sources and the settings of their coupling, from the arguments of :func:`coupling`."""
 
     sources: tuple[Any, Any]
     wavelength: float
@@ -212,7 +213,7 @@ class _Link:
     tolerance: float
     normalise: str
     jones: tuple[Complex, Complex] | None
-    """Jones vectors of transmitter and receiver; None: scalar fields."""
+    """Jones vectors of transmitter and receiver; None for scalar fields."""
 
     def norm(self, normalise: str) -> float:
         """Return the square root of the product of both powers."""
@@ -225,8 +226,8 @@ class _Link:
     def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
         """Return couplings (n,) for poses (n, 4, 4), their errors and the allowed errors.
 
-        A polarised source is the sum of its parts with one polarisation each; a scalar source is
-        one part.
+        A polarised source is the sum of its parts with a single polarisation each; a scalar source
+        is one part.
         """
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
@@ -242,17 +243,18 @@ class _Link:
                     values[block] += terms[0]
                     errors[block] += terms[1]
                     limits[block] += terms[2]
-        # The norm comes last, so that sums that would take too long raise their error at once.
+        # The norm is computed last, so that sums that would take too long raise their error at
+        # once.
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return couplings of two parts before the division by the norms, and both errors."""
+        """Return couplings of two parts without the norms, and estimated and allowed errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
-        # vector from the transmitter's centre to the receiver's centre
+        # Vector from the centre of the transmitter to the centre of the receiver.
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
         offset[:, :2] -= cells[0].centre
         point = point_in_wavelengths(_OPS, (0.0, 0.0), self.wavelength, *offset.T)
@@ -280,7 +282,7 @@ class _Link:
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Return couplings by Friis' formula (RX4) without the phase of the centres' distance."""
+        """Return couplings by Friis' formula (RX4), without the phase of the centres' distance."""
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
@@ -298,7 +300,7 @@ class _Link:
 
 
 def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
-    """Raise GeometryError unless each source is in front of the other source's plane.
+    """Raise GeometryError unless each source is in front of the plane of the other source.
 
     The hulls (k, 2) of the sources are sufficient: all lines between both sources then leave and
     arrive on the front sides.
@@ -317,8 +319,8 @@ def _check_heights(
 ) -> None:
     """Raise GeometryError unless heights (n, k) above the plane of the other source are positive.
 
-    ``corners`` (k, 2) are the positions with these heights. ``faces`` (n,): whether the z axes of
-    both sources are opposed.
+    ``corners`` (k, 2) are the positions with these heights. ``faces`` (n,) specifies whether the z
+    axes of both sources are opposed.
     """
     behind = ~(heights > 0)
     if not behind.any():
@@ -331,16 +333,17 @@ def _check_heights(
         advice = "move it forwards, or cut off the part behind the plane"
     elif not faces[pose]:
         advice = (
-            "sources radiate along their own +z; rotate one by 180 degrees about its x or y axis"
+            "sources radiate along +z of their frames; rotate one source by 180 degrees about "
+            "its x or y axis"
         )
     elif heights[pose].any():
-        advice = "the z axes are opposed already; change the sign of the distance along z"
+        advice = "the z axes are already opposed; change the sign of the distance along z"
     else:
-        advice = "both sources lie in one plane; add a distance along z to the pose"
+        advice = "both sources lie in the same plane; add a distance along z to the pose"
     number = f" in pose {pose}" if len(heights) > 1 else ""
     raise GeometryError(
-        f"expected the entire {name} in front of the {other}'s plane, got its point ({x:.6g}, "
-        f"{y:.6g}) at z = {z:.6g} m of the {other}'s frame{number}; {advice}"
+        f"the entire {name} must be in front of the plane of the {other}, got its point ({x:.6g}, "
+        f"{y:.6g}) at z = {z:.6g} m in the frame of the {other}{number}; {advice}"
     )
 
 
@@ -354,11 +357,11 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return a tolerance that :func:`coupling` can meet; raise ArgumentError for others."""
+    """Return a tolerance that :func:`coupling` can meet; raise ArgumentError otherwise."""
     return tolerance_from(tolerance, _TOLERANCE, _LEAST)
 
 
-# ---- kernels ------------------------------------------------------------------------------------
+# ---- link kernels --------------------------------------------------------------------------------
 
 
 def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
@@ -366,7 +369,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
     # All factors except the wave are real, so real and imaginary part are computed separately. This
-    # takes a third to a fifth of the time of complex arrays.
+    # takes a fifth to a third of the time of complex arrays.
     a, b = condition.field, condition.slope
     inverse = 1.0 / sight.distance
     near = inverse * (0.5 / math.pi)
@@ -384,7 +387,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
         real += mixed
         mixed *= near
         imag += mixed
-    # factor -i exp(ikR)/R
+    # The real and imaginary parts are multiplied by -i exp(ikR)/R.
     real *= inverse
     imag *= inverse
     first = real * sine
@@ -433,13 +436,15 @@ def polarised_kernel(
     return values.real, values.imag
 
 
-# ---- powers of sources --------------------------------------------------------------------------
+# ---- powers of sources ---------------------------------------------------------------------------
 
 NORMALISATIONS = ("radiated", "aperture")
-"""Powers by which links are normalised: power radiated into the half space in front, or the power
-int |u|^2 on the aperture."""
+"""Powers by which links are normalised: the power radiated into the half space in front, or the
+power int |u|^2 on the aperture.
+"""
 
-# The elements of a source cancel if its power is below this fraction of the sum of their powers.
+# The elements of a source cancel if the power of the source is below this fraction of the sum of
+# their powers.
 _DARK = 1e-12
 
 
@@ -447,7 +452,7 @@ def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -
     """Return one of `NORMALISATIONS`; raise ``error`` for other values."""
     if not isinstance(name, str) or name not in NORMALISATIONS:
         names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
-        raise error(f"expected normalise to be {names}, got {name!r}")
+        raise error(f"normalise must be {names}, got {name!r}")
     return str(name)
 
 
@@ -458,12 +463,12 @@ def root_of_norm(
 
     If ``normalise`` is "radiated", this is the radiated power with the boundary condition of the
     method, for which u is the field or its normal derivative, as in (RX1). For a polarised source
-    with Jones vectors (2,) or (k, 2) it is the power that the equivalent currents radiate. If
+    with Jones vectors (2,) or (k, 2), it is the power that the equivalent currents radiate. If
     ``normalise`` is "aperture", the power is int |u|^2.
 
     Raises IlluminationError for a source whose elements cancel, or that does not radiate.
     """
-    # tuples, because arrays have no hash
+    # The key contains tuples, because arrays have no hash.
     key = None if jones is None else (jones.tobytes(), jones.shape)
     return _root_of_norm(source, wavelength, method, normalise, key)
 
@@ -486,15 +491,15 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
 
 
 def _check_field(source: Any) -> None:
-    norm = energy_of(flat_source(source))  # a curved wave has the same modulus
+    norm = energy_of(flat_source(source))  # A curved wave has the same |u| as the flat source.
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
         for e in normal_form(source).in_plane.elements
     )
     if not norm > _DARK * parts:
         raise IlluminationError(
-            f"expected a source with a field, got elements that cancel, int |u|^2 = {norm:.3g}; "
-            "change their weights"
+            f"the fields of the elements of a source cancel, so that int |u|^2 is {norm:.3g}; "
+            "change the weights of the elements"
         )
 
 

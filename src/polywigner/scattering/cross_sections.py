@@ -9,7 +9,7 @@ from dataclasses import InitVar, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
@@ -22,6 +22,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.point_grids import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
@@ -41,11 +42,9 @@ from polywigner.transforms.xarray_arguments import labelled_array, labelled_arra
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
-# Largest number of reflections. Three perpendicular mirrors return a wave to its source, and the
-# number of beams is multiplied at each reflection.
+# Largest number of reflections. Three perpendicular mirrors already return a wave to its source,
+# and each reflection multiplies the number of beams.
 MOST_BOUNCES = 3
 
 
@@ -216,7 +215,7 @@ def rcs(
     lengths = checked_vectors(wavelength, expected, ())
     usable = (lengths > 0) & np.isfinite(lengths)
     if not usable.all():
-        raise ArgumentError(f"{expected}, got {lengths[~usable].flat[0]:g}; check its unit")
+        raise ArgumentError(f"{expected}, got {lengths[~usable].flat[0]:g}; check the unit")
     if lengths.size:
         warn_of_small(facets, float(lengths.min()))
     checked_flag(return_power, "return_power")
@@ -224,14 +223,15 @@ def rcs(
     if source is not None:
         if reflections > 1:
             raise ArgumentError(
-                f"expected bounces=1 with a source, whose waves are not plane, got {reflections}; "
-                "leave the source out for antennas far away"
+                f"bounces={reflections} cannot be combined with a source, because later "
+                "reflections are computed for plane waves; pass bounces=1, or omit source for "
+                "antennas far away"
             )
         radar = source, receiver, polarisation, tolerance, normalise
         area, power = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
         return (area[()], power[()]) if return_power else area[()]
     if receiver is not None or return_power:
-        raise ArgumentError("receiver and return_power require a source; pass source")
+        raise ArgumentError("receiver and return_power require a source; pass source=")
     return sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 
@@ -245,9 +245,9 @@ def sections(
     *,
     warns: bool = True,
 ) -> Floats:
-    """Return cross sections (...) in m^2 of a body; parameters as in :func:`rcs`.
+    """Return the cross sections (...) in m^2 of a body, with parameters as in :func:`rcs`.
 
-    ``warns``: whether to warn of faces that illuminate each other.
+    ``warns`` specifies whether to warn about faces that illuminate each other.
     """
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
@@ -274,9 +274,9 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
     """Warn if a face is smaller than a square wavelength."""
     if facets.least_face < wavelength:
         warn_caller(
-            "physical optics requires faces of several wavelengths or more, but the smallest face "
-            f"is {facets.least_face:.3g} m wide (the square root of its area) at a wavelength of "
-            f"{wavelength:.3g} m"
+            "physical optics requires faces of several wavelengths, but at the wavelength of "
+            f"{wavelength:.3g} m the smallest face is {facets.least_face:.3g} m wide (the square "
+            "root of its area)"
         )
 
 
@@ -285,8 +285,8 @@ def _power(
 ) -> Floats:
     """Return |q.(N x h + M h)|^2 (m,) for the polarisations q of the receiver and h = k x p.
 
-    ``sums`` is N, ``later`` is M, and ``polarisations`` is q and p. Without polarisations the
-    result is the total power, as a mean over incident polarisations.
+    ``sums`` is N, ``later`` is M, and ``polarisations`` contains q and p. Without polarisations,
+    the result is the total power, as a mean over incident polarisations.
     """
 
     def field(h: Floats | Complex) -> Complex:
@@ -304,17 +304,17 @@ def _power(
     return total / 2
 
 
-# ---- patterns -----------------------------------------------------------------------------------
+# ---- patterns over angles ------------------------------------------------------------------------
 
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
-# Number of directions that are computed together, since their beams are traced at once.
+# Number of directions whose beams are traced together.
 _TOGETHER = 200
-# Approximate number of directions that are searched for further reflections.
+# Approximate number of directions that are checked for further reflections before a warning.
 _MOST_WARNED = 4096
-# Cosines of the elevation below _AT_POLE are zero, since cos(pi/2) is 6e-17 in floating point.
-# Along the z axis, backscatter after one reflection does not depend on azimuth. Other cross
-# sections do, through polarisations and visible walls; they are computed at the angle _NEAR_POLE in
-# rad from the axis, where walls are not edge-on.
+# Cosines of the elevation below _AT_POLE count as zero, because cos(pi/2) is 6e-17 in floating
+# point. Along the z axis, backscatter after one reflection does not depend on the azimuth. Other
+# cross sections depend on it through polarisations and visible walls. They are computed at the
+# angle _NEAR_POLE in rad from the axis, where walls are not edge-on.
 _AT_POLE, _NEAR_POLE = 1e-15, 1e-8
 
 
@@ -377,7 +377,7 @@ def rcs_pattern(
 
 @dataclass(eq=False)
 class Pattern:
-    """A pattern that can be computed in parts; fields are parameters of :func:`rcs_pattern`."""
+    """A pattern, computed in blocks; its fields are parameters of :func:`rcs_pattern`."""
 
     body: InitVar[Body]
     wavelength: float
@@ -398,7 +398,7 @@ class Pattern:
             self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter)
             if self.to_transmitter.ndim > 1:
                 raise ArgumentError(
-                    "to_transmitter must be one unit vector (3,), got shape "
+                    "to_transmitter must be a single unit vector (3,), got shape "
                     f"{self.to_transmitter.shape}"
                 )
         self.facets = facets_of(body)
@@ -445,11 +445,11 @@ class Pattern:
         }
 
     def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
-        """Return a block of cross sections in m^2 of a shape, from the indices ``origin`` on."""
+        """Return a block (*shape) of cross sections in m^2, starting at the indices ``origin``."""
         rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
         try:
             return self.at(self.azimuth[rows, None], self.elevation[columns])
-        except ArgumentError as error:  # There are too many overlaps or beams in these directions.
+        except ArgumentError as error:  # In these directions there are too many overlaps or beams.
             if origin[0] == 0:
                 raise
             warn_caller(f"the cross sections at some azimuths are NaN: {error}")
@@ -463,7 +463,7 @@ class Pattern:
         return sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
-        """Return the dataset of the cross sections (n, m)."""
+        """Return the cross sections (n, m) as a dataset."""
         from polywigner import __version__
 
         about: dict[str, Any] = {
@@ -501,7 +501,7 @@ class Pattern:
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return unit vectors (..., 3) towards the radar at angles that broadcast."""
+        """Return unit vectors (..., 3) towards the radar, at angles that broadcast."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

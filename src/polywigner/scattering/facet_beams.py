@@ -2,7 +2,8 @@
 
 A flat face reflects a plane wave as a plane wave, in a beam whose cross section is the illuminated
 polygon. If space is unfolded at the mirrors, each beam continues along the incident direction, and
-its cross section in the transmitter's image can only become smaller (docs/rcs.md, (SC6)).
+its cross section in the image that the transmitter sees can only become smaller (docs/rcs.md,
+(SC6)).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError
@@ -31,6 +32,7 @@ from polywigner.geometry.hidden_parts import (
     mended,
     unions,
 )
+from polywigner.numerics import Complex, Floats, Indices
 from polywigner.scattering.facets import (
     Facets,
     Pieces,
@@ -46,21 +48,17 @@ from polywigner.scattering.facets import (
     visible_pieces,
 )
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
-
-# Largest number of pairs of a beam and a triangle; this many take some minutes to compute.
+# Largest number of pairs of a beam and a triangle. This many pairs take some minutes.
 _MOST_COMPARED = 4e8
-# Number of pairs of a beam and a triangle per block, 100 MB.
+# Number of pairs of a beam and a triangle per block, which takes 100 MB.
 _BLOCK = 1 << 19
-# Errors that can occur in single directions: GEOS fails, or a limit of memory or time is exceeded.
+# Errors that single directions can cause: GEOS fails, or a limit of memory or time is exceeded.
 _ERRORS = GEOSException, ArgumentError
-# Largest product of the number of triangles and the number of pairs of directions whose beams are
-# traced together.
+# Beams of several pairs of directions are traced together, up to this product of the number of
+# triangles and the number of pairs of directions.
 _AT_ONCE = 1 << 10
-# Margin of boxes that are placed side by side, as a fraction of the body's size. It exceeds the
-# rounding errors of coordinates up to thousands of body sizes.
+# Margin of boxes that lie side by side, as a fraction of the body's size. It exceeds the rounding
+# errors of coordinates up to thousands of body sizes.
 _SLACK = 1e-9
 
 
@@ -98,7 +96,7 @@ def sums_of_beams(
             later[ends.samples] = 0.0
             if len(group) == 1:
                 failures.add(ends.samples, error)
-            else:  # Each direction is computed alone, to isolate those that fail.
+            else:  # Each direction is computed separately, to isolate directions that fail.
                 for view in group:
                     add([view])
 
@@ -111,7 +109,7 @@ def sums_of_beams(
 
 
 class _Failures:
-    """Record of the samples that cannot be computed; sets their sums (m, ...) to NaN."""
+    """Record of the samples that cannot be computed; it sets their sums (m, ...) to NaN."""
 
     def __init__(self, sums: Complex) -> None:
         self._sums = sums
@@ -124,13 +122,13 @@ class _Failures:
         self._error = error
 
     def report(self) -> None:
-        """Warn of samples that are NaN; if all are NaN because of a limit, raise its error."""
+        """Warn about samples that are NaN; if all are NaN because of a limit, raise its error."""
         if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
             raise self._error
         if self._error is not None:
             warn_caller(
-                f"{self._count} of {len(self._sums)} directions could not be computed and are NaN "
-                f"({self._error}); turn the body slightly, or simplify its mesh"
+                f"{self._count} of {len(self._sums)} directions cannot be computed and are NaN "
+                f"({self._error}); rotate the body slightly, or simplify its mesh"
             )
 
 
@@ -138,7 +136,7 @@ class View(NamedTuple):
     """Illuminated and visible surfaces for one pair of incident and scattered directions."""
 
     rows: Indices
-    """Indices (m,) of the samples with these directions, which differ in wavelength."""
+    """Indices (m,) of the samples with these directions; the samples differ in wavelength."""
     pieces: Pieces
     """Surfaces that are illuminated and visible from the receiver."""
     lit: Visible
@@ -179,7 +177,7 @@ def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
     """Return all members of the runs ``owner`` (n,): positions in ``owner`` and indices, (m,) each.
 
-    ``runs``: first indices and lengths, as :func:`_runs` returns them.
+    ``runs`` are first indices and lengths, as :func:`_runs` returns them.
     """
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
@@ -196,7 +194,8 @@ def _views(
     groups = np.split(order, ends) if len(pairs) else []
     for pair, rows in zip(pairs, groups, strict=True):
         try:
-            if lit is None or (pair[:3] != last).any():  # Pairs are sorted by transmitter.
+            # Pairs of directions are sorted by transmitter.
+            if lit is None or (pair[:3] != last).any():
                 last, lit = pair[:3], None
                 lit = visible_along(facets, pair[:3])
             both = visible = lit
@@ -220,7 +219,7 @@ class Beams:
     shift: Floats
     """Vector c (n, 3). The wave is exp(2 pi i k.(G x + c)/wavelength), and its field h is G^T h."""
     normal: Floats
-    """Normal (n, 3) of the last mirror, on the beam's side."""
+    """Normal (n, 3) of the last mirror, on the side of the beam."""
     height: Floats
     """Height (n,) of the last mirror's plane along its normal."""
     polygon: Shapes
@@ -253,7 +252,7 @@ class Hits:
 def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
     """Yield the parts that beams illuminate after the first, second, ... reflection.
 
-    Raises ArgumentError for more beams than can be traced in minutes.
+    Raises ArgumentError if there are more beams than can be traced in minutes.
     """
     beams = _first_beams(facets, ends)
     for number in range(2, bounces + 1):
@@ -261,9 +260,9 @@ def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
             return
         if len(beams) * len(facets.corner) > _MOST_COMPARED:
             raise ArgumentError(
-                f"{len(beams)} beams have to be compared with {len(facets.corner)} triangles at "
-                f"reflection {number}, but at most {_MOST_COMPARED:g} comparisons are allowed; use "
-                f"bounces={number - 1}, or simplify the mesh"
+                f"the body is too complex: reflection {number} requires {len(beams)} beams to be "
+                f"compared with {len(facets.corner)} triangles, at most {_MOST_COMPARED:g} "
+                f"comparisons are allowed; use bounces={number - 1}, or simplify the mesh"
             )
         hits = _hits(facets, ends, beams)
         yield hits
@@ -322,10 +321,10 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
     axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
-    # The components are two coordinates across the incident direction, and one along it.
+    # The components of a point are two coordinates across the incident direction, and one along it.
     points = unfolded @ np.swapaxes(axes, 1, 2)
     ahead = _heights(facets, pairs, corners)
-    # These triangles run clockwise in the image.
+    # The corners of these triangles run clockwise in the image, so their order is reversed.
     backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
     beyond, number = _in_front(points, ahead)
@@ -350,9 +349,9 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return heights (n, 3) of corners (n, 3, 3) above the last mirrors of beams (n,).
+    """Return the heights (n, 3) of corners (n, 3, 3) above the last mirrors of beams (n,).
 
-    Heights of corners on the mirror are exactly zero.
+    The heights of corners on the mirror are exactly zero.
     """
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
@@ -360,9 +359,10 @@ def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return pairs of a beam and a triangle that it may meet.
+    """Return pairs of a beam and a triangle that the beam may meet.
 
-    The pairs are indices (n,) of beams, indices (n,) of triangles, and the facing sides (n,).
+    The pairs are indices (n,) of beams, indices (n,) of triangles, and the sides (n,) that face the
+    beam.
     """
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
@@ -390,12 +390,12 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
 def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     """Return the parts of triangles (n, 3, 3) with heights above 0 as triangles (m, 3, 3).
 
-    ``heights`` (n, 3) are heights of the corners. The second return value is the index (m,) of the
-    triangle of each part.
+    ``heights`` (n, 3) are the heights of the corners. The second return value is the index (m,) of
+    the triangle of each part.
     """
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
-    # The corner that is alone on its side comes first.
+    # The corner that is alone on its side of the plane comes first.
     alone = np.where(below == 1, (heights < 0).argmax(axis=1), heights.argmax(axis=1))
     order = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners, order[..., None], 1), 1, 0)
@@ -425,7 +425,7 @@ def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
 
 
 def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths: Floats) -> None:
-    """Add the fields of illuminated parts that are visible to receivers to M (m, 3, 3)."""
+    """Add the fields of illuminated parts that receivers see to M (m, 3, 3)."""
     hit, view = _members(hits.beams.wave[hits.beam], ends.views)
     facet, signs, parts = hits.facet[hit], hits.signs[hit], hits.part[hit]
     visible = np.stack([visible.signs for visible in ends.visible])[view, facet]
@@ -438,8 +438,8 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
-    # These are path lengths, the phases in cycles times the wavelength, at a corner and along both
-    # sides.
+    # Path lengths at a corner and along both sides of a triangle: the phases in cycles times the
+    # wavelength.
     rate = ends.s[view] - _times(back, k)
     corner, first, second = (
         (rate * part).sum(axis=1) for part in (pieces.corner, pieces.first, pieces.second)
@@ -455,7 +455,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
 
 
 def _add_rows(total: Complex, numbers: Indices, rows: Complex) -> None:
-    """Add rows (n, j) to the rows ``numbers`` (n,) of ``total``; faster than ``np.add.at``."""
+    """Add rows (n, j) to the rows ``numbers`` (n,) of ``total``, faster than ``np.add.at``."""
     for column in range(total.shape[1]):
         for sums, terms in ((total.real, rows.real), (total.imag, rows.imag)):
             sums[:, column] += np.bincount(numbers, terms[:, column], len(total))

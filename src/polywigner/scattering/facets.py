@@ -31,29 +31,27 @@ from polywigner.geometry.hidden_parts import (
     mended,
 )
 from polywigner.geometry.parts import connected
-from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import rotated
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
 Sides = NDArray[np.int8]
-"""Side of a triangle: 1 is the outer side, -1 the other side of a plate, 0 is no side."""
+"""Side of a triangle: 1 is the outer side, -1 the other side of a plate, and 0 no side."""
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
-# Cosine of the angle between the normals of two triangles. Triangles that meet at smaller angles
-# belong to one curved face, as in meshes of smooth bodies.
+# Smallest cosine of the angle between the normals of two triangles that belong to one curved face,
+# as in meshes of smooth bodies.
 SMOOTH = math.cos(math.radians(30))
-# Largest depth of a dent that is due to rounding, as a fraction of the body's size.
+# Largest depth of a dent that is due to rounding errors, as a fraction of the body's size.
 _FLAT = 1e-9
-# Largest difference between normals, and between heights divided by the body's size, of triangles
-# in one plane. The phase error in cycles is this value times the body's size in wavelengths.
+# Largest difference between the normals of two triangles in one plane, and between their heights
+# divided by the body's size. The phase error in cycles is this value times the body's size in
+# wavelengths.
 _ONE_PLANE = 1e-12
-# Largest distance between equal vertices, as a fraction of the body's size, since STL files round
-# to 1e-7.
+# Vertices closer than this fraction of the body's size are equal, because STL files round
+# coordinates to 1e-7.
 _ONE_VERTEX = 1e-6
 
 
@@ -70,7 +68,7 @@ class Facets:
     is_plate: NDArray[np.bool_]
     """Whether each triangle (n,) has two outer sides."""
     is_single: bool
-    """Whether the body is one plate or one polyhedron."""
+    """Whether the body is a single plate or a single polyhedron."""
     centre: Floats
     """Centre (3,) of the bounding box in the body's frame, in m."""
 
@@ -126,7 +124,7 @@ class Facets:
 
     @cached_property
     def least_face(self) -> float:
-        """Square root of the smallest surface's area in m."""
+        """Square root of the area of the smallest surface, in m."""
         areas = np.bincount(self.surface, np.linalg.norm(self.vector, axis=1) / 2)
         return math.sqrt(areas[np.bincount(self.surface) > 0].min())
 
@@ -138,7 +136,7 @@ class Facets:
 
 
 def facets_of(body: Any) -> Facets:
-    """Return the triangles of a body; equal bodies share them.
+    """Return the triangles of a body, from a cache for equal bodies.
 
     Raises ArgumentError for other objects, and for plates with a field.
     """
@@ -149,7 +147,8 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     if isinstance(body, Array):
         if not (body.weights == 1).all():
             raise ArgumentError(
-                "expected an Array of bodies with all weights 1, got other weights; omit weights"
+                "expected an Array of bodies whose weights are all 1, got other weights; omit "
+                "the weights"
             )
         body = body.elements
     parts = tuple(body) if isinstance(body, Iterable) else (body,)
@@ -160,14 +159,14 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
             raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
         if not isinstance(part, Polyhedron) and _outline(part).illumination is not None:
             raise ArgumentError(
-                "expected a plate without an illumination, since the radar illuminates it; remove "
-                "the illumination by with_illumination(None)"
+                "a plate must not have an illumination, because the radar illuminates it; remove "
+                "the illumination with with_illumination(None)"
             )
     return parts
 
 
-# The cache is worth its cost: hashing a body of a million vertices takes some ms, and computing its
-# triangles takes longer.
+# The cache pays: hashing a body of a million vertices takes some ms, and computing its triangles
+# takes longer.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
@@ -204,20 +203,20 @@ def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
 
 
 def _is_convex(solid: Facets) -> bool:
-    """Return whether a solid is convex, so that no face hides another; False if in doubt."""
+    """Return whether a solid is convex, so that no face hides another face; False if in doubt."""
     pairs = solid.neighbours
-    if 2 * len(pairs[0]) != 3 * len(
-        solid.corner
-    ):  # An edge of a closed mesh belongs to two triangles.
+    # An edge of a closed mesh belongs to two triangles.
+    if 2 * len(pairs[0]) != 3 * len(solid.corner):
         return False
     for here, there in (pairs, pairs[::-1]):
         away = solid.corners[there] - solid.corner[here, None]
-        # A corner of the neighbour in front of the triangle means that their edge is concave.
+        # If the third corner of the neighbour lies in front of the triangle, the common edge is
+        # concave.
         if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:
             return False
     corners = solid.corners - solid.corners.mean(axis=(0, 1))
     # The surface covers each direction once if the ray from the centre through the centroid of the
-    # first triangle meets no other triangle. A ray meets a triangle if it lies between the three
+    # first triangle meets no other triangle. The ray meets a triangle if it lies between the three
     # planes through the centre and a side.
     ray = corners[0].mean(axis=0)
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
@@ -225,7 +224,7 @@ def _is_convex(solid: Facets) -> bool:
     return bool(is_star_shaped) and int(np.all(sides, axis=0).sum()) == 1
 
 
-# ---- visible parts ------------------------------------------------------------------------------
+# ---- visible parts -------------------------------------------------------------------------------
 
 # Smallest cosine of the normal of a face that is not edge-on. Edge-on faces count as dark.
 _EDGE_ON = 1e-12
@@ -234,7 +233,7 @@ _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 @dataclass(frozen=True)
 class Pieces:
-    """Parts of the triangles of a body; the parts are n triangles."""
+    """Parts of the triangles of a body, as n triangles."""
 
     corner: Floats
     """First corners (n, 3) in m."""
@@ -257,9 +256,9 @@ class Visible:
     """Visible parts of the triangles (n,) of a body."""
 
     signs: Sides
-    """Visible side of each triangle (n,)."""
+    """Visible side (n,) of each triangle."""
     parts: Shapes
-    """Visible part of each triangle (n,); None for the entire triangle.
+    """Visible part (n,) of each triangle; None for the entire triangle.
 
     Coordinates are along the two sides from the first corner, so the corners of the triangle are at
     (0, 0), (1, 0) and (0, 1).
@@ -269,7 +268,7 @@ class Visible:
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
     """Return the sides (..., n) of triangles that face observers who look along (..., 3).
 
-    ``block``: slice of the triangles, by default all of them.
+    ``block`` is a slice of the triangles, by default all of them.
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
@@ -295,7 +294,7 @@ def axes_across(direction: Floats) -> Floats:
 
 
 def visible_along(facets: Facets, direction: Floats) -> Visible:
-    """Return the visible parts for an observer far away who looks along a direction (3,)."""
+    """Return the parts that a distant observer who looks along a direction (3,) sees."""
     across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
@@ -306,10 +305,10 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
 
 
 def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
-    """Return the visible parts for an observer at a point (3,) with all triangles in front.
+    """Return the parts that an observer at a point (3,) sees; all triangles are in front.
 
-    ``frame``: rows x, y, z of the observer, who looks along z. The image is projective: lines
-    through the point become parallel, and planes remain planes.
+    The rows of ``frame`` are the axes x, y and z of the observer, who looks along z. The image is
+    projective: lines through the point become parallel, and planes remain planes.
     """
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
@@ -323,13 +322,14 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     """Return the visible parts of the sides that face an observer.
 
     The facing sides of a closed body hide as much as all sides. ``project`` maps corners (m, 3, 3)
-    into the observer's image.
+    into the image of the observer.
     """
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
     corners = facets.corners[rows]
     is_reversed = signs[rows] < 0
-    # Reversing the corners makes all triangles counter-clockwise.
+    # The order of the corners is reversed where necessary, so that all triangles are
+    # counter-clockwise.
     corners[is_reversed] = corners[is_reversed][:, ::-1]
     projected = project(corners)
     wide = projected.has_width  # Triangles without width cast no shadow.
@@ -352,8 +352,8 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
 def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
     """Return illuminated parts without the parts that are hidden from a receiver.
 
-    ``faces`` (n,): the sides of triangles that face the receiver. Illuminated sides that face away
-    from the receiver contribute to the forward field, and are not hidden.
+    ``faces`` (n,) are the sides of triangles that face the receiver. Illuminated sides that face
+    away from the receiver contribute to the forward field, and are not hidden.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)
@@ -374,7 +374,7 @@ def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
 def pieces_of(
     facets: Facets, numbers: Indices, signs: Sides, parts: Shapes
 ) -> tuple[Pieces, Indices]:
-    """Return parts (m,) of triangles as n triangles, and the index (n,) of the part of each.
+    """Return parts (m,) of triangles as n triangles, and the index (n,) of each triangle's part.
 
     Complete triangles are returned unchanged. Other parts become signed triangles from the first
     corner to each edge of their boundaries.
@@ -400,22 +400,23 @@ def pieces_of(
     return pieces, rows
 
 
-# ---- Fourier transforms with normals, N(nu) = sum_j n_j F_j(nu) ----------------------------------
+# ---- Fourier transforms with normals, N(nu) = sum_j n_j F_j(nu)
+# -----------------------------------
 
 Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Number of triangles times directions per block. Some twenty arrays of this size fit into the
-# cache.
+# Number of triangles times number of directions per block. Some twenty arrays of this size fit into
+# the cache of the processor.
 _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
     """Return the sum N (m, 3) over n triangles at frequencies (m, 3).
 
-    ``signs``: function of a slice of frequencies and a slice of triangles that returns the sign of
-    each pair, 0 for dark triangles. By default all signs are 1.
+    ``signs`` is a function of a slice of frequencies and a slice of triangles that returns the sign
+    of each pair, 0 for dark triangles. By default all signs are 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
@@ -436,23 +437,24 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 
 def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return F of triangles over twice their areas, from nu.p of corner and both sides: (F5)."""
+    """Return F over twice the area of triangles, from nu.p of a corner and both sides: (F5)."""
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return np.asarray(real + 1j * imag)
 
 
-# ---- mutual illumination of faces ---------------------------------------------------------------
+# ---- mutual illumination of faces ----------------------------------------------------------------
 
-# Largest distance that counts as zero, as a fraction of the body's size, since STL files round to
-# 1e-7.
+# Distances below this fraction of the body's size count as zero, because STL files round
+# coordinates to 1e-7.
 _NEAR = 1e-6
-# Largest number of tested directions.
+# Largest number of directions that are tested for mutual illumination.
 _MOST_DIRECTIONS = 256
-# Smallest and largest number of rays of each direction.
+# Smallest and largest number of rays for each direction.
 _FEWEST_RAYS, _MOST_RAYS = 16, 128
-# Largest number of rays times triangles of all directions, which take a second or two.
+# Largest product of the number of rays of all directions and the number of triangles. This many
+# tests take a second or two.
 _MOST_TESTS = 1 << 21
-# Number of rays times triangles per block.
+# Number of rays times number of triangles per block.
 _BLOCK = 1 << 18
 # Multiples of these two numbers, modulo 1, fill the unit square evenly: M. Roberts, "The
 # unreasonable effectiveness of quasirandom sequences" (2018).
@@ -490,13 +492,13 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
     """Return whether one of ``count`` rays along k (3,), spread over the body, meets two faces.
 
     Only the rays with the numbers ``rays`` are tested. Two faces that join smoothly count as one
-    curved face. Two faces whose planes are parallel within 30 degrees also count as one, since they
-    reflect the wave onwards rather than back.
+    curved face. Two faces whose planes are parallel within 30 degrees also count as one face,
+    because they reflect the wave forwards instead of back.
     """
     signs = facing(facets, k)
     if not signs.any():
         return False
-    # Half of the rays are shared out in proportion to area, and half equally among the triangles.
+    # Half of the rays are distributed in proportion to area, and half equally among the triangles.
     area = np.abs((facets.vector @ k) * signs)
     weights = np.cumsum(area / area.sum() + (signs != 0) / np.count_nonzero(signs))
     facet = np.searchsorted(weights, (rays + 0.5) / count * weights[-1])
@@ -515,9 +517,10 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
 def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
     """Return the index (n,) of the triangle that each ray meets first, or -1 for no triangle.
 
-    Rays have the origins ``start`` (n, 3) and the directions ``along`` (n, 3).
+    Rays start at ``start`` (n, 3) and have the directions ``along`` (n, 3).
     """
-    # The product of a dual vector and a point is the point's coordinate along a side of a triangle.
+    # The dot product of a dual vector and a point is the coordinate of the point along a side of a
+    # triangle.
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)
     vectors = facets.normal, *(dual / squared for dual in duals)

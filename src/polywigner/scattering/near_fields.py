@@ -1,8 +1,8 @@
 """Cross sections of bodies near a radar, from the exact fields of its antennas on the body.
 
 This is physical optics with the field of the transmitter and, by reciprocity, the field of the
-receiver (docs/rcs.md, (SC3)). Illuminated parts are split until both fields are plane waves on each
-piece.
+receiver (docs/rcs.md, (SC3)). Illuminated parts are divided until both fields are plane waves on
+each piece.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
@@ -25,6 +25,7 @@ from polywigner.geometry.arguments import (
     rigid_poses,
     warn_caller,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.point_grids import tolerance_from
@@ -48,31 +49,28 @@ from polywigner.source.obliquities import DEFAULT, DERIVATIVE_OF, OBLIQUITIES, B
 from polywigner.source.polarisation import checked_pair
 from polywigner.source.tapers import checked_unit_vectors as unit_vectors_as_given
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
 Source = Aperture | Array
 
-# Tolerance of unit vectors, large enough for single precision.
+# Tolerance of the length of unit vectors, large enough for single precision.
 _UNIT = 1e-6
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors (..., 3) without rounding errors; raise ArgumentError for others."""
+    """Return unit vectors (..., 3) without rounding errors; raise ArgumentError otherwise."""
     array = unit_vectors_as_given(name, vectors)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
 
 def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of the result; raise ArgumentError if the arguments do not broadcast."""
+    """Return the broadcast shape; raise ArgumentError if the arguments do not broadcast."""
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError:
         raise ArgumentError(
-            "expected wavelengths, directions and polarisations that broadcast against each other, "
-            f"got shapes {', '.join(map(str, shapes))}; add axes of length 1"
+            "wavelengths, directions and polarisations must broadcast against each other, got "
+            f"shapes {', '.join(map(str, shapes))}; add axes of length 1"
         ) from None
 
 
@@ -105,12 +103,12 @@ def checked_polarisations(
         wrong = ~(np.abs(lengths - 1) <= _UNIT)
         if wrong.any():
             raise ArgumentError(
-                f"{expected}, got a vector of the {name} of length {lengths[wrong][0]:.6g}"
+                f"{expected}, got a vector of length {lengths[wrong][0]:.6g} for the {name}"
             )
         if lean > _UNIT:
             angle = np.degrees(np.arcsin(min(1, lean)))
             raise ArgumentError(
-                f"{expected}, got a vector of the {name} that is {angle:.3g} degrees from normal"
+                f"{expected}, got a vector for the {name} that is {angle:.3g} degrees from normal"
             )
     return q, p
 
@@ -118,7 +116,7 @@ def checked_polarisations(
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
     """Return unit vectors along the polar angle from +z ("v") and along the azimuth ("h").
 
-    ``towards`` (..., 3) are the directions. Along z the azimuth is taken as 0.
+    ``towards`` (..., 3) are the directions. Along z, the azimuth is 0.
     """
     x, y, z = np.moveaxis(towards, -1, 0)
     across = np.hypot(x, y)
@@ -131,9 +129,9 @@ def spherical_axes(towards: Floats) -> dict[str, Floats]:
     }
 
 
-# ---- antennas -----------------------------------------------------------------------------------
+# ---- antennas near a body ------------------------------------------------------------------------
 
-# Model of equivalent currents of polarised antennas.
+# Model of the equivalent currents of polarised antennas.
 _MODEL = "huygens"
 
 
@@ -148,9 +146,9 @@ class Antenna:
     normalise: str
     """Power that counts as transmitted: "radiated" or "aperture"."""
     tolerance: float
-    """Allowed error of fields, relative to the field if all parts of the source were in phase."""
+    """Allowed error of fields, relative to the field with all parts of the source in phase."""
     jones: Complex | None = None
-    """Jones vector (2,) in the source's axes, or (k, 2) of its elements; None: scalar fields."""
+    """Jones vector (2,) in the source's axes, or (k, 2) for its elements; None: scalar fields."""
     condition: BoundaryCondition = DEFAULT
     """Boundary condition of scalar fields."""
 
@@ -168,7 +166,7 @@ class Antenna:
 
     @property
     def frame(self) -> Floats:
-        """Rows x, y and z of the source in the body's frame."""
+        """Axes x, y and z of the source as rows, in the body's frame."""
         return self.pose[:3, :3]
 
     @cached_property
@@ -195,9 +193,9 @@ class Antenna:
     def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
         """Return the field, its slope and the direction of the wave at points (n, 3), for 1 W.
 
-        For scalar antennas these are the field (n,) and its gradient over ik (n, 3). For polarised
-        antennas these are E and H times the impedance of free space, both (n, 3). The length of the
-        direction (n, 3) is 1, but less near nulls and where waves cross.
+        For scalar antennas, the first two values are the field (n,) and its gradient over ik (n,
+        3). For polarised antennas, they are E and H times the impedance of free space, both (n, 3).
+        The length of the direction (n, 3) is 1, but less near nulls and where waves cross.
         """
         if self.jones is None:
             how = self.wavelength, self.condition, self.tolerance
@@ -213,8 +211,8 @@ class Antenna:
 
     def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
-        # H is E of the dual currents. For Huygens' currents, the dual currents are the same model
-        # with a polarisation rotated by 90 degrees.
+        # H is the field E of the dual currents. For Huygens' currents, the dual currents are the
+        # same model with the polarisation rotated by 90 degrees.
         dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
             field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
@@ -235,9 +233,9 @@ class Antenna:
         lowest = float(self.inside(facets.corners.reshape(-1, 3))[:, 2].min())
         if not lowest > 0:
             raise GeometryError(
-                f"expected the entire body in front of the {name}'s plane, got a part at z = "
-                f"{lowest:.6g} m of the {name}'s frame, which radiates along +z; turn the {name} "
-                "towards the body, or move it back"
+                f"the entire body must be in front of the plane of the {name}, got a part at z = "
+                f"{lowest:.6g} m in the frame of the {name}, which radiates along +z; turn the "
+                f"{name} towards the body, or move it back"
             )
 
 
@@ -249,8 +247,8 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     Raises ArgumentError or GeometryError for other values.
     """
     expected = (
-        f"expected {name} with a source as vectors (..., 3) in m from the body's centre to the "
-        "source, or poses (..., 4, 4) that map the body's frame into the source's"
+        f"with a source, expected {name} as vectors (..., 3) in m from the body's centre to the "
+        "source, or as poses (..., 4, 4) that map the body's frame into the source's frame"
     )
     array = checked_vectors(positions, expected, ())
     if array.shape[-2:] == (4, 4):
@@ -273,7 +271,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 def directions_of(poses: Any) -> Floats:
     """Return unit vectors (..., 3) from the body's centre towards the origins of source frames."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    # There are no sources at the centre, because check_in_front rejects them.
+    # A source cannot be at the centre of the body, because check_in_front rejects it.
     with np.errstate(invalid="ignore"):
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
@@ -283,7 +281,7 @@ def field_gradient(
 ) -> Complex:
     """Return the gradient (n, 3) of the exact field at points (n, 3), per metre: (G6), (G7).
 
-    ``method`` is a boundary condition, and ``tolerance`` as in :func:`boundary_field`.
+    ``method`` is a boundary condition, and ``tolerance`` is defined in :func:`boundary_field`.
     """
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
@@ -318,15 +316,15 @@ def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
     return replace(radiator, elements=tuple(elements))
 
 
-# ---- sums over pieces ---------------------------------------------------------------------------
+# ---- sums over pieces of the illuminated surface -------------------------------------------------
 
 # Number of pieces per block.
 _BLOCK = 1 << 15
-# Largest number of pieces, which take 4 GB.
+# Largest number of pieces. This many pieces take 4 GB.
 _MOST = 1 << 24
-# Allowed departure of fields from plane waves, as a fraction of the square root of the tolerance.
-# The error of the extrapolation from pieces and their quarters is about the square of the
-# departure.
+# Allowed departure of fields from plane waves on a piece, as a fraction of the square root of the
+# tolerance. The error of the extrapolation from pieces and their quarters is about the square of
+# the departure.
 _OF_ROOT = 0.7
 # Variances of positions along an axis: in an equilateral triangle relative to the square of its
 # side, and in an antenna relative to the square of its extent.
@@ -342,16 +340,16 @@ def near_sums(
 ) -> Complex:
     """Return received over transmitted amplitudes (...) for polarisations (..., 3): (SC3).
 
-    ``polarisations`` of the receiver and of the transmitter are normal to the directions
-    from the body's centre. At other points they are projected normal to the ray from the antenna's
-    centre. For an antenna that transmits and receives pass the same object twice, so that its
-    fields are computed once.
+    ``polarisations`` of the receiver and of the transmitter are normal to the directions from the
+    body's centre. At other points they are projected normal to the ray from the antenna's centre.
+    For an antenna that transmits and receives, pass the same object twice, so that its fields are
+    computed once.
     """
     try:
         lit = _lit(facets, transmitter, receiver)
     except GEOSException as error:
         warn_caller(
-            f"the illuminated polygons could not be computed and the result is NaN ({error}); turn "
+            f"the illuminated polygons cannot be computed and the result is NaN ({error}); rotate "
             "the body slightly, or simplify its mesh"
         )
         shape = np.broadcast_shapes(*(vectors.shape for vectors in polarisations))
@@ -369,9 +367,9 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Return the coupling of two scalar antennas by a body, as :func:`coupling` defines it.
+    """Return the coupling of two scalar antennas via a body, as :func:`coupling` defines it.
 
-    ``polarisations`` (3,) are as in :func:`near_sums`. The second and later of ``bounces``
+    ``polarisations`` (3,) are defined in :func:`near_sums`. The second and third of ``bounces``
     reflections use the plane waves at the body's centre, (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
@@ -408,7 +406,7 @@ def _summed(
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        # The coupling is E of the receiver times the currents n x H.
+        # The coupling is the field E of the receiver times the currents n x H.
         if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
@@ -436,7 +434,7 @@ def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
 
 
 def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
-    """Split pieces in four until the fields of both antennas are plane waves on each piece."""
+    """Divide pieces into four until the fields of both antennas are plane waves on each piece."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _departure(pieces, transmitter, receiver) > tolerance
@@ -445,8 +443,8 @@ def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: fl
         count += len(done[-1])
         if count + 4 * len(pieces) > _MOST:
             raise ArgumentError(
-                f"the illuminated parts require more than {_MOST:g} pieces; use a larger "
-                "tolerance, or move the source away from the body"
+                f"the illuminated parts of the body require more than {_MOST:g} pieces with plane "
+                "waves; use a larger tolerance, or move the source away from the body"
             )
         pieces = _quartered(pieces)
     columns = zip(*(vars(part).values() for part in done), strict=True)
@@ -467,7 +465,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
         wave_number = 2 * np.pi / antenna.wavelength
         to_centre = np.linalg.norm(centre - antenna.position, axis=1)
         height = np.abs(antenna.inside(centre)[:, 2])
-        # Distance of the antenna's nearest point.
+        # Distance of the point of the antenna that is closest to the piece.
         distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)
@@ -494,11 +492,11 @@ def _across(polarisation: Complex, ray: Floats) -> Complex:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-# ---- cross sections -----------------------------------------------------------------------------
+# ---- cross sections ------------------------------------------------------------------------------
 
-# Default tolerance, and the smallest one.
+# Default tolerance, and smallest allowed tolerance, of a cross section.
 _TOLERANCE, _LEAST = 1e-3, 1e-6
-# Tolerance of the antennas' fields, as a fraction of the total tolerance.
+# Tolerance of the fields of antennas, as a fraction of the tolerance of the cross section.
 _OF_FIELD = 1e-2
 
 
@@ -546,7 +544,8 @@ def near_sections(
         back.check_in_front(facets, "receiver")
         back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # The power is summed over received polarisations, and averaged over transmitted ones.
+        # The power is summed over received polarisations, and averaged over transmitted
+        # polarisations.
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -568,7 +567,7 @@ def _polarisations(
     """Return the polarisations of receiver and transmitter, as two pairs.
 
     The first pair contains Jones vectors in the axes of the antennas, or None for scalar antennas.
-    The second pair contains vectors (..., k, 3) of scalar antennas. Without a polarisation there
+    The second pair contains vectors (..., k, 3) of scalar antennas. Without a polarisation, there
     are two vectors for each antenna.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
@@ -578,5 +577,5 @@ def _polarisations(
     if isinstance(polarisation, str) and polarisation in get_args(Channel):
         q, p = checked_polarisations(polarisation, to_radar, to_sender)
         return (None, None), (q[..., None, :], p[..., None, :])
-    # Electric fields contain both components, so one sum is enough.
+    # Electric fields contain both components, so a single sum is enough.
     return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])

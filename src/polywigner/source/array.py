@@ -27,9 +27,9 @@ from polywigner.source.lattices import checked_sites, checked_weights, joint_bou
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")
 
-# Limits for elements in the plane z = 0: the distance from that plane, as a fraction of the
-# element's diameter, and the tilt in radians. Products of several poses have rounding errors of
-# this size.
+# Largest distance of an element from the plane z = 0, as a fraction of its diameter, and largest
+# tilt in radians at which it counts as lying in this plane. Products of several poses have rounding
+# errors of this size.
 _IN_PLANE = 1e-12
 
 
@@ -45,16 +45,16 @@ def _checked_elements(elements: Any) -> tuple[Element, ...]:
             raise ArgumentError(f"{expected}, got {type(element).__name__} as element {k}{hint}")
     if len({isinstance(element, Slits) for element in items}) > 1:
         raise ArgumentError(
-            "expected elements of equal dimension, got Slits (one dimension) and other elements; "
-            "replace the slits by rectangles of polywigner.shapes.rectangle"
+            "expected elements of equal dimension, got Slits (one dimension) and other "
+            "elements; replace the slits by rectangles from polywigner.shapes.rectangle"
         )
     return items
 
 
 def aperture_in_plane(number: int, element: Element) -> Aperture:
-    """Return element ``number`` as an aperture in the plane z = 0, its pose applied.
+    """Return element ``number`` as an aperture in the plane z = 0, with its pose applied.
 
-    Raises GeometryError if it does not lie in that plane.
+    Raises GeometryError if the element does not lie in this plane.
     """
     if isinstance(element, Aperture):
         return element
@@ -82,8 +82,8 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     return Aperture(outline).with_illumination(rotated.moved(shift[:2]))
 
 
-# Largest relative difference of curvatures that count as equal: the rounding of rotations and of
-# files.
+# Largest relative difference of curvatures that count as equal, due to the rounding of rotations
+# and of files.
 _SAME = 1e-12
 
 
@@ -99,11 +99,11 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
         if difference > allowed or (wave.coherence_width, wave.wavelength) != properties:
             raise IlluminationError(
                 f"expected elements with equal curvature and coherence width, got {wave!r} as "
-                f"element {k} and {first!r} as element 0; make a separate array of the elements "
-                "with equal waves, and add the fields of the arrays"
+                f"element {k} and {first!r} as element 0; make a separate array for each kind "
+                "of wave, and add the fields of the arrays"
             )
     factors = checked_weights(weights, len(waves))
-    # If the centre c of a wave is at a distance d from the centre of the first wave, the waves
+    # If the centre c of a wave is displaced by d from the centre of the first wave, the two waves
     # differ by the plane wave exp(-2 pi i x.Q d) and the phase exp(2 pi i (c - d/2).Q d).
     centres = np.array([wave.centre for wave in waves])
     offsets = centres - first.centre
@@ -128,14 +128,14 @@ class PathLengths:
 
 
 def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
-    """Return an array with element k multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
+    """Return an array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
     return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
 
 
 def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
-    """Return the element multiplied by exp(2 pi i kappa.x), kappa (d,)."""
+    """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,)."""
     if not kappa.any():
         return element
     outline: Any = element
@@ -148,9 +148,9 @@ def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
 class Array(TakesWaves):
     """A coherent array of elements with complex weights: u(x) = sum_k w_k 1_k(x).
 
-    Elements may touch, overlap or coincide: their fields add up. `Array([a, a], [1, -1])` is dark.
-    All arrays have a Fourier transform. Wigner and ambiguity functions require slits, or elements
-    in the plane z = 0.
+    Elements may touch, overlap or coincide, in which case their fields add up:
+    `Array([a, a], [1, -1])` has no field. All arrays have a Fourier transform. Wigner and ambiguity
+    functions require slits, or elements in the plane z = 0.
 
     Parameters
     ----------
@@ -178,12 +178,12 @@ class Array(TakesWaves):
     weights: NDArray[np.complex128]
     """Complex weights of the elements, shape (n,), read-only."""
     repeated: tuple[Aperture | Slits, NDArray[np.float64]] | None
-    """The element and the positions (n, d) of its copies in a `phased_array`; None otherwise."""
+    """The element and the positions (n, d) of its copies in a `phased_array`; otherwise None."""
     paths: PathLengths | None
-    """The phases due to path lengths of a :func:`segmented_pupil`; None otherwise."""
+    """The phases due to path lengths of a :func:`segmented_pupil`; otherwise None."""
 
     def __new__(cls, elements: Any = (), weights: Any = None) -> Any:
-        """Make an array, or a curved wave on an array for elements with curved waves."""
+        """Make an array, or a curved wave on an array if the elements have curved waves."""
         if isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements):
             return _array_of_waves(elements, weights)
         return object.__new__(cls)
@@ -204,7 +204,7 @@ class Array(TakesWaves):
         size = len(self.weights)
         if paths is not None and not len(paths.cycles) == len(paths.slopes) == size:
             raise ArgumentError(
-                f"expected path lengths for each of {size} elements, got {paths!r:.80}"
+                f"expected one path length for each of the {size} elements, got {paths!r:.80}"
             )
         array = Array(self.elements, self.weights)
         array.__dict__["paths"] = paths
@@ -223,19 +223,19 @@ class Array(TakesWaves):
     @cached_property
     def elements(self) -> tuple[Element, ...]:
         """The elements, each with its field."""
-        # elements are set by __init__, unless the array is a phased array
+        # The elements are set by __init__, unless the array is a phased array.
         assert self.repeated is not None
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
 
     @property
     def distinct(self) -> tuple[Element, ...]:
-        """Distinct elements: a `phased_array` has one."""
+        """Distinct elements; a `phased_array` has a single one."""
         return self.elements if self.repeated is None else (self.repeated[0],)
 
     @property
     def dimension(self) -> int:
-        """Dimension of the space: 1 for slits, 2 for apertures without a pose, else 3."""
+        """Dimension of the space: 1 for slits, 2 for apertures without a pose, otherwise 3."""
         kinds = {type(element) for element in self.distinct}
         if kinds == {Slits}:
             return 1
@@ -280,7 +280,9 @@ class Array(TakesWaves):
             If an element does not lie in the plane z = 0, and for slits.
         """
         if self.dimension == 1:
-            raise GeometryError("expected apertures for a support in the plane, got Slits")
+            raise GeometryError(
+                "expected an array of apertures for a support in the plane, got an array of slits"
+            )
         return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
 
     @cached_property
@@ -372,25 +374,26 @@ def phased_array(
     return array
 
 
-# Largest number of pairs that are intersected at once: a million equal positions would have 5e11
-# pairs.
+# Largest number of pairs of elements that are intersected at once: a million equal positions would
+# have 5e11 pairs.
 _MOST_PAIRS = 1000
 # Largest overlap of elements that count as touching, as a fraction of the area of an element. It
 # exceeds rounding errors.
 _TOUCHING = 1e-9
-# Number of elements per query of the search tree.
+# Number of elements in one query of the search tree.
 _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if two elements of an array cover the same area, or slits the same length.
+    """Warn if the areas of two elements, or two slits, of an array overlap.
 
     Elements that only touch do not overlap.
     """
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
-        except GeometryError:  # elements with different poses have no common plane
+        # Elements of an array with different poses have no common plane.
+        except GeometryError:
             return
         outlines = np.array([_outline(element) for element in elements], object)
     else:
@@ -413,14 +416,14 @@ def warn_of_overlaps(array: Array) -> None:
             worst = overlaps[shared[overlaps].argmax()]
             warn_caller(
                 f"elements {first[worst]} and {second[worst]} (counted from 0) overlap by "
-                f"{shared[worst]:.4g} {'m' if array.dimension == 1 else 'm^2'}, where their fields "
-                "add up; check the positions, their unit and the size of the elements"
+                f"{shared[worst]:.4g} {'m' if array.dimension == 1 else 'm^2'}, where their "
+                "fields add up; check the positions, their unit and the size of the elements"
             )
             return
 
 
 def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
-    """Return the outline of an aperture, or rectangles of height 1 that represent slits."""
+    """Return the outline of an aperture, or of rectangles of height 1 that represent slits."""
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T
@@ -444,7 +447,7 @@ def repeated_element(
 
 
 # Largest number of pairs of convex pieces for which the automean is computed. The union of all
-# pairs takes 0.7 s for 30 pieces. It takes 2.3 s for 60 pieces and then has 60,000 trapezoids.
+# pairs takes 0.7 s for 30 pieces. It takes 2.3 s for 60 pieces, and then has 60,000 trapezoids.
 _MOST_AUTOMEAN_PAIRS = 500
 
 
@@ -461,7 +464,7 @@ def mutual_support(source: Aperture | Array) -> Aperture:
         If the source is an array of slits, or elements do not lie in the plane z = 0.
     """
     if isinstance(source, Array):
-        # Each element has at least one convex piece.
+        # An array has at least as many convex pieces as elements.
         if source.dimension > 1 and len(source) ** 2 > 2 * _MOST_AUTOMEAN_PAIRS:
             outlines = [element.polygons for element in source.elements_in_plane]
             return Aperture(shapely.GeometryCollection(outlines).convex_hull)
@@ -484,8 +487,8 @@ def segmented_pupil(
     Pistons and tilts are path lengths. Functions that take a wavelength (:func:`psf`, :func:`mtf`,
     :func:`irradiance` with its ``bandwidth``, ...) use the phases at that wavelength. Functions
     without a wavelength (:func:`otf`, :func:`fourier`, :func:`wigner`) use the phases at the
-    ``wavelength`` of this function; :meth:`Array.at_wavelength` changes it. The phases of a
-    :func:`phased_array` come from phase shifters and are the same at all wavelengths.
+    ``wavelength`` of this function; :meth:`Array.at_wavelength` changes it. In contrast, the phases
+    of a :func:`phased_array` come from phase shifters and are the same at all wavelengths.
 
     Parameters
     ----------
@@ -527,7 +530,10 @@ def segmented_pupil(
     if not segments or not all(isinstance(segment, Aperture) for segment in segments):
         raise ArgumentError("expected pupil as an Aperture, or as a list of apertures")
     count = len(segments)
-    expected = f"expected piston as finite numbers ({count},), tilt as ({count}, 2), or one for all"
+    expected = (
+        f"expected piston as finite numbers of shape ({count},) and tilt of shape ({count}, "
+        "2), or one value for all segments"
+    )
     steps = np.broadcast_to(finite_array(piston, expected, (), (count,)), (count,))
     slopes = (
         np.broadcast_to(finite_array(tilt, expected, (), (2,), (count, 2)), (count, 2)) / length

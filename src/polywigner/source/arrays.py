@@ -25,6 +25,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.io.readers import table_rows
+from polywigner.numerics import Floats
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
@@ -43,16 +44,14 @@ __all__ = [
 ]
 
 MOST_ELEMENTS = 2**20
-"""Largest number of elements of a layout: 16 MiB of positions."""
-
-Positions = NDArray[np.float64]
+"""Largest number of elements of a layout, with 16 MiB of positions."""
 
 
-def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Positions:
+def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Floats:
     """Return the positions of a rectangular lattice, (nx ny, 2), with y running fastest.
 
-    `grid_positions(nx, ny, ...).reshape(nx, ny, 2)[i, j]` is at
-    ((i - (nx - 1)/2) pitch_x, (j - (ny - 1)/2) pitch_y). Slits take the x of one row,
+    The element `grid_positions(nx, ny, ...).reshape(nx, ny, 2)[i, j]` is at ((i - (nx - 1)/2)
+    pitch_x, (j - (ny - 1)/2) pitch_y). For slits, pass the x of one row,
     `grid_positions(n, 1, pitch)[:, 0]`.
 
     Parameters
@@ -77,9 +76,7 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
     return _rows(nx, ny, pitch_x, pitch_y, 1.0, False)
 
 
-def triangular_positions(
-    nx: int, ny: int, pitch_x: float, pitch_y: float | None = None
-) -> Positions:
+def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Floats:
     """Return a triangular lattice: ny rows of nx elements, alternately shifted by half a pitch.
 
     Compared with :func:`grid_positions`, even rows are shifted by a quarter of pitch_x to the left,
@@ -109,8 +106,8 @@ def triangular_positions(
 
 def _rows(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
-) -> Positions:
-    """Return rows of a lattice; `stretch` is the default of pitch_y as a multiple of pitch_x."""
+) -> Floats:
+    """Return the rows of a lattice; `stretch`: default of pitch_y as a multiple of pitch_x."""
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
     _check_number(columns * rows)
     across = checked_length(pitch_x, "pitch_x")
@@ -121,7 +118,7 @@ def _rows(
     return np.stack([along_x, along_y], axis=-1).reshape(-1, 2)
 
 
-def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
+def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Floats:
     """Return concentric rings: counts[k] elements at equal angles on a circle of radius radii[k].
 
     Parameters
@@ -150,20 +147,20 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
         )
     _check_number(sum(numbers))
     if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
-        raise ArgumentError("expected one element at radius 0, got several; use the count 1")
+        raise ArgumentError(
+            "expected at most one element at radius 0, got several; use the count 1"
+        )
     angles = [2 * np.pi * np.arange(n) / n for n in numbers]
     rings = [r * np.stack([np.cos(a), np.sin(a)], 1) for r, a in zip(sizes, angles, strict=True)]
     return np.concatenate(rings) + 0.0
 
 
-def thinned(
-    positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | None = None
-) -> Positions:
-    """Draw positions at random from a full layout: statistical thinning.
+def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | None = None) -> Floats:
+    """Return positions drawn at random from a full layout (statistical thinning).
 
-    Each element is drawn independently with a probability p_k proportional to the taper; the mean
-    number is fill times n. With weights of 1, the mean pattern is the pattern of the tapered full
-    array plus a floor:
+    Each element is drawn independently with a probability p_k proportional to the taper. The mean
+    number of drawn elements is fill times n. With weights of 1, the mean pattern is the pattern of
+    the tapered full array plus a floor:
 
         <|AF|^2> = |sum_k p_k exp(-2 pi i nu.x_k)|^2 + sum_k p_k (1 - p_k)
 
@@ -206,13 +203,15 @@ def thinned(
     most = float(density.mean() / density.max())
     if not 0 < fraction <= most:
         raise ArgumentError(
-            f"expected fill above 0 and up to {most:.6g}, the mean of the taper over its peak, "
-            f"got {value_text(fill)}"
+            f"expected fill above 0 and up to {most:.6g}, the mean of the taper divided by "
+            f"its peak, got {value_text(fill)}"
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
     if not is_drawn.any():
-        raise ArgumentError("no element was drawn with this seed; use another seed or more fill")
+        raise ArgumentError(
+            "no element was drawn with this seed; use another seed, or a larger fill"
+        )
     return layout[is_drawn]
 
 
@@ -226,12 +225,12 @@ def _check_number(elements: int) -> None:
 
 
 def _steps(count: int) -> NDArray[np.int64]:
-    """Return -(n - 1), -(n - 3), ..., n - 1: twice the positions of a centred row with step 1."""
+    """Return -(n - 1), -(n - 3), ..., n - 1: twice the positions of a centred row of pitch 1."""
     return 2 * np.arange(count) - (count - 1)
 
 
-# Largest difference of coordinates that count as equal for virtual elements, as a fraction of the
-# largest coordinate: the rounding of sums.
+# Largest difference of coordinates of virtual elements that count as equal, as a fraction of the
+# largest coordinate, due to the rounding of sums.
 _EQUAL_POSITIONS = 1e-12
 
 
@@ -240,10 +239,10 @@ def virtual_array(
     receive: ArrayLike,
     transmit_weights: ArrayLike | None = None,
     receive_weights: ArrayLike | None = None,
-) -> tuple[Positions, NDArray[np.complex128]]:
+) -> tuple[Floats, NDArray[np.complex128]]:
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
-    Far from a radar, the path of transmitting element j and receiving element k is equivalent to
+    Far from a radar, the path from transmitting element j to receiving element k is equivalent to
     one element at x_j + y_k with the weight v_j w_k: the array factor is the product of both array
     factors. Elements at equal positions are merged, and their weights are added.
 
@@ -279,8 +278,8 @@ def virtual_array(
     sent, received = (checked_positions(p, (1, 2, 3)) for p in (transmit, receive))
     if sent.shape[1] != received.shape[1]:
         raise ArgumentError(
-            f"expected positions with the same number of components, got {sent.shape[1]} and "
-            f"{received.shape[1]}"
+            "expected transmit and receive positions with the same number of components, got "
+            f"{sent.shape[1]} and {received.shape[1]}"
         )
     _check_number(len(sent) * len(received))
     v = checked_weights(transmit_weights, len(sent))
@@ -289,7 +288,8 @@ def virtual_array(
     near = _EQUAL_POSITIONS * float(max(np.abs(sent).max(), np.abs(received).max()))
     order = np.argsort(positions, axis=0, kind="stable")
     ranks = np.empty_like(order)
-    for axis, along in enumerate(order.T):  # equal coordinates have equal ranks
+    # Coordinates that are equal up to rounding get equal ranks.
+    for axis, along in enumerate(order.T):
         steps = np.diff(positions[along, axis]) > near
         ranks[along, axis] = np.concatenate([[0], np.cumsum(steps)])
     _, first, which = np.unique(ranks, axis=0, return_index=True, return_inverse=True)
@@ -299,7 +299,7 @@ def virtual_array(
 
 
 WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
-"""Windows of :func:`window_weights`."""
+"""Names of the windows of :func:`window_weights`."""
 
 
 @takes_frequency
@@ -336,8 +336,8 @@ def steering_weights(
     towards = unit_vector(direction) if positions.shape[1] == 3 else transverse(direction)
     if len(towards) != positions.shape[1]:
         raise ArgumentError(
-            f"expected a direction with as many components as the positions, "
-            f"{positions.shape[1]}, got {len(towards)}"
+            f"expected a direction with {positions.shape[1]} components, like the positions, "
+            f"got {len(towards)}"
         )
     return np.exp(2j * np.pi * (positions @ (towards / checked_length(wavelength, "wavelength"))))
 
@@ -378,8 +378,9 @@ def focusing_weights(
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     rays = focus - np.pad(positions, ((0, 0), (0, 1)))
-    total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)  # this is R_k + R
-    # path is R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
+    # ``total`` is R_k + R.
+    total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)
+    # ``path`` is R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation.
     path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
@@ -416,7 +417,7 @@ def window_weights(
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
         raise ArgumentError(
-            "expected shape as a number of elements n, or as numbers (nx, ny), got "
+            "expected shape as a number of elements n, or as a pair (nx, ny), got "
             f"{value_text(shape)}"
         )
     names = (window,) * len(sizes) if isinstance(window, str) else window
@@ -429,8 +430,8 @@ def window_weights(
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    # For Taylor windows with a very small sll (1 dB), the weight with the largest modulus may be
-    # negative. Division by it makes that peak +1.
+    # For a Taylor window with a very small sll (1 dB), the weight with the largest modulus may be
+    # negative. The division by this weight makes the peak +1.
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
@@ -460,7 +461,7 @@ def read_elements(
     The first line names the columns, in any order: ``x`` and ``y``; the weight as ``amplitude``
     (linear) and ``phase`` in degrees, or as ``re`` and ``im``; and ``angle`` in degrees,
     counter-clockwise, by which the element with its field is rotated about its origin. Missing
-    columns are 1 for amplitudes and 0 for others. Without a line of names, the columns are x and y.
+    amplitudes are 1, other missing columns are 0. Without a line of names, the columns are x and y.
     Semicolons, commas or blanks separate the columns; # begins a comment.
 
     Parameters
@@ -533,8 +534,8 @@ def _columns(text: str) -> dict[str, NDArray[np.float64]]:
     has_both = {"re", "im"} & set(names) and {"amplitude", "phase"} & set(names)
     if len({"x", "y", *names}) != len(names) or not set(names) <= set(_COLUMNS) or has_both:
         raise FileFormatError(
-            "expected each column once: x and y; optionally amplitude and phase, or re and im; "
-            f"optionally angle; got {value_text(', '.join(names))}"
+            "expected each column only once: x and y; optionally amplitude and phase, or re "
+            f"and im; optionally angle; got {value_text(', '.join(names))}"
         )
     values = []
     for number, fields in rows:
@@ -548,5 +549,5 @@ def _columns(text: str) -> dict[str, NDArray[np.float64]]:
                 f"{value_text(', '.join(fields))}"
             )
     if not rows:
-        raise FileFormatError("expected a row of numbers for each element, got no rows")
+        raise FileFormatError("expected one row of numbers for each element, got no rows")
     return dict(zip(names, np.array(values).T, strict=True))

@@ -1,4 +1,4 @@
-"""Lattices recognised from the positions and weights of the elements of arrays."""
+"""Detection of lattices from the positions and weights of array elements."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from polywigner.errors import IlluminationError, value_text
 from polywigner.geometry.arguments import Immutable, finite_array
 
 # Largest distance of positions from the sites of a lattice, as a fraction of the extent of the
-# array. It allows for the rounding of multiples of a pitch.
+# array, due to the rounding of multiples of a pitch.
 _ROUNDING = 4e-15
 # Largest number of lattice sites per element. Sites without an element have the weight 0.
 _SITES_PER_ELEMENT = 16
-# Largest deviation of weights that counts as rounding, as a fraction of the largest weight: from a
-# product of two profiles, or from real weights times a linear phase.
+# Largest deviation of weights from a product of two profiles, or from real weights times a linear
+# phase, that counts as rounding. It is a fraction of the largest weight.
 _EQUAL = 1e-14
 # Number of positions whose differences from all other positions are computed to find the shortest
 # difference. If one site in 16 is filled at random, the probability that none of these positions
@@ -29,7 +29,7 @@ _PAIRED_WITH_ALL = 128
 
 @dataclass(frozen=True)
 class Lattice:
-    """Sites origin + i b1 + j b2, 0 <= i < n1 and 0 <= j < n2, and the weights there."""
+    """Sites origin + i b1 + j b2 with 0 <= i < n1 and 0 <= j < n2, and their weights."""
 
     origin: tuple[float, float]
     basis: tuple[tuple[float, float], tuple[float, float]]
@@ -37,7 +37,7 @@ class Lattice:
     weights: NDArray[np.complex128]
     """Weights of the sites, shape (n1, n2); 0 for sites without an element."""
     centre: tuple[tuple[float, float], tuple[float, float]]
-    """Centre of the sites, x and y, each as the sum of two floats."""
+    """Centre of the sites, x and y, each as a sum of two floats."""
     misfit: float
     """Largest distance of a position from its site along x or y, as a fraction of the extent."""
 
@@ -80,7 +80,7 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    """Return two short differences that are not parallel; for a row the second one is arbitrary."""
+    """Return two short differences that are not parallel; for a row, the second is arbitrary."""
     first = _shortest(positions, extent, None)
     if first is None:
         return None
@@ -95,7 +95,8 @@ def _shortest(
 ) -> NDArray[np.float64] | None:
     """Return the shortest difference that is not parallel to ``other``, oriented to +x or +y."""
     best, length = None, np.inf
-    # The indices are equally spaced, because positions are usually ordered by rows.
+    # Differences are formed from equally spaced indices, because positions are usually ordered by
+    # rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start
@@ -124,9 +125,9 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
         if count:
             basis[used] = (positions[k] - positions[m]) / count
         return basis
-    # Least squares by normal equations, which are well conditioned here, in extended precision if
-    # available. An error of the basis is multiplied by the number of steps, so the basis must be
-    # accurate to an ulp.
+    # This is a least-squares fit by normal equations, which are well conditioned here, in extended
+    # precision if available. An error of the basis is multiplied by the number of steps, so the
+    # basis must be accurate to an ulp.
     s, p = steps.astype(np.longdouble), positions.astype(np.longdouble)
     s, p = s - s.mean(axis=0), p - p.mean(axis=0)
     (aa, ab), (_, bb) = s.T @ s
@@ -164,7 +165,7 @@ def column_and_row(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
     """Split weights (n1, n2) into a product of (n1,) and (n2,); None if that is impossible.
 
-    ``tolerance`` is relative to the largest weight.
+    ``tolerance``: largest deviation, relative to the largest weight.
     """
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
@@ -205,7 +206,7 @@ def _linear_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> f
 
 
 class Sites(Immutable):
-    """Constant positions (n, d) and complex weights (n,), compared by content."""
+    """Constant positions (n, d) and complex weights (n,), which are compared by content."""
 
     positions: NDArray[np.float64]
     weights: NDArray[np.complex128]
@@ -267,12 +268,15 @@ def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
             ) from None
     if array.shape != (count,):
         raise IlluminationError(
-            f"expected one weight for each of {count} elements, got shape {array.shape}"
+            f"expected one weight for each of the {count} elements, got an array of shape "
+            f"{array.shape}"
         )
     if not (np.isfinite(array).all() and array.any()):
         raise IlluminationError(
-            f"expected finite weights other than zero, got {value_text(array.tolist())}"
+            f"expected finite weights, not all zero, got {value_text(array.tolist())}"
         )
-    array += 0.0  # replaces negative zeros, which equal positive zeros but have another hash
+    # The addition of 0.0 replaces negative zeros, which are equal to positive zeros but have
+    # another hash.
+    array += 0.0
     array.setflags(write=False)
     return array

@@ -1,11 +1,11 @@
 """The normal form of a source: elements with weights and plane waves, and one wavefront.
 
 Users build an `Aperture`, `PlacedAperture`, `Slits`, `Array` or `Wavefront`. Public functions
-convert it once by :func:`normal_form`, and all other code takes a :class:`Source`:
+convert it once with :func:`normal_form`, and all other code takes a :class:`Source`:
 
     u(x) = exp(i pi (x - c).Q (x - c)) sum_k w_k 1_k(x) sum_m c_km exp(2 pi i kappa_km.x)
 
-Polyhedra have a Fourier transform only and no normal form.
+Polyhedra have only a Fourier transform, and no normal form.
 """
 
 from __future__ import annotations
@@ -21,22 +21,20 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.geometry.illumination import Illumination, shift_phases
+from polywigner.numerics import Complex, Floats
 from polywigner.source.array import Array, PathLengths, aperture_in_plane, repeated_element
 from polywigner.source.lattices import Lattice, joint_bounds, lattice_of
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
 # Largest deviation of amplitudes that count as proportional, as a fraction of the largest
-# amplitude: a few rounding errors.
+# amplitude. It corresponds to a few rounding errors.
 _PROPORTIONAL = 1e-15
-# Smallest number of elements for which the normal form tests whether they are copies of one
-# element.
+# Smallest number of elements that the normal form tests for being copies of one element.
 _LEAST_COPIES = 24
 # Largest deviation of vertices and of amplitudes of shifted copies, as fractions of the largest
-# coordinate and of the largest amplitude. A few rounding errors are smaller. The phases of shifted
-# amplitudes increase the second limit.
+# coordinate and of the largest amplitude. A few rounding errors are smaller. The second limit is
+# larger because the phases of shifted amplitudes are rounded as well.
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
@@ -46,9 +44,9 @@ class SourceElement:
     """An outline with a complex weight and a sum of plane waves."""
 
     outline: Aperture | Slits
-    """Outline without a field, in the plane of the pose."""
+    """Outline without a field, in the plane of its pose."""
     weight: complex
-    amplitudes: Complexes
+    amplitudes: Complex
     """Amplitudes of the plane waves without the weight, shape (m,); 1 for a uniform field."""
     frequencies: Floats
     """Frequencies of the plane waves in 1/m, shape (m, d); 0 for a uniform field."""
@@ -63,7 +61,7 @@ class SourceElement:
 
     @property
     def has_unit_field(self) -> bool:
-        """Whether the field, without the weight, is 1."""
+        """Whether the field without the weight is 1."""
         return self.is_uniform and self.amplitudes[0] == 1.0
 
     @cached_property
@@ -86,16 +84,16 @@ class SourceElement:
         return self.outline.rings
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
-        """Return the element multiplied by exp(2 pi i kappa.x), kappa (d,)."""
+        """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,)."""
         return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))
 
     def moved(self, shift: Floats) -> SourceElement:
-        """Return the element and its waves shifted by (d,) in its own plane."""
+        """Return the element and its waves, shifted by (d,) in the plane of its pose."""
         return replace(
             self, outline=self.outline.moved(shift), amplitudes=self.moved_amplitudes(shift)
         )
 
-    def moved_amplitudes(self, shift: Floats) -> Complexes:
+    def moved_amplitudes(self, shift: Floats) -> Complex:
         """Return the amplitudes (m,) of the waves shifted by (d,)."""
         return self.amplitudes * shift_phases(self.frequencies, shift)
 
@@ -109,7 +107,7 @@ class RepeatedElement:
     """The element at the origin, of weight 1."""
     positions: Floats
     """Shifts of the copies in m, shape (n, d)."""
-    weights: Complexes
+    weights: Complex
     """Weights of the copies, shape (n,)."""
 
     @cached_property
@@ -123,13 +121,13 @@ class RepeatedElement:
 class WaveGroup:
     """Elements with proportional waves."""
 
-    amplitudes: Complexes
+    amplitudes: Complex
     """Amplitudes of the waves of the first element, shape (m,)."""
     frequencies: Floats
     """Frequencies of the waves in 1/m, shape (m, d)."""
     members: NDArray[np.intp]
     """Indices of the elements, shape (k,)."""
-    factors: Complexes
+    factors: Complex
     """Amplitudes of each element as a multiple of ``amplitudes``, shape (k,)."""
 
 
@@ -179,7 +177,7 @@ class Source:
         return self.elements if self.repeated is None else (self.repeated.element,)
 
     @cached_property
-    def weights(self) -> Complexes:
+    def weights(self) -> Complex:
         """Weights of the elements, shape (n,)."""
         if self.repeated is not None:
             return self.repeated.weights
@@ -197,8 +195,6 @@ class Source:
             return _copies(self.in_plane.elements)
         except GeometryError:
             return None
-
-    # ---- properties of the field
 
     @property
     def is_flat(self) -> bool:
@@ -232,8 +228,6 @@ class Source:
             else:
                 groups.append((element, [number], [1.0]))
         return tuple(_group(*group) for group in groups)
-
-    # ---- geometry
 
     @cached_property
     def rings(self) -> tuple[Floats, ...]:
@@ -286,26 +280,27 @@ class Source:
         elements = [element.moved(offset) for element in self.in_plane.elements]
         return self.with_elements(elements, centre=centre)
 
-    # ---- modified sources
-
     def with_weights(self, weights: ArrayLike) -> Source:
         """Return the source with other weights (n,) of its elements."""
         factors = np.asarray(weights, np.complex128)
         if factors.shape != (len(self),):
-            raise ArgumentError(f"expected {len(self)} weights, got shape {factors.shape}")
+            raise ArgumentError(
+                f"expected {len(self)} weights, got an array of shape {factors.shape}"
+            )
         if self.repeated is not None:
             return replace(self, content=replace(self.repeated, weights=factors))
         pairs = zip(self.elements, factors.tolist(), strict=True)
         return self.with_elements([replace(e, weight=w) for e, w in pairs])
 
     def tilted(self, kappa: ArrayLike) -> Source:
-        """Return the source multiplied by exp(2 pi i kappa.x), kappa (d,)."""
+        """Return the source multiplied by exp(2 pi i kappa.x), with kappa (d,)."""
         tilt = np.asarray(kappa, np.float64)
         if not tilt.any():
             return self
         if self.repeated is None:
             return self.with_elements([e.tilted(tilt) for e in self.in_plane.elements])
-        copies = self.repeated  # the copy at p is multiplied by the phase exp(2 pi i kappa.p)
+        # The copy at p is multiplied by the phase exp(2 pi i kappa.p).
+        copies = self.repeated
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)
         tilted = RepeatedElement(element, copies.positions, copies.weights * phases)
@@ -428,7 +423,7 @@ def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
 def _common_factor(
     element: SourceElement,
     frequencies: Floats,
-    amplitudes: Complexes,
+    amplitudes: Complex,
     tolerance: float = _PROPORTIONAL,
 ) -> complex | None:
     """Return the factor between two sets of waves; None if the waves are not proportional."""

@@ -1,7 +1,7 @@
-"""Obliquity factors: how the field of a source depends on the angle to its normal.
+"""Obliquity factors: the dependence of a source's field on the angle to its normal.
 
-A boundary condition is a pair (a, b). At the cosine c, the field of a wave that leaves the plane
-with the direction cosine p_m (D1) has the factor
+A boundary condition is a pair (a, b). In the direction with the cosine c, the field of a wave that
+leaves the plane with the direction cosine p_m (D1) has the factor
 
     a c + b p_m
 
@@ -9,9 +9,10 @@ and the irradiance of two waves m and n has the factor
 
     g = (a c + b p_m) (a c + b p_n*).
 
-So g is linear in three forms: p_m p_n*, p_m + p_n* and 1. If all waves have one cosine, the forms
-are numbers. Otherwise each form is a combination of functions W of fields with amplitudes p_m c_m
-and (1 + p_m) c_m, see (D2) and (D3). The factor g = c of the paper is not a boundary condition.
+The factor g is therefore linear in three forms: p_m p_n*, p_m + p_n* and 1. If all waves have one
+cosine, the forms are numbers. Otherwise each form is a combination of functions W of fields with
+the amplitudes p_m c_m and (1 + p_m) c_m, see (D2) and (D3). The factor g = c of the paper is not a
+boundary condition.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from polywigner.errors import IlluminationError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, checked_length
+from polywigner.numerics import Floats
 from polywigner.source.array import Array
 from polywigner.source.normal_form import (
     PublicSource,
@@ -35,18 +37,17 @@ from polywigner.source.normal_form import (
     normal_form,
 )
 
-Floats = NDArray[np.float64]
-
 
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:
     """Return p = sqrt(1 - (wavelength |kappa|)^2) (...) for frequencies kappa (..., d): (D1).
 
-    p is the cosine of the angle between a wave and the normal of the plane, and positive imaginary
-    for evanescent waves, |kappa| > 1/wavelength. The wavelength is in metres. The result is
-    accurate to a few roundings of kappa, also near grazing.
+    The result p is the cosine of the angle between a wave and the normal of the plane. It is
+    positive imaginary for evanescent waves, |kappa| > 1/wavelength. The wavelength is in metres.
+    The result is accurate to a few rounding errors of kappa, even near grazing.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
-    # A product of two roots is accurate for sines near 1 and does not overflow.
+    # The root of 1 - sine^2 is a product of two roots, which is accurate for sines near 1 and does
+    # not overflow.
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
@@ -55,16 +56,16 @@ def times_direction_cosine(
 ) -> PublicSource:
     """Multiply the amplitudes c_m of a flat source by p_m + constant, with p_m as in (D1).
 
-    Uniform elements have p = 1. A `phased_array` remains one. Raises ArgumentError for polyhedra,
-    and IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
+    Uniform elements have p = 1. A `phased_array` remains a phased array. Raises ArgumentError for
+    polyhedra, and IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
     def scaled(element: SourceElement) -> SourceElement:
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
-        # Scaling the weight keeps the element uniform, which allows faster kernels. Grazing waves
-        # become 0.
+        # The factor is applied to the weight of an element, so that a uniform element stays uniform
+        # and has faster kernels. Grazing waves become 0.
         if element.has_unit_field or not amplitudes.any():
             return replace(element, weight=element.weight * amplitudes[0])
         return replace(element, amplitudes=amplitudes)
@@ -82,8 +83,8 @@ def times_direction_cosine(
 def grazing_error(wavelength: float) -> IlluminationError:
     """Return the error for a field whose waves all graze the plane of the source."""
     return IlluminationError(
-        "expected waves that leave the plane of the source, got only grazing waves, whose spatial "
-        f"frequency is 1/wavelength; use a wavelength other than {wavelength:g} m"
+        "expected waves that leave the plane of the source, got only grazing waves, whose "
+        f"spatial frequency is 1/wavelength; use a wavelength other than {wavelength:g} m"
     )
 
 
@@ -93,9 +94,9 @@ ObliquityName = Literal[BoundaryCondition, "paper"]
 
 
 class Forms(NamedTuple):
-    """Coefficients of the factor g of a cosine c (D2): g = square c^2 + linear c + constant.
+    """Coefficients of the factor g as a function of the cosine c (D2).
 
-    The factors take floats or arrays of any engine.
+    g = square c^2 + linear c + constant. The coefficients are floats or arrays of any engine.
     """
 
     square: float
@@ -110,8 +111,8 @@ class Forms(NamedTuple):
         """Return h = g/cos for a cosine above zero, the factor in the radiance h W/lambda^2: (R1).
 
         If a boundary condition contains the normal derivative, the dimensionless h grows without
-        bound towards grazing directions. The power is finite, due to the cosine of the projected
-        area.
+        bound towards grazing directions. The power remains finite, because of the cosine of the
+        projected area.
         """
         return (
             self.square * cosine + self.linear + (self.constant / cosine if self.constant else 0.0)
@@ -120,8 +121,8 @@ class Forms(NamedTuple):
     def at_lags(self, q: Floats) -> Floats:
         """Return the transform of h over the disc of the hemisphere, at lags q/(2 pi) wavelengths.
 
-        Bessel functions are computed as means over n equidistant angles, exact to rounding for
-        n > q.
+        Bessel functions are computed as means over n equidistant angles, which are exact to
+        rounding for n > q.
         """
         total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
@@ -139,11 +140,11 @@ class Obliquity:
 
     name: ObliquityName
     title: str
-    """Name in figures."""
+    """Name of the obliquity in figures."""
     field: float
-    """a: weight of the field in the aperture; 0 for the factor of the paper."""
+    """Weight a of the field in the aperture; 0 for the factor of the paper."""
     slope: float
-    """b = 1 - a: weight of the normal derivative of the field."""
+    """Weight b = 1 - a of the normal derivative of the field."""
 
     @property
     def is_boundary_condition(self) -> bool:
@@ -157,7 +158,7 @@ class Obliquity:
 
     @property
     def mirrored(self) -> float:
-        """Factor of the mirror image's field in the field at a point: (B2)."""
+        """Factor of the mirror image's field in the field at a point, (B2)."""
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
@@ -169,20 +170,21 @@ class Obliquity:
     def terms(self, source: Aperture | Array, wavelength: float) -> list[tuple[Any, Forms]]:
         """Return flat sources and their forms, whose irradiances add up to the total irradiance.
 
-        There is one source if all waves leave at one angle, as for steered apertures, TE10 modes
-        and uniform elements; otherwise there are up to three: (D2), (D3).
+        There is one source if all waves leave at the same angle, as for steered apertures, TE10
+        modes and uniform elements. Otherwise there are up to three: (D2), (D3).
         """
         if not self.is_boundary_condition:
             return [(source, Forms(0.0, 1.0, 0.0))]
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # These are Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
+            # The coefficients are Python floats, because a NumPy scalar times a Dr.Jit array would
+            # be a NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:
             return [(turned, Forms(0.0, 0.0, b * b))]
-        # uses p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
+        # This sum uses the identity p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*.
         return [
             (source, Forms(a * a, -mixed, 0.0)),
             (turned, Forms(0.0, -mixed, b * b)),
@@ -204,15 +206,15 @@ DERIVATIVE_OF = {
     "kirchhoff": "kirchhoff",
     "rayleigh-sommerfeld-2": "rayleigh-sommerfeld-1",
 }
-"""The condition with a and b exchanged, which the z derivative of a field obeys."""
+"""The boundary condition with a and b exchanged, which the z derivative of a field obeys."""
 
-# Largest difference of direction cosines of waves that count as leaving at one angle. It allows for
+# Largest difference of direction cosines of waves that count as leaving at the same angle, due to
 # the rounding of frequencies.
 _SAME_COSINE = 1e-13
 
 
 def obliquity_of(name: object) -> Obliquity:
-    """Return the obliquity with a name; the default for None; ArgumentError for other values."""
+    """Return the obliquity with a given name; None means the default."""
     if name is None:
         return OBLIQUITIES[DEFAULT]
     return OBLIQUITIES[checked_choice(name, "obliquity", OBLIQUITIES)]

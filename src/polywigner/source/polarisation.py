@@ -1,7 +1,8 @@
 """Polarisations of sources: Jones vectors along the x and y axes of an aperture.
 
-The time factor is exp(-i omega t), with exp(+i k R) in free space. "right" and "left" follow IEEE:
-with the thumb along the wave, the fingers of that hand follow the rotation of the field.
+The time factor is exp(-i omega t), with exp(+i k R) in free space. The names "right" and "left"
+follow IEEE: with the thumb along the wave, the fingers of that hand follow the rotation of the
+field.
 """
 
 from __future__ import annotations
@@ -11,18 +12,16 @@ import re
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
+from polywigner.numerics import Complex
 from polywigner.source.normal_form import normal_form
-
-Complexes = NDArray[np.complex128]
 
 CurrentModel = Literal["huygens", "magnetic", "electric"]
 
 
 class Currents(NamedTuple):
-    """Fractions of the magnetic and the electric current equivalent to a field u p: (VP1)."""
+    """Fractions of magnetic and electric currents that are equivalent to a field u p, (VP1)."""
 
     magnetic: float
     electric: float
@@ -44,13 +43,13 @@ _NAMED = {
 }
 _SLANT = re.compile(r"([+-]?\d+(?:\.\d*)?)\s*(?:deg|°)")
 _EXPECTED = (
-    'expected polarisation as "x", "y", "right", "left", a slant such as "45 deg", or a Jones '
-    "vector of two complex numbers"
+    'expected polarisation as "x", "y", "right", "left", a slant such as "45 deg", or a '
+    "Jones vector of two complex numbers"
 )
 
 
-def checked_polarisation(polarisation: Any, source: Any = None) -> Complexes:
-    """Return the unit Jones vector (2,) along x and y, or one for each element of an array, (n, 2).
+def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
+    """Return the unit Jones vector (2,) along x and y, or one per element of an array, (n, 2).
 
     Parameters
     ----------
@@ -105,7 +104,7 @@ def is_pair(polarisation: Any) -> bool:
     return len(polarisation) == 2 and all(isinstance(item, kinds) for item in polarisation)
 
 
-def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complexes, Complexes]:
+def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complex, Complex]:
     """Return the Jones vectors of two sources, from a pair or from one polarisation for both."""
     pair = polarisation if is_pair(polarisation) else (polarisation, polarisation)
     return checked_polarisation(pair[0], first), checked_polarisation(pair[1], second)
@@ -116,7 +115,7 @@ def _count(source: Any) -> int:
     return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
-def _of_text(text: str) -> Complexes:
+def _of_text(text: str) -> Complex:
     name = text.strip().lower()
     if name in _NAMED:
         return np.array(_NAMED[name], np.complex128)
@@ -128,15 +127,17 @@ def _of_text(text: str) -> Complexes:
 
 
 def _error(value: Any, count: int) -> ArgumentError:
-    for_elements = f", or one for each of the {count} elements" if count else ""
+    for_elements = (
+        f", or a list with one of these for each of the {count} elements" if count else ""
+    )
     return ArgumentError(f"{_EXPECTED}{for_elements}, got {value_text(value)}")
 
 
-def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexes]]:
-    """Return scalar sources u and vectors (2,), whose products add up to the polarised field.
+def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
+    """Return scalar sources u and vectors (2,); the sum of their products is the polarised field.
 
-    There is one source if all elements have one polarisation; otherwise there are parts along x
-    and along y.
+    There is one source if all elements have the same polarisation; otherwise there is one for the x
+    components and one for the y components.
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
@@ -150,13 +151,14 @@ def components(source: Any, polarisation: Complexes) -> list[tuple[Any, Complexe
 
 
 Stokes = tuple[float, float, float, float]
-"""S0 to S3 for a wave towards the observer, with respect to x and y; S3 > 0 is left (IEEE)."""
+"""Stokes parameters S0 to S3 of a wave towards the observer, with respect to x and y; S3 > 0 is
+left-handed (IEEE)."""
 
-# Weights and differences of Jones vectors below this relative size count as rounding errors.
+# Largest relative size of weights and differences of Jones vectors that count as rounding errors.
 _ROUNDING = 1e-12
 
 
-def stokes_vector(polarisation: Complexes) -> Stokes:
+def stokes_vector(polarisation: Complex) -> Stokes:
     """Return (1, S1, S2, S3) of a unit Jones vector (2,), with S3 = 2 Im(p_x p_y*).
 
     Mitsuba uses the same sign convention for S3: S3 is -1 for "right", which is called left-handed
@@ -174,8 +176,8 @@ def stokes_vector(polarisation: Complexes) -> Stokes:
     return (1.0, s1, s2, s3)
 
 
-def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stokes]]:
-    """Return scalar sources and Stokes vectors: sum of irradiances times vectors is the total.
+def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]]:
+    """Return scalar sources and Stokes vectors; irradiance times vector adds up to the total.
 
     For one polarisation (2,) the only field is the source. For one polarisation per element (n, 2),
     the fields are u_x, u_y, u_x + u_y and u_x + i u_y, without those that are zero. Their real
@@ -185,7 +187,7 @@ def stokes_fields(source: Any, polarisation: Complexes) -> list[tuple[Any, Stoke
         return [(source, stokes_vector(polarisation))]
     form = normal_form(source)
     x, y = form.weights * polarisation.T
-    fields: list[tuple[Complexes, Stokes]] = [
+    fields: list[tuple[Complex, Stokes]] = [
         (x, (1.0, 1.0, -1.0, -1.0)),
         (y, (1.0, -1.0, -1.0, -1.0)),
         (x + y, (0.0, 0.0, 1.0, 0.0)),
@@ -203,8 +205,8 @@ def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any
     """Return the unit vectors of fields along x and along y in the direction (x, y, z), z >= 0.
 
     The arguments are floats or arrays of any engine. The vectors are q - (q.s)(z + s)/(1 + z.s) for
-    q = x and q = y: the axes rotate with z into s by the smallest angle. With Kirchhoff's condition
-    the product with a scalar far field is a Huygens source.
+    q = x and q = y: the axes rotate with z into the direction s by the smallest angle. With
+    Kirchhoff's condition, the product with a scalar far field is the field of a Huygens source.
 
     References
     ----------
@@ -221,13 +223,13 @@ def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any
     return (1.0 - x * x * scale, mixed, -x), (mixed, 1.0 - y * y * scale, -y)
 
 
-def polarisation_text(polarisation: Complexes) -> str:
+def polarisation_text(polarisation: Complex) -> str:
     """Format Jones vectors (2,) or (n, 2) for a scene: "1, 0.5j; ..."."""
     rows = np.atleast_2d(polarisation).tolist()
     return "; ".join(", ".join(str(value) for value in row) for row in rows)
 
 
-def polarisation_name(polarisation: Complexes) -> str:
+def polarisation_name(polarisation: Complex) -> str:
     """Format Jones vectors (2,) or (n, 2) for messages: "y", "45 deg", "right".
 
     Examples
@@ -246,7 +248,7 @@ def polarisation_name(polarisation: Complexes) -> str:
     return f"({x:.4g}, {y:.4g})"
 
 
-def polarisation_of_text(text: str, source: Any) -> Complexes:
+def polarisation_of_text(text: str, source: Any) -> Complex:
     """Parse Jones vectors in a scene: names, slants or "1, 0.5j", separated by ";".
 
     Examples
@@ -266,7 +268,7 @@ def polarisation_of_text(text: str, source: Any) -> Complexes:
 
 
 def _numbers(text: str) -> str | list[complex]:
-    """Return complex numbers that are separated by commas; return other texts unchanged."""
+    """Return complex numbers that are separated by commas; other strings are unchanged."""
     if "," not in text:
         return text
     try:

@@ -1,6 +1,6 @@
 """Source files: apertures with their fields, and arrays, read and written in TOML or JSON.
 
-Each msgspec.Struct is one table, and its fields are the keys; docs/source_files.md lists them all.
+Each msgspec.Struct is one table, whose fields are the keys; docs/source_files.md lists all tables.
 """
 
 from __future__ import annotations
@@ -54,24 +54,22 @@ VERSION = 1
 """Version of the format; files of another version are refused."""
 
 SOURCE_COORDINATE = "source_json"
-"""Name of the coordinate of a dataset with the text of its source file."""
+"""Name of the coordinate of a dataset that contains the text of its source file."""
 
 _Item = TypeVar("_Item")
 NonEmpty = Annotated[list[_Item], msgspec.Meta(min_length=1)]
 Ring = Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=3)]
 
-# Outlines and elements.
-
 
 class Context(NamedTuple):
-    """Folder of a file, whether files outside are allowed, and the wavelength in m or None."""
+    """Folder of a source file, whether files outside it are allowed, and the wavelength in m."""
 
     folder: Path
     allow_outside: bool
     wavelength: float | None
 
     def path(self, name: str) -> Path:
-        """Return the path of another file; it must be in the folder, unless others are allowed."""
+        """Return the path of a file that is in the folder, unless files outside are allowed."""
         path = (self.folder / name).resolve()
         if self.allow_outside or path.is_relative_to(self.folder.resolve()):
             return path
@@ -83,7 +81,7 @@ class Context(NamedTuple):
 
 
 def _origin(table: Table, *origins: str) -> str:
-    """Return the only key of ``origins`` in the table; FileFormatError for none or several."""
+    """Return the only key of ``origins`` in the table; FileFormatError for none or several keys."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
@@ -91,7 +89,8 @@ def _origin(table: Table, *origins: str) -> str:
     for key in ("unit", "layer", "union"):
         if present[0] != "file" and getattr(table, key, None):
             raise FileFormatError(
-                f"expected the key {key!r} only with the key 'file', got it with {present[0]!r}"
+                f"expected the key {key!r} only together with the key 'file', got it with "
+                f"{present[0]!r}"
             )
     return present[0]
 
@@ -152,7 +151,7 @@ class SlitsTable(_Illuminated, tag="slits"):
 
 
 def _aperture(polygons: list[list[Any]]) -> Aperture:
-    """Make an aperture of polygons, which are lists of rings with the exterior first.
+    """Return an aperture made of polygons, which are lists of rings with the exterior first.
 
     If all polygons are valid, all vertices are kept. Otherwise the polygons are cleaned, and merged
     where they touch.
@@ -168,9 +167,6 @@ def _aperture(polygons: list[list[Any]]) -> Aperture:
         named = [part_of_rings(rings, f"polygon {k}") for k, rings in enumerate(polygons)]
         parts = merge_parts(named)
     return Aperture._of_parts(parts)
-
-
-# Arrays of elements.
 
 
 class Paths(Table):
@@ -223,9 +219,6 @@ class PhasedArrayTable(Kind, tag="phased-array"):
 SourceTable = ApertureTable | SlitsTable | ArrayTable | PhasedArrayTable
 
 
-# Settings at the top of a file.
-
-
 class WavefrontTable(Table):
     radius: Radii | None = None
     wavelength: Length | None = None
@@ -246,7 +239,7 @@ class WavefrontTable(Table):
 
 
 class Top(Table):
-    """Keys at the top of a file in addition to the keys of the source."""
+    """Keys at the top level of a file, in addition to the keys of the source."""
 
     version: Annotated[int, msgspec.Meta(ge=VERSION, le=VERSION)] = VERSION
     frequency: Frequency | None = None
@@ -267,7 +260,7 @@ class FileContent(NamedTuple):
 
 
 def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileContent:
-    """Convert the tables of a file to a source and the settings at the top."""
+    """Convert the tables of a file to a source and its top-level settings."""
     tables = converted(tables, dict[str, Any])
     at_top = {key: tables.pop(key) for key in Top.__struct_fields__ if key in tables}
     body, top = converted(tables, SourceTable), converted(at_top, Top)
@@ -286,18 +279,15 @@ def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileCo
     return FileContent(source, wavelength, jones)
 
 
-# Reading of files.
-
-
 def read_source(
     path: str | os.PathLike[str] | xarray.Dataset, allow_outside: bool = False
 ) -> Element | Array | Wavefront:
     """Read an aperture with its field, slits or an array from a TOML or JSON file.
 
-    docs/source_files.md describes the format. A source that :func:`write_source` wrote is read
-    back equal. In files written by hand, quantities may be texts with units ("10 mm", "20 deg",
-    "77 GHz"), fields, layouts and weights may be named, and outlines may be in other files,
-    relative to this one.
+    docs/source_files.md describes the format. A source that :func:`write_source` wrote is read back
+    equal. In files written by hand, quantities may be strings with units ("10 mm", "20 deg", "77
+    GHz"), fields, layouts and weights may be named, and outlines may be in other files, relative to
+    this one.
 
     Parameters
     ----------
@@ -382,7 +372,7 @@ def read_polarisation(
 
 
 def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> FileContent:
-    """Read the source of a file and the settings at its top."""
+    """Read the source of a file and its top-level settings."""
     file = checked_path(path)
     with at_key(str(file)):
         tables = _parsed(text_of(bytes_of(file)), file.suffix)
@@ -392,22 +382,19 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
 def _suffix_of(suffix: str) -> str:
     if suffix.lower() not in (".toml", ".json"):
         raise FileFormatError(
-            f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
-            "read a file of outlines with polywigner.read_aperture"
+            "expected a source file with the suffix .toml or .json, got "
+            f"{suffix or 'none'!r}; read a file of outlines with polywigner.read_aperture"
         )
     return suffix.lower()
 
 
 def _parsed(text: str, suffix: str) -> Any:
-    """Parse the tables of a text in TOML or JSON."""
+    """Parse the tables of a TOML or JSON text."""
     parse = json.loads if _suffix_of(suffix) == ".json" else tomllib.loads
     try:
         return parse(text)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"expected valid {suffix[1:].upper()}: {error}") from None
-
-
-# Writing of files.
 
 
 def table_of(source: Any) -> dict[str, Any]:
@@ -460,7 +447,7 @@ def _array(array: Array) -> dict[str, Any]:
 
 
 def _pairs(values: NDArray[np.complex128]) -> list[Any]:
-    """Return numbers if all are real, otherwise pairs [real, imaginary]."""
+    """Return the numbers if all are real, otherwise pairs [real, imaginary]."""
     if not values.imag.any():
         return values.real.tolist()
     return values.view(np.float64).reshape(*values.shape, 2).tolist()
@@ -480,7 +467,8 @@ def _toml(table: Mapping[str, Any], path: str = "") -> str:
             sections.append(f"\n[{name}]\n{_toml(value, name)}")
         elif isinstance(value, list) and isinstance(value[0], Mapping):
             sections += [f"\n[[{name}]]\n{_toml(item, name)}" for item in value]
-        else:  # numbers, strings and lists of them are the same in TOML and JSON
+        # Numbers, strings and lists of them are the same in TOML and JSON.
+        else:
             lines.append(f"{key} = {json.dumps(value)}\n".replace("], [", "],\n  ["))
     return "".join(lines + sections)
 
@@ -493,7 +481,8 @@ def write_source(
 ) -> None:
     """Write a source to a ``.toml`` or ``.json`` file for :func:`read_source`.
 
-    All floats are written exactly. The complete file appears at once and replaces an existing one.
+    All floats are written exactly. The file is written completely or not at all, and replaces an
+    existing file.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Tables and short strings in source files and options: fields, layouts, weights and shapes.
 
 A table names a function, and its keys are the parameters of the function; docs/source_files.md
-lists them all. msgspec checks keys and types. Errors begin with the path of the key, such as
+lists all tables. msgspec checks keys and types. Errors begin with the path of the key, such as
 ``weights[1].sll``.
 """
 
@@ -25,8 +25,6 @@ from polywigner.geometry import Aperture, shapes
 from polywigner.geometry.illumination import Illumination
 from polywigner.source import arrays, tapers
 from polywigner.source.array import Array, phased_array, repeated_element
-
-# Types of values. Quantities are numbers in SI units, or strings with a unit.
 
 
 class Length(float):
@@ -89,7 +87,8 @@ _PARSERS: dict[type, Callable[[Any], Any]] = {
 def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
     """Convert a table to an object of the schema; FileFormatError names an invalid key or value.
 
-    If not strict, texts are converted to numbers. `key` is the key of the table, for errors.
+    If not ``strict``, strings are converted to numbers. ``key``: key of the table, for error
+    messages.
     """
     try:
         hook: Any = lambda kind, value: kind(_PARSERS[kind](value))  # noqa: E731
@@ -104,7 +103,9 @@ def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
 def wavelength_in(table: Any, default: float | None = None) -> float | None:
     """Return the wavelength in m from the wavelength or frequency of a table, or the default."""
     if table.frequency is not None and table.wavelength is not None:
-        raise FileFormatError("expected a frequency or a wavelength, got both; remove one of them")
+        raise FileFormatError(
+            "expected either a frequency or a wavelength, got both; remove one of them"
+        )
     if table.frequency is not None:
         return quantities.wavelength_of(table.frequency)
     return default if table.wavelength is None else float(table.wavelength)
@@ -118,7 +119,7 @@ def required_wavelength(wavelength: float | None) -> float:
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True):
-    """A table of one fixed class."""
+    """A table with fixed keys."""
 
 
 class Kind(Table, tag_field="kind"):
@@ -129,9 +130,9 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Each of these tables specifies a function; its keys are the parameters of the function. Angles
-# replace a direction, and parameters that follow from other tables are omitted. A key has the same
-# type and meaning in all tables.
+# Each of the following tables calls a function, and its keys are the parameters of the function.
+# Angles replace a direction, and parameters that follow from other tables are omitted. A key has
+# the same type and meaning in all tables.
 
 _OF_ANNOTATION: dict[str, Any] = {
     "float": Coordinate, "ArrayLike": Coordinates, "int": int, "bool": bool, "str": str,
@@ -141,7 +142,7 @@ _OF_KEY: dict[str, Any] = {
     "counts": list[int], "amplitudes": list[Complex],
     "frequencies": list[float | list[float]],
 }  # fmt: skip
-# Parameters whose values follow from other tables, so they are no keys.
+# Parameters that are not keys, because their values follow from other tables.
 _FROM_CONTEXT = ("dimension", "positions", "shape")
 
 _FUNCTIONS: dict[type, Callable[..., Any]] = {}
@@ -190,8 +191,9 @@ ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__},
 def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
     """Call the function of a table with its values.
 
-    `wavelength` in m is the default of tables without one. Windows require `layout`, the table of
-    the positions. `context` contains the values of parameters that are no keys of tables.
+    ``wavelength`` in m is the default of tables without a wavelength. Windows require ``layout``,
+    the table of the positions. ``context`` contains the values of parameters that are not keys of
+    tables.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -213,15 +215,13 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
 
 
 def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
-    """Return the product of the objects of one or several tables."""
+    """Return the product of the fields or weights that one or several tables describe."""
     factors = (called(table, wavelength, **context) for table in _listed(tables))
     return functools.reduce(operator.mul, factors)
 
 
-# Short strings that stand for a table. The named groups of a pattern are the keys of the table.
-
 SOURCE_TEXTS = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
-"""Names of the texts of :func:`apply_texts`."""
+"""Names of the short strings that :func:`apply_texts` accepts."""
 
 _SIDELOBES = r"(?: +(?P<sll>[\d.]+) *dB(?: +(?P<nbar>\d{1,3}))?)?"
 _AXIS = r"(?: +(?P<axis>[xy]))?"
@@ -263,7 +263,7 @@ def _parts(text: str) -> list[Any]:
 
 
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
-    """Apply short strings for field, copies, weights and wave to a source.
+    """Apply short strings for field, layout, weights and wave to a source.
 
     Lengths without a unit are in metres, angles in radians.
 
@@ -299,7 +299,9 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
     text, got = texts[name], type(source).__name__
     if name in ("curved", "coherence"):
         if not hasattr(source, "curved"):
-            raise ArgumentError(f"expected an aperture, slits or an array, got {got}")
+            raise ArgumentError(
+                f"expected an aperture, slits or an array for this option, got {got}"
+            )
         if name == "coherence":
             return source.partially_coherent(quantities.parse_length(text))
         low, high = np.reshape(source.bounds, (2, -1))
@@ -308,7 +310,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
     table = _table(name, text)
     if name in ("taper", "array"):
         if not isinstance(source, Aperture):
-            raise ArgumentError(f"expected an aperture, got {got}")
+            raise ArgumentError(f"expected an aperture for this option, got {got}")
         if name == "taper":
             return _tapered(source, table)
         return phased_array(source, called(converted(table, LayoutTable, strict=False)))
@@ -316,8 +318,8 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected an array of equal elements with a flat wave, got {got}; specify array as "
-            "well, or define the array in the source file"
+            f"expected an array of equal elements with a flat wave, got {got}; specify array "
+            "as well, or define the array in the source file"
         )
     layout = None
     if "array" in texts:
@@ -329,7 +331,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
-    """Apply the taper of a table to the bounds of an aperture."""
+    """Apply the taper of a table, with the width and height of an aperture's bounds."""
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -348,9 +350,10 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
 
 
 def parse_direction(text: str) -> tuple[float, float]:
-    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError for others."""
+    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError otherwise."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
-    if len(phi) > 1 or not abs(theta) < math.pi / 2:  # for example degrees without a unit
+    # Angles of 90 degrees and more occur, for example, if degrees are written without a unit.
+    if len(phi) > 1 or not abs(theta) < math.pi / 2:
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '
             f"normal, got {value_text(text)}; write the unit deg after each angle in degrees"

@@ -1,7 +1,7 @@
 """Fields of antennas and pupils: steering, tapers, waveguide modes, and fits to field samples.
 
-All fields are sums of plane waves. Tapers and modes are exact in a rectangle (or interval) around
-the origin, and periodic outside it.
+All fields are sums of plane waves. Tapers and modes are exact inside a rectangle (or interval)
+around the origin, and periodic outside it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.illumination import Illumination
 
-# Largest deviation of the length of a unit vector from 1: vectors may have single precision.
+# Largest deviation of the length of a unit vector from 1. Vectors may have single precision.
 _UNIT = 1e-6
 
 _ADVICE = "divide the vector by its length"
@@ -39,7 +39,7 @@ def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
     wrong = ~(np.abs(length - 1) <= _UNIT)
     if wrong.any():
         raise ArgumentError(
-            f"{expected}, got {array[wrong][0].tolist()}, of length {length[wrong][0]:.6g}; "
+            f"{expected}, got {array[wrong][0].tolist()} of length {length[wrong][0]:.6g}; "
             f"{_ADVICE}"
         )
     return array
@@ -47,12 +47,12 @@ def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
 
 def unit_vector(direction: Any) -> NDArray[np.float64]:
     """Return a unit vector (3,) with z >= 0; ArgumentError for other vectors."""
-    expected = "expected a direction as a unit vector (3,)"
+    expected = "expected a direction as a unit vector of shape (3,)"
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
         raise ArgumentError(
-            f"expected a direction in front of the aperture, with z of at least 0, got "
-            f"{value_text(direction)}"
+            "expected a direction in front of the aperture, with a z component of at least "
+            f"0, got {value_text(direction)}"
         )
     return vector
 
@@ -66,11 +66,12 @@ def direction_of(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
 def transverse(direction: Any) -> NDArray[np.float64]:
     """Return the components of a direction along the aperture, shape (2,), or (1,) for slits.
 
-    The direction is a unit vector (3,), these components (2,), or the sine of an angle.
+    The direction is given as a unit vector (3,), as these components (2,), or as the sine of an
+    angle.
     """
     expected = (
-        "expected a direction as a unit vector (3,), its components (2,) along the aperture, or "
-        "the sine of an angle for slits"
+        "expected a direction as a unit vector of shape (3,), its components (2,) along the "
+        "aperture, or the sine of an angle for slits"
     )
     components = np.atleast_1d(finite_array(direction, expected, (), (1,), (2,), (3,)))
     if components.shape == (3,):
@@ -78,22 +79,22 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     length = math.hypot(*components)
     if length > 1 + _UNIT:
         raise ArgumentError(
-            "expected the components of a unit vector along the aperture, got components with "
-            f"norm {length:.6g} > 1; {_ADVICE}"
+            "expected the components of a unit vector along the aperture, got components "
+            f"with norm {length:.6g} > 1; {_ADVICE}"
         )
     return components
 
 
-# Highest power of a cosine taper: up to this power the binomial coefficients are exact floats.
+# Highest power of a cosine taper. Up to this power the binomial coefficients are exact floats.
 _HIGHEST_POWER = 32
-# Highest index of a TE mode, and highest n-bar. Both are far beyond real designs.
+# Highest index of a TE mode, and highest n-bar of a Taylor taper. Both are far beyond real designs.
 _HIGHEST_MODE = 1000
 _HIGHEST_NBAR = 100
-# Largest sidelobe suppression in dB: in float64, the rounding errors of a field are at -300 dB.
+# Largest sidelobe suppression in dB. In float64, the rounding errors of a field are at -300 dB.
 _LARGEST_SUPPRESSION = 200.0
 
 _Waves = tuple[NDArray[Any], NDArray[Any]]
-"""Complex or real amplitudes (m,) along one axis, and frequencies (m,) in cycles per metre."""
+"""Amplitudes (m,), complex or real, and frequencies (m,) in cycles per metre along one axis."""
 
 
 def uniform(dimension: int = 2) -> Illumination:
@@ -242,8 +243,8 @@ def te_mode(
     number, axis = (along_x, "m") if component == "y" else (along_y, "n")
     if number == 0:
         raise ArgumentError(
-            f"expected {axis} of at least 1 for the component {component}, got 0; TE_{m}{n} has "
-            "only the other component"
+            f"expected {axis} of at least 1 for the component {component}, got 0; TE_{m}{n} "
+            "has only the other component"
         )
     return _product(
         _half_periods(along_x, a, sine=component == "y"),
@@ -327,7 +328,7 @@ def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
 def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
-    """Return the field with a taper along each axis whose length is given; slits have no height."""
+    """Return the field with a taper along each axis whose length is not None."""
     if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
         raise ArgumentError(
             f"expected height=None for a taper of slits (dimension=1), got {value_text(height)}"
@@ -335,7 +336,8 @@ def _tapered(
     if width is None and (height is None or dimension == 1):
         raise ArgumentError("expected a width for the taper, got None")
     sizes = {"width": width, "height": height}.items()
-    with np.errstate(over="ignore"):  # an Illumination raises an error for infinite frequencies
+    # The class Illumination raises an error for infinite frequencies.
+    with np.errstate(over="ignore"):
         along = [
             _CONSTANT if size is None else taper(checked_length(size, name)) for name, size in sizes
         ]
@@ -354,8 +356,10 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
     """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
     if number == 0:
-        return _CONSTANT  # this is cos(0); te_mode raises an error for sin(0)
-    phase = complex((1, 1j, -1, -1j)[number % 4])  # this is exp(i number pi/2)
+        # The cosine of a mode with index 0 is constant; te_mode raises an error for a sine with
+        # index 0.
+        return _CONSTANT
+    phase = complex((1, 1j, -1, -1j)[number % 4])
     forward, backward = phase / 2, phase.conjugate() / 2
     amplitudes = [-1j * forward, 1j * backward] if sine else [forward, backward]
     return np.array(amplitudes), np.array([number, -number]) / (2 * size)
@@ -363,7 +367,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     """Return F_1 ... F_(nbar - 1) of `taylor_taper`."""
-    # this is arccosh(10^(sll/20)), without cancellation for small sll
+    # ``a`` is arccosh(10^(sll/20))/pi, computed without cancellation for small sll.
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
@@ -374,15 +378,13 @@ def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     return -((-1.0) ** i) / 2 * np.prod(above / below, axis=1)
 
 
-# ---- fits
-
 # Smallest singular value that a fit uses, as a fraction of the largest. The periods of the waves
-# are multiples of twice the sampled extent, which makes the waves nearly linearly dependent on the
-# samples. Smaller singular values would cause large amplitudes that cancel.
+# divide twice the sampled extent, so the waves are nearly linearly dependent on the samples.
+# Smaller singular values would cause large amplitudes that cancel each other.
 _CUT_OFF = 1e-6
 
-# Default period of the waves, as a multiple of the sampled extent. Waves with a period of twice the
-# extent approximate fields up to the edges, even if the fields are not periodic.
+# Default period of the waves of a fit, as a multiple of the sampled extent. Waves with a period of
+# twice the extent approximate fields up to the edges, even if the fields are not periodic.
 _PERIODS = 2
 
 _MOST_WAVES = 4096
@@ -393,12 +395,12 @@ class FittedIllumination(NamedTuple):
 
     illumination: Illumination
     residual: float
-    """sqrt(sum |u - values|^2 / sum |values|^2) over the samples."""
+    """Relative rms error, sqrt(sum |u - values|^2 / sum |values|^2) over the samples."""
     rank: int
     """Number of linear combinations of waves that the samples determine."""
     cancellation: float
-    """sum |c_m| divided by the rms value. Errors of transforms grow by this factor, errors of W and
-    A by its square. Values of 1 to 10 are harmless."""
+    """Ratio of sum |c_m| to the rms value. Errors of transforms grow by this factor, errors of W
+    and A by its square. Values of 1 to 10 are harmless."""
 
 
 def fit_illumination(
@@ -416,10 +418,10 @@ def fit_illumination(
     waves.
 
     Samples in the plane do not determine the normal derivative of the field, which Kirchhoff and
-    Rayleigh-Sommerfeld II use: they take the derivative of the fitted waves, which depends on the
+    Rayleigh-Sommerfeld II use. These take the derivative of the fitted waves, which depends on the
     evanescent waves (|kappa| > 1/wavelength) of the fit. Two fits of one field on a square of one
     wavelength, with residuals below 1e-9, differed by 0.12 dB with Rayleigh-Sommerfeld II, and by
-    1e-4 dB with I. Use I, or fit frequencies below 1/wavelength only.
+    1e-4 dB with I. Use I, or fit only frequencies below 1/wavelength.
 
     Parameters
     ----------
@@ -471,8 +473,8 @@ def fit_illumination(
         kappa = _distinct(frequencies, positions.shape[1])
     if len(kappa) > _MOST_WAVES:
         raise ArgumentError(
-            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; pass fewer frequencies, or a "
-            "lower order"
+            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; pass fewer frequencies, "
+            "or a lower order"
         )
     waves = np.exp(2j * np.pi * ((positions - centre) @ kappa.T))
     amplitudes, _, rank, _ = np.linalg.lstsq(waves, field, rcond=least)
@@ -484,7 +486,7 @@ def fit_illumination(
 
 
 def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    expected = "expected points (n, 2), or (n, 1) for slits"
+    expected = "expected points of shape (n, 2), or (n, 1) for slits"
     positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
         len(points), -1
     )
@@ -498,7 +500,7 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
             f"got {value_text(values)}"
         )
     if not field.any():
-        raise IlluminationError("expected values other than zero, got zeros only")
+        raise IlluminationError("expected values other than zero, got only zeros")
     return positions, field
 
 
@@ -508,7 +510,7 @@ def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:
     kappa = Illumination(np.ones(count), frequencies).frequencies
     if kappa.shape[1] != dimension:
         raise IlluminationError(
-            f"expected frequencies of {dimension} components, got {kappa.shape[1]}"
+            f"expected frequencies with {dimension} components, got {kappa.shape[1]} components"
         )
     return kappa
 

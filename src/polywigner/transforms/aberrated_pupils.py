@@ -1,9 +1,9 @@
 """Pupils with aberrations: Gauss rules on trapezoids of outlines and triangles of position slices.
 
-The integrand u exp(2 pi i W/lambda) is smooth within each element, and so is its product with a
-shifted conjugate copy within the intersection of two elements. Gauss rules on trapezoids or
-triangles of these polygons therefore converge spectrally, and no rule crosses an edge. The cycles
-of the phase along the sides determine the numbers of nodes. The difference between two rules of
+The integrand u exp(2 pi i W/lambda) is smooth within each element. Its product with a shifted
+conjugate copy is smooth within the intersection of two elements. Gauss rules on trapezoids or
+triangles of these polygons therefore converge spectrally, and no rule crosses an edge. The number
+of nodes depends on the cycles of phase along the sides. The difference between two rules of
 different size is the error estimate.
 """
 
@@ -22,7 +22,8 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.parts import shifted
-from polywigner.numerics.triangles import (
+from polywigner.numerics import Complex
+from polywigner.numerics.nodes import (
     LARGEST,
     Cells,
     Floats,
@@ -36,27 +37,27 @@ from polywigner.numerics.triangles import (
 from polywigner.source.normal_form import SourceElement, normal_form, polygons_of
 from polywigner.transforms.aberrations import Aberration
 
-Complex = NDArray[np.complex128]
-
 TOLERANCE = 1e-10
 """Default tolerance of aberrated pupils, as a fraction of the largest value."""
 
-# Nodes along a side in addition to the nodes for a linear phase, in the order of refinement.
+# Numbers of nodes along a side in addition to the nodes for a linear phase, in the order of
+# refinement.
 _EXTRA = (1, 3, 6, 10, 16, 24, 34)
-# Largest number of nodes of a rule, and number of nodes in a block (some tens of megabytes).
+# Largest number of quadrature nodes of a rule, and number of nodes in a block, which takes some
+# tens of megabytes.
 _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
 def _bilinear(count_u: int, count_v: int) -> Floats:
-    """Return weights (n, 4) of the corners of a cell that give a grid of n points in the cell."""
+    """Return weights (n, 4) of a cell's corners, whose means are a grid of n points in the cell."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
 
-# Points at which slopes of the phase are evaluated. Trapezoids have more points than triangles,
-# because a trapezoid may span the pupil.
+# Points of a cell at which the slopes of the phase are evaluated. Trapezoids have more points than
+# triangles, because a trapezoid may span the pupil.
 _IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
-# Rules with more additional nodes than this number also have more nodes per cycle, because slopes
+# Number of additional nodes above which a rule also has more nodes per cycle, because the slopes
 # between the sampled points can be steeper.
 _STEEP = 4
 
@@ -72,7 +73,8 @@ class Converged(NamedTuple):
 def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> Converged:
     """Increase the number of nodes until the values of a rule change by at most ``allowed``.
 
-    ``evaluate`` returns the values for a number of additional nodes; ``what`` names them.
+    ``evaluate`` returns the values for a number of additional nodes. ``what`` is the name of the
+    values in a warning.
     """
     previous = evaluate(_EXTRA[0])
     for extra in _EXTRA[1:]:
@@ -82,8 +84,9 @@ def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> 
             return Converged(values, error, extra)
         previous = values
     warn_caller(
-        f"the estimated error of {what} is {error / allowed:.2g} times the tolerance: the path "
-        "length has kinks or changes fast; use a smooth function, or a larger tolerance"
+        f"the estimated error of {what} is {error / allowed:.2g} times the tolerance, because "
+        "the path length has kinks or changes fast; use a smooth function, or a larger "
+        "tolerance"
     )
     return Converged(values, error, extra)
 
@@ -96,46 +99,48 @@ class AberratedPupil:
     aberration: Aberration | None
     wavelength: float
     bend: float
-    """Defocus in waves over the square of the pupil's radius, in 1/m^2."""
+    """Defocus in waves divided by the square of the pupil's radius, in 1/m^2."""
     curvature: Floats
-    """Q (2, 2) in 1/m^2 of a curved wave."""
+    """Matrix Q of a curved wave, shape (2, 2), in 1/m^2."""
     centre: Floats
-    """(2,) in m, where the curved wave touches the plane."""
+    """Point at which the curved wave touches the plane, shape (2,), in m."""
 
     @classmethod
     def of(
         cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
     ) -> AberratedPupil:
-        """Return the pupil of a public source, coherent, at this wavelength."""
+        """Return the coherent pupil of a public source at a wavelength."""
         form = normal_form(source)
         if form.dimension != 2:
-            raise ArgumentError("expected an Aperture or Array as an aberrated pupil, got slits")
+            raise ArgumentError(
+                "expected an Aperture or an Array of apertures as an aberrated pupil, got slits"
+            )
         elements = form.in_plane.elements
         return cls(elements, aberration, wavelength, bend, form.curvature, form.centre)
 
     @cached_property
     def weights(self) -> Complex:
-        """(k,) weights of the elements."""
+        """Weights of the elements, shape (k,)."""
         return np.array([element.weight for element in self.elements], np.complex128)
 
     @cached_property
     def polygons(self) -> NDArray[Any]:
-        """(k,) polygons of the elements."""
+        """Polygons of the elements, shape (k,)."""
         return polygons_of(self.elements)
 
     @cached_property
     def content(self) -> float:
-        """Bound on int |u|."""
+        """Upper bound on int |u|."""
         return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
 
     @cached_property
     def energy(self) -> float:
-        """Bound on int |u|^2."""
+        """Upper bound on int |u|^2."""
         return float((np.abs(self.weights) * self.amplitudes) ** 2 @ shapely.area(self.polygons))
 
     @cached_property
     def amplitudes(self) -> Floats:
-        """(k,) bounds on the fields of the elements, without weights."""
+        """Upper bounds on the fields of the elements without weights, shape (k,)."""
         return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
 
     def cycles(self, x: Floats) -> Floats:
@@ -156,7 +161,7 @@ class AberratedPupil:
         return np.asarray(total)
 
     def waves(self, numbers: Indices, x: Floats) -> Complex:
-        """Return the plane waves (n,) of elements (n,) at x (n, 2), without weights."""
+        """Return the plane waves (n,) of elements (n,) at points x (n, 2), without weights."""
         values = np.ones(len(x), np.complex128)
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
@@ -166,21 +171,21 @@ class AberratedPupil:
         return values
 
     def field(self, number: int, x: Floats) -> Complex:
-        """Return the field (...) of an element at x (..., 2), without its weight."""
+        """Return the field (...) of an element at points x (..., 2), without the weight."""
         flat = x.reshape(-1, 2)
         waves = self.waves(np.full(len(flat), number), flat).reshape(x.shape[:-1])
         return np.asarray(waves * np.exp(2j * np.pi * self.cycles(x)))
 
     @cached_property
     def _cells(self) -> list[tuple[Cells, Floats]]:
-        """Trapezoids of each element, and slopes (n, samples, 2) of the phase in them."""
+        """Trapezoids of each element, and slopes (n, samples, 2) of the phase in the trapezoids."""
         cells = [trapezoids(element.rings).corners for element in self.elements]
         return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
 
     def rules(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
     ) -> list[tuple[Floats, Floats]]:
-        """Return rules on an element: nodes (n, m, 2) and weights (n, m).
+        """Return quadrature rules on an element: nodes (n, m, 2) and weights (n, m).
 
         All nodes of a row have the same x. ``band``: lowest and highest frequencies (2,) of the
         waves exp(-2 pi i nu.x) that multiply the field.
@@ -198,10 +203,10 @@ class AberratedPupil:
 def _node_counts(
     cells: Cells, slopes: Floats, half_band: Floats, extra: int, error: float
 ) -> Indices:
-    """Return numbers (n, 2) of nodes in cells; raise ArgumentError if they are too many together.
+    """Return numbers (n, 2) of nodes in cells; raise ArgumentError if they add up to too many.
 
     ``slopes`` (n, samples, 2): gradients of the phase in cycles per metre. ``half_band`` (2,):
-    largest deviations of frequencies from these gradients.
+    largest deviations of the frequencies from these gradients.
     """
     sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
@@ -210,21 +215,19 @@ def _node_counts(
     counts = counts_for(steeper * along, error) + extra
     if counts.prod(axis=1).sum() > _MOST or counts.max(initial=0) > LARGEST:
         raise ArgumentError(
-            f"the aberrated pupil has up to {along.max():.1e} cycles of phase along a side of its "
-            f"parts and would require more than {_MOST:.1e} nodes; check that the coefficients are "
-            "in metres, or use points closer to the axis"
+            f"the aberrated pupil has up to {along.max():.1e} cycles of phase along a side of "
+            f"its trapezoids or triangles and would require more than {_MOST:.1e} quadrature "
+            "nodes; check that the coefficients are in metres, or use points closer to the "
+            "axis"
         )
     return counts
 
 
 def _blocks(counts: Indices) -> list[Indices]:
-    """Return the numbers of cells in blocks of about ``_BLOCK`` nodes."""
+    """Return the indices of cells in blocks of about ``_BLOCK`` nodes."""
     block = np.cumsum(counts.prod(axis=1)) // _BLOCK
     numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
     return numbers if len(counts) else []
-
-
-# ---- position slices ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,13 +236,14 @@ class Slices:
 
     lags: Floats
     row: Indices
-    """Number of the lag of each intersection."""
+    """Index of the lag of each intersection."""
     first: Indices
-    """Number of the element of the copy shifted by -xi/2, which contains x + xi/2."""
+    """Index of the element of the copy shifted by -xi/2, which contains x + xi/2."""
     second: Indices
-    """Number of the element of the copy shifted by xi/2."""
+    """Index of the element of the copy shifted by xi/2, which contains x - xi/2."""
     weights: Complex
-    """Products of the weight of the first element and the conjugate weight of the second."""
+    """Products of the weight of the first element and the conjugate weight of the second element.
+    """
     polygons: NDArray[Any]
 
 
@@ -265,8 +269,8 @@ def slice_integrals(
 ) -> Complex:
     """Return integrals (k, n) of factors times u(x + xi/2) u*(x - xi/2) over n regions.
 
-    u is without the weights of elements. ``factors``: a function of both points (m, 2) that returns
-    factors (k, m); None: the factor 1.
+    The field u is without the weights of the elements. ``factors``: function of both points (m, 2)
+    that returns factors (k, m); None means the factor 1.
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -296,8 +300,9 @@ def region_integrals(
 ) -> Complex:
     """Return integrals (k, n) over polygons (n,) of an integrand (k, m) at points (m, 2).
 
-    ``slopes``, a function of points (n, samples, 2), and ``half_band``: see :func:`_node_counts`.
-    Both functions also take the number of the polygon of each point, or of each row of points.
+    ``slopes`` (a function of points (n, samples, 2)) and ``half_band``: see :func:`_node_counts`.
+    Both functions have a second argument: the index of the polygon of each point, or of each row of
+    points.
     """
     outer, of_outer = shapely.get_parts(polygons, return_index=True)
     parts, of_part = shapely.get_parts(outer, return_index=True)
@@ -305,7 +310,8 @@ def region_integrals(
     triangles, part = triangles_of(parts[plane])
     owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
     counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
-    # The integrand at no points has the number of rows, which is required if all regions are empty.
+    # The integrand is also evaluated at no points, because its number of rows is required even if
+    # all regions are empty.
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
     for some in _blocks(counts):
@@ -317,7 +323,7 @@ def region_integrals(
 
 
 def by_lag(regions: Slices, integrals: Complex) -> Complex:
-    """Return weighted sums (k, lags) of integrals (k, n) over regions."""
+    """Return the weighted sums (k, lags) of integrals (k, n) over regions."""
     rows = regions.weights * integrals
     return np.array([_summed(regions.row, row, len(regions.lags)) for row in rows])
 
@@ -329,27 +335,30 @@ def _summed(index: Indices, values: Complex, count: int) -> Complex:
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength; raise ArgumentError for another aberration or wavelength.
+    """Return a valid wavelength; raise ArgumentError for an invalid aberration or wavelength.
 
-    Dr.Jit coefficients are allowed if the caller ``has_gradients``.
+    ``has_gradients``: whether Dr.Jit coefficients are allowed.
     """
     if aberration is not None and not isinstance(aberration, Aberration):
         raise ArgumentError(
-            f"expected aberration as a polywigner.Aberration, got {type(aberration).__name__}; use "
-            "polywigner.zernike, or Aberration(function)"
+            "expected aberration as a polywigner.Aberration, got "
+            f"{type(aberration).__name__}; use polywigner.zernike, or Aberration(function)"
         )
     if aberration is not None and aberration.traced is not None and not has_gradients:
         raise ArgumentError(
-            "an aberration with Dr.Jit coefficients is for psf, otf and mtf only; use "
+            "only psf, otf and mtf accept an aberration with Dr.Jit coefficients; use "
             "with_coefficients and NumPy arrays"
         )
     if wavelength is None:
-        raise ArgumentError("an aberration is a path length in m; pass wavelength=... as well")
+        raise ArgumentError(
+            "an aberration is a path length in m and requires a wavelength; pass wavelength=... "
+            "as well"
+        )
     return checked_wavelength(wavelength)
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return the tolerance of an aberrated pupil; raise ArgumentError if it is out of range."""
+    """Return the tolerance for aberrated pupils; raise ArgumentError if it is out of range."""
     number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
     if not 1e-13 <= number <= 0.1:
         raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol, final
 
@@ -20,19 +21,128 @@ from polywigner.geometry.arguments import (
     checked_number,
     finite_array,
 )
-from polywigner.numerics import zernike as polynomials
-from polywigner.numerics.triangles import cells_of, rule_of_counts, triangles_of
+from polywigner.numerics import Complex, Floats
+from polywigner.numerics.nodes import cells_of, rule_of_counts, triangles_of
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form, polygons_of
 
-Floats = NDArray[np.float64]
 Path = Callable[[Floats, Floats], ArrayLike]
 
-# Step of the finite differences for the slopes of a function, relative to the pupil's radius.
+# With z = x + iy, the Zernike polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
+#
+#     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
+#
+# The recurrence has no cancellation, so high orders are accurate. The real part of V_n^m is the
+# cosine polynomial, and the imaginary part the sine polynomial. Source: T. B. Andersen, Opt.
+# Express 26, 18878 (2018), in complex form.
+
+Order = tuple[int, int]
+"""Radial order n and azimuthal frequency m. Negative m denote sine terms."""
+
+
+def noll(j: int) -> Order:
+    """Return the order of a Noll index 1, 2, ... (R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976))."""
+    n = (math.isqrt(8 * j - 7) - 1) // 2
+    rank = j - n * (n + 1) // 2 - 1
+    m = (rank + 1) // 2 * 2 if n % 2 == 0 else rank // 2 * 2 + 1
+    return n, m if j % 2 == 0 else -m
+
+
+def osa(j: int) -> Order:
+    """Return the order of an OSA/ANSI index 0, 1, ... (ANSI Z80.28)."""
+    n = (math.isqrt(8 * j + 1) - 1) // 2
+    return n, 2 * j - n * (n + 2)
+
+
+def fringe(j: int) -> Order:
+    """Return the order of a fringe (University of Arizona) index 1, 2, ..."""
+    d = math.isqrt(j - 1)
+    rank = j - 1 - d * d
+    m = d - rank // 2
+    return 2 * d - m, m if rank % 2 == 0 else -m
+
+
+class Indexing(NamedTuple):
+    """A numbering of the polynomials by a single index."""
+
+    order: Callable[[int], Order]
+    """Function that converts an index to an order (n, m)."""
+    first: int
+    """First index of the numbering, 0 or 1."""
+    is_normalised: bool
+    """True if the polynomials have unit rms on the disc; False if they are 1 at the rim."""
+
+
+INDEXINGS = {
+    "noll": Indexing(noll, 1, True),
+    "fringe": Indexing(fringe, 1, False),
+    "osa": Indexing(osa, 0, True),
+}
+
+
+def zernike_norm(order: Order) -> float:
+    """Return the factor that gives a polynomial unit rms on the disc."""
+    n, m = order
+    return math.sqrt((n + 1) * (2 if m else 1))
+
+
+def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
+    """Return polynomials (k, ...) at x, y (...), normalised to a largest value of 1 on the rim."""
+    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_part(table, order) for order in orders])
+
+
+def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
+    """Return derivatives (k, 2, ...) in x and y of :func:`zernike_values`.
+
+    The recurrences are d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1), and with n V_(n-1)^(m+1) on
+    the right for the derivative in conj(z).
+    """
+    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_gradient(table, order) for order in orders])
+
+
+def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
+    """Return V_n^m (...) for 0 <= m <= n <= highest with n - m even."""
+    z = np.asarray(x) + 1j * np.asarray(y)
+    table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
+    for n in range(1, highest + 1):
+        for m in range(n % 2, n + 1, 2):
+            value = z * _at(table, n - 1, m - 1)
+            if m < n:
+                value = value + z.conj() * table[n - 1, m + 1] - table[n - 2, m]
+            table[n, m] = value
+    return table
+
+
+def _at(table: dict[Order, Complex], n: int, m: int) -> Complex:
+    """Return V_n^m for any m, zero for |m| > n."""
+    if abs(m) > n:
+        return np.zeros_like(table[0, 0])
+    return table[n, m] if m >= 0 else table[n, -m].conj()
+
+
+def _part(table: dict[Order, Complex], order: Order) -> Floats:
+    n, m = order
+    return table[n, m].real if m >= 0 else table[n, -m].imag
+
+
+def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
+    n, m = order
+    by_z = by_conjugate = np.zeros_like(table[0, 0])
+    for k in range(n, 0, -2):
+        by_z = by_z + k * _at(table, k - 1, abs(m) - 1)
+        by_conjugate = by_conjugate + k * _at(table, k - 1, abs(m) + 1)
+    both = np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)])
+    return both.real if m >= 0 else both.imag
+
+
+# Step of the finite differences for the slopes of a path function, relative to the pupil's radius.
 _STEP = 1e-6
-# Largest order of Zernike polynomials.
+# Largest radial order of Zernike polynomials.
 _HIGHEST = 200
-# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest.
+# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest one. Below it, the
+# polynomials are linearly dependent on the pupil.
 _DEPENDENT = 1e-10
 
 
@@ -44,7 +154,7 @@ class Modes(Protocol):
         ...
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        """Return their derivatives (k, 2, ...) in 1/m."""
+        """Return the derivatives (k, 2, ...) of the functions in x and y, in 1/m."""
         ...
 
 
@@ -52,17 +162,17 @@ class Modes(Protocol):
 class ZernikeModes:
     """Sums of Zernike polynomials."""
 
-    orders: tuple[polynomials.Order, ...]
+    orders: tuple[Order, ...]
     radius: float
     matrix: Floats
-    """(k, orders): the polynomials in each of k sums."""
+    """Coefficients of the Zernike polynomials in each of k sums, shape (k, orders)."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        table = polynomials.values(self.orders, x / self.radius, y / self.radius)
+        table = zernike_values(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix, table))
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        table = polynomials.gradients(self.orders, x / self.radius, y / self.radius)
+        table = zernike_gradients(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, table))
 
 
@@ -71,7 +181,7 @@ class PowerModes:
     """Products of powers (x/radius)^i (y/radius)^j."""
 
     powers: NDArray[np.intp]
-    """(k, 2) exponents i and j."""
+    """Exponents i and j, shape (k, 2)."""
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
@@ -87,7 +197,7 @@ class PowerModes:
 
 @dataclass(frozen=True, eq=False)
 class FunctionMode:
-    """A function of the user, multiplied by a coefficient without unit."""
+    """A path function of the user, multiplied by a coefficient without unit."""
 
     path: Path
     radius: float
@@ -96,8 +206,9 @@ class FunctionMode:
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
             raise ArgumentError(
-                f"expected path(x, y) as finite numbers of shape {np.shape(x)}, got shape "
-                f"{path.shape}; the function must be defined on the pupil and take arrays"
+                f"expected path(x, y) to return finite numbers of shape {np.shape(x)}, got "
+                f"shape {path.shape}; the function must be defined on the pupil and take "
+                "arrays"
             )
         return np.broadcast_to(path, np.shape(x))[None]
 
@@ -113,11 +224,11 @@ class Aberration:
     """A path length W(x, y) in metres on a pupil.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda), with waves exp(+i k R) and the
-    time exp(-i omega t). W > 0 is a longer path, which delays the wavefront, like a positive
-    ``piston`` of :func:`segmented_pupil`. x and y are distances from the optical axis in m. The
-    axes of the image are parallel to the axes of the pupil: W = t x shifts the spot by t times the
-    focal length along +x. W is the same at all wavelengths. Aberrations can be added with ``+`` and
-    multiplied by numbers. :func:`zernike` returns the usual aberrations.
+    time factor exp(-i omega t). A positive W is a longer path, which delays the wavefront, like a
+    positive ``piston`` of :func:`segmented_pupil`. The coordinates x and y are distances from the
+    optical axis in m. The axes of the image are parallel to the axes of the pupil: W = t x shifts
+    the spot by t times the focal length along +x. W is the same at all wavelengths. Aberrations can
+    be added with ``+`` and multiplied by numbers. :func:`zernike` returns the usual aberrations.
 
     Parameters
     ----------
@@ -159,19 +270,19 @@ class Aberration:
 
     @classmethod
     def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
-        """Return an aberration with coefficients (k,) of all terms of the modes together."""
+        """Return an aberration from the coefficients (k,) of all terms of the modes together."""
         aberration: Aberration = cls.__new__(cls)
         aberration._set(coefficients, *modes, traced=traced)
         return aberration
 
     @property
     def coefficients(self) -> Floats:
-        """Coefficients (k,) of the terms in m; without unit for a function."""
+        """Coefficients (k,) of the terms in m; the coefficient of a function has no unit."""
         return self._coefficients
 
     @property
     def traced(self) -> Any:
-        """Dr.Jit array of the coefficients, or None for NumPy coefficients."""
+        """Dr.Jit array of the coefficients, or None if the coefficients are NumPy numbers."""
         return self._traced
 
     def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
@@ -206,16 +317,18 @@ class Aberration:
             pair = execution.numbers_of("coefficients", given, "Complex2f")
             traced, given = pair[0], execution.columns_of(pair)[:, 0]
         shape = (len(self.coefficients),)
-        values = finite_array(given, f"expected coefficients as finite numbers {shape}", shape)
+        values = finite_array(
+            given, f"expected coefficients as finite numbers of shape {shape}", shape
+        )
         return self._of(values, *self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return W in m at x, y (...) in m."""
+        """Return the path length W in m at positions x, y (...) in m."""
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         return np.asarray(np.einsum("k,k...->...", self.coefficients, self.modes(*points)))[()]
 
     def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return the slopes (..., 2) of W along x and y at x, y (...) in m, without unit.
+        """Return the slopes (..., 2) of W along x and y at positions x, y (...) in m, without unit.
 
         A ray from (x, y) meets the focal plane at a distance from the axis of slope times focal
         length. If W is given as a function, its slopes are computed by central differences.
@@ -225,7 +338,7 @@ class Aberration:
         return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, ...) of W in its coefficients at x, y (...) in m."""
+        """Return the derivatives (k, ...) of W by its coefficients at positions x, y (...) in m."""
         return np.concatenate([modes.values(x, y) for modes in self._modes])
 
     def __add__(self, other: Aberration) -> Aberration:
@@ -233,8 +346,8 @@ class Aberration:
             return NotImplemented
         if self.traced is not None or other.traced is not None:
             raise ArgumentError(
-                "aberrations with Dr.Jit coefficients cannot be added; add the aberrations, then "
-                "use with_coefficients"
+                "aberrations with Dr.Jit coefficients cannot be added; add the aberrations "
+                "first, then use with_coefficients"
             )
         coefficients = np.concatenate([self.coefficients, other.coefficients])
         return self._of(coefficients, *self._modes, *other._modes)
@@ -273,14 +386,14 @@ def zernike(
         Numbering of the polynomials: from 1 for "noll" and "fringe", from 0 for "osa".
     orthogonal_on : Aperture or Array, optional
         Pupil on which the polynomials are made orthogonal, with unit rms: annular, hexagonal or
-        segmented polynomials. Gram-Schmidt in the order of the indices, with exact integrals over
-        the polygon. Each polynomial is a multiple of the Zernike polynomial of its index plus a sum
-        of polynomials with lower indices.
+        segmented polynomials. They are orthogonalised in the order of the indices (Gram-Schmidt),
+        with exact integrals over the polygon. Each polynomial is a multiple of the Zernike
+        polynomial of its index plus a sum of polynomials with lower indices.
 
     Returns
     -------
     Aberration
-        The values of the mapping are its ``coefficients``, in the same order.
+        The aberration, whose ``coefficients`` are the values of the mapping in the same order.
 
     Raises
     ------
@@ -296,7 +409,8 @@ def zernike(
     """
     if not isinstance(coefficients, Mapping) or not coefficients:
         raise ArgumentError(
-            f"expected coefficients as a mapping such as {{4: 25e-9}}, got {coefficients!r:.80}"
+            "expected coefficients as a mapping from indices to values in metres, got "
+            f"{coefficients!r:.80}; pass for example {{4: 25e-9}}"
         )
     indices = _checked_indices(coefficients, indexing)
     values = [
@@ -312,7 +426,7 @@ class FittedAberration(NamedTuple):
 
     aberration: Aberration
     coefficients: dict[int, float]
-    """Coefficients in m by index."""
+    """Coefficients in m, by index."""
     residual: float
     """Rms of the samples minus the fit, in m."""
 
@@ -359,10 +473,10 @@ def fit_zernike(
     >>> round(fit.coefficients[6] * 1e9, 3)  # 25 nm at the rim over sqrt(6)
     10.206
     """
-    expected = "expected x, y and opd as finite numbers of one shape"
+    expected = "expected x, y and opd as finite numbers of equal shape"
     samples = [finite_array(np.ravel(a), expected, (None,)) for a in (x, y, opd)]
     if len({len(a) for a in samples}) != 1:
-        raise ArgumentError(f"{expected}, got {', '.join(str(len(a)) for a in samples)} of them")
+        raise ArgumentError(f"{expected}, got {', '.join(str(len(a)) for a in samples)} numbers")
     if not isinstance(terms, Collection):
         first = _indexing_of(indexing).first
         terms = range(first, first + checked_count(terms, "terms", 1))
@@ -373,16 +487,16 @@ def fit_zernike(
     values: Floats = np.asarray(solution, np.float64)
     if rank < len(indices):
         raise ArgumentError(
-            f"{len(samples[0])} samples determine {rank} of {len(indices)} polynomials; use fewer "
-            "terms, or samples that cover the pupil"
+            f"{len(samples[0])} samples determine only {rank} of {len(indices)} polynomials; "
+            "use fewer terms, or samples that cover the pupil"
         )
     residual = float(np.sqrt(np.square(samples[2] - matrix @ values).mean()))
     by_index = dict(zip(indices, values.tolist(), strict=True))
     return FittedAberration(Aberration._of(values, modes), by_index, residual)
 
 
-def _indexing_of(name: Any) -> polynomials.Indexing:
-    return polynomials.INDEXINGS[checked_choice(name, "indexing", polynomials.INDEXINGS)]
+def _indexing_of(name: Any) -> Indexing:
+    return INDEXINGS[checked_choice(name, "indexing", INDEXINGS)]
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
@@ -392,11 +506,13 @@ def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
         if not is_index or index < first or order(int(index))[0] > _HIGHEST:
             raise ArgumentError(
-                f"expected indices of {indexing} from {first} up to the order {_HIGHEST}, got "
-                f"{value_text(index)}"
+                f"expected indices of the numbering {indexing} from {first} up to the radial "
+                f"order {_HIGHEST}, got {value_text(index)}"
             )
     if len(set(indices)) != len(indices) or not len(indices):
-        raise ArgumentError(f"expected different indices, got {value_text(list(indices))}")
+        raise ArgumentError(
+            f"expected different indices, got repeated ones in {value_text(list(indices))}"
+        )
     return [int(index) for index in indices]
 
 
@@ -406,7 +522,7 @@ def _zernike_modes(
     order, first, is_normalised = _indexing_of(indexing)
     is_plain = orthogonal_on is None
     orders = tuple(map(order, indices if is_plain else range(first, max(indices) + 1)))
-    norms = [1.0 if is_plain and not is_normalised else polynomials.norm(n_m) for n_m in orders]
+    norms = [1.0 if is_plain and not is_normalised else zernike_norm(n_m) for n_m in orders]
     modes = ZernikeModes(orders, checked_length(radius, "radius"), np.diag(norms))
     if orthogonal_on is None:
         return modes
@@ -426,7 +542,7 @@ def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     diagonal = np.diagonal(upper)
     if not (abs(diagonal) > _DEPENDENT * abs(diagonal).max()).all():
         raise ArgumentError(
-            f"the pupil determines fewer than {len(diagonal)} polynomials; use lower indices, or "
-            "the radius of the pupil"
+            f"the pupil determines fewer than {len(diagonal)} polynomials; use lower indices, "
+            "or pass the radius of the pupil"
         )
     return np.linalg.inv(upper * np.sign(diagonal)[:, None]).T

@@ -1,6 +1,6 @@
 """The public transforms in one table, and the call path that they share.
 
-A call is reduced in these steps. Points behind an optical system are mapped to points in front of
+A call is reduced in four steps. Points behind an optical system are mapped to points in front of
 it, (O2) and (O3). A partly coherent source is replaced by the coherent source times the degree of
 coherence, or by a closed form (PC3). A curved wave is replaced by a flat wave at sheared points,
 (Q1) to (Q5). The flat source has a kernel. With u = u0 exp(i pi (x - c).Q (x - c)):
@@ -9,7 +9,7 @@ coherence, or by a closed form (PC3). A curved wave is replaced by a flat wave a
     W(x, nu)  = W0(x, nu - Q (x - c))
     A(up, xi) = A0(up - Q xi, xi) exp(-2 pi i c.Q xi)
 
-Points are NumPy arrays (..., d) or Dr.Jit component arrays; results are NumPy arrays, or a
+Points are NumPy arrays (..., d) or Dr.Jit component arrays. Results are NumPy arrays, or a
 ``Float`` or ``Complex2f``.
 """
 
@@ -74,10 +74,10 @@ class Transform:
     units: Any = content_units
     is_real: bool = False
     plane: tuple[str, ...] = ()
-    """Names of the position or lag and of the frequency that an optical system maps together."""
+    """Names of the position or lag, and of the frequency, that an optical system maps together."""
     full: str | None = None
-    """Name of the transform whose value with the other point at zero is this marginal; None: no
-    marginal."""
+    """Name of the transform that equals this marginal if the other point is zero; None if this is
+    no marginal."""
     takes_degree: bool = False
     """Whether partial coherence multiplies the transform by the degree of coherence at the last
     point."""
@@ -122,10 +122,10 @@ def compute(
 ) -> Values:
     """Return a transform of any source at points of any kind.
 
-    F of arrays and of sources with several waves is a sum over elements and waves, which
-    :func:`polywigner.fourier` computes. ``has_kernel``: whether the source is known to have a
-    kernel and the points are NumPy arrays. ``shear``: maps the components of the points, see
-    :func:`polywigner.execution.evaluate`.
+    The Fourier transform of arrays and of sources with several waves is a sum over elements and
+    waves, which :func:`polywigner.fourier` computes. ``has_kernel``: whether the source is known to
+    have a kernel and the points are NumPy arrays. ``shear``: function that maps the components of
+    the points, see :func:`polywigner.execution.evaluate`.
     """
     if not has_kernel:
         is_numpy = not isinstance(source, Differentiable)
@@ -161,7 +161,7 @@ def compute(
 
 
 def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
-    """Return whether a marginal is real, and the name and points of its full transform."""
+    """Return whether a marginal is real, and the name and points of the transform it belongs to."""
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal is real if the field is 1 on the source.
@@ -184,12 +184,13 @@ def _flat(
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # The kernels for Arrays have no derivatives, but these kernels also accept an Array.
+        # The special kernels of arrays have no derivatives. The following kernels have, and also
+        # accept an Array.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(
-                f"expected an Aperture or Array for {name}, got a Differentiable; use "
-                "fourier, wigner or ambiguity"
+                f"expected an Aperture or Array for {name}, got a Differentiable, which only "
+                "fourier, wigner and ambiguity accept"
             )
         kernel = kernels_of_all[name]
     else:
@@ -210,14 +211,14 @@ def explain(
 ) -> Plan:
     """Return the strategy and the engine of a call, and the reason for the choice.
 
-    The choice depends on sizes alone (docs/performance.md): the same call uses the same strategy at
+    The choice depends only on sizes (docs/performance.md): the same call uses the same strategy at
     every repetition.
 
     Parameters
     ----------
     source : Aperture, Slits, Array, Wavefront or Polyhedron
-        The source of the call. A call that consists of several, such as a mean over tilts, is
-        explained by the first of them.
+        The source of the call. If the call consists of several evaluations, such as a mean over
+        tilts, the plan of the first one is returned.
     arguments : array_like
         The points of the function as NumPy arrays: x and nu for ``"wigner"``.
     function : str, default "wigner"
@@ -229,13 +230,14 @@ def explain(
     Returns
     -------
     Plan
-        Has the texts ``strategy``, ``engine`` and ``reason``; ``str()`` of it has three lines.
+        Object with the strings ``strategy``, ``engine`` and ``reason``. Its ``str()`` has three
+        lines.
 
     Raises
     ------
     ArgumentError
-        For an unknown function, Dr.Jit arrays, F of an Array or a curved wave, and arguments that
-        the function itself refuses.
+        For an unknown function, Dr.Jit arrays, F of an Array or a curved wave, and arguments for
+        which the function itself raises an ArgumentError.
     EngineError
         If the engine is not available.
 
@@ -253,13 +255,13 @@ def explain(
         )
     if execution.has_drjit(arguments):
         raise ArgumentError(
-            "expected NumPy arrays, got Dr.Jit arrays, which are always evaluated by their own "
-            "backend, so that there is no choice of engine to explain"
+            "expected NumPy arrays, got Dr.Jit arrays, which are always evaluated by their "
+            "own backend, so there is no choice of engine to explain"
         )
     if function == "fourier" and isinstance(source, Array):
         raise ArgumentError(
-            "fourier of an Array consists of several calls and has no single plan; pass an element "
-            "of the Array"
+            "fourier of an Array consists of several calls and has no single plan; pass one "
+            "element of the Array"
         )
     name = function
     if function == "fourier" and isinstance(source, Aperture):
@@ -274,9 +276,6 @@ def explain(
     return plan
 
 
-# --- optical systems: points behind a system are mapped to points in front of it
-
-
 def _before(
     name: str,
     source: Any,
@@ -285,10 +284,10 @@ def _before(
     how: Options,
     points: Points,
 ) -> Values:
-    """Return a transform of any source, optionally with points behind an optical system.
+    """Return a transform of any source, optionally at points behind an optical system.
 
-    (x, lambda nu) and (xi, lambda upsilon) are mapped by the same matrix. W and A behind the system
-    equal W and A of the source at the mapped points. Raises ArgumentError for a system without a
+    The same matrix maps (x, lambda nu) and (xi, lambda upsilon). W and A behind the system equal W
+    and A of the source at the mapped points. Raises ArgumentError for a system without a
     wavelength, and for a wavelength without a system.
     """
     if through is not None or wavelength is not None:
@@ -305,15 +304,17 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
     """Return the points in front of an optical system."""
     if through is None:
         raise ArgumentError(
-            f"expected an optical system with wavelength={wavelength!r}, got none; leave the "
-            "wavelength out, or pass through=FirstOrder(...)"
+            f"expected an optical system (through=) together with wavelength={wavelength!r}, "
+            "got none; omit the wavelength, or pass through=FirstOrder(...)"
         )
     if not isinstance(through, FirstOrder):
         raise ArgumentError(
             f"expected through as a polywigner.FirstOrder, got {type(through).__name__}"
         )
     if wavelength is None:
-        raise ArgumentError("expected a wavelength with through=, got none; pass wavelength=...")
+        raise ArgumentError(
+            "expected a wavelength together with through=, got none; pass wavelength=..."
+        )
     length = checked_wavelength(wavelength)
     flat = source.source if isinstance(source, Differentiable | Wavefront) else source
     dimension = kernels.kernel_for(name, flat).dimension
@@ -331,25 +332,22 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
 
 
 def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64], ...]:
-    """Return A, B, C and D (2, 2), or (1, 1) for slits, which lie along x."""
+    """Return the blocks A, B, C, D of a system: (2, 2), or (1, 1) for slits, which lie along x."""
     blocks = (system.A, system.B, system.C, system.D)
     if dimension == 2:
         return blocks
     if any(block[0, 1] or block[1, 0] for block in blocks):
         raise ArgumentError(
-            "expected an optical system that does not couple x and y for slits, got one that does: "
-            f"{system!r}"
+            "expected an optical system that does not couple x and y for slits, got a system "
+            f"that does: {system!r}"
         )
     return tuple(block[:1, :1] for block in blocks)
-
-
-# --- partial coherence
 
 
 def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
     """Return a transform of a partly coherent source, from coherent sources or in closed form.
 
-    Raises IlluminationError for F, which coherent sources alone have.
+    Raises IlluminationError for F, which only coherent sources have.
     """
     if name == "fourier":
         raise IlluminationError(
@@ -362,8 +360,8 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     traced = [label for label, value in points.items() if execution.is_drjit(value)]
     if traced and not has_closed_form:
         raise ArgumentError(
-            f"expected {traced[0]} as a NumPy array for a partly coherent source, got a Dr.Jit "
-            f"array; use {traced[0]}.numpy()"
+            f"expected {traced[0]} as a NumPy array for a partly coherent source, got a "
+            f"Dr.Jit array; use {traced[0]}.numpy()"
         )
     points, coherent = _checked(wave, points), coherent_source(wave)
     if takes_degree:
@@ -388,9 +386,6 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
         return _curved("wigner", limited, {"x": x, "nu": nu}, how)
 
     return within_widths(closed_form, of_coherent, wave, x, nu, double)
-
-
-# --- curved waves
 
 
 def _checked(wave: Wavefront, points: Points) -> dict[str, Values]:
@@ -450,7 +445,7 @@ def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
 
 
 def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.complexfloating[Any]]:
-    """Return F of a curved wave, Fresnel integrals along edges, on NumPy."""
+    """Return F of a curved wave, computed by NumPy from Fresnel integrals along edges."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     check_no_drjit(nu=nu)
     execution.checked_engine(how[1])

@@ -1,4 +1,4 @@
-"""Checks of the arguments of all transforms, and the kernel of a call."""
+"""Checks of the arguments of all transforms, and selection of the kernel of a call."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ _LEAST_ROWS = 8
 
 
 def in_plane(nu: Any) -> Values:
-    """Return the first two of three components: an aperture without a pose lies in z = 0."""
+    """Return the first two components of nu; an aperture without a pose lies in z = 0."""
     if execution.is_drjit(nu):
         components = execution.split(nu)
         return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    # A list of rows of unequal lengths: checked_points raises an ArgumentError for it.
+    # For a list of rows of unequal lengths, checked_points raises an ArgumentError later.
     except ValueError:
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
 
 def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Kernel:
-    """Return the kernel of a transform, cached with the source, and check the options.
+    """Return the kernel of a transform, cached in the source, and check the options.
 
     Raises ArgumentError for unknown options, and as `kernels.kernel_for` does.
     """
@@ -64,8 +64,8 @@ def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
     except ValueError:
         shapes = " and ".join(str(a.shape) for a in arrays)
         raise ArgumentError(
-            f"expected shapes that broadcast before the last axis, got {shapes}; "
-            "insert axes of length 1, as in x[:, None, :]"
+            f"expected shapes that broadcast before the last axis, got {shapes}; insert axes "
+            "of length 1, as in x[:, None, :]"
         ) from None
 
 
@@ -90,7 +90,8 @@ def array_on_grid(
 ) -> NDArray[np.complexfloating[Any]] | None:
     """Return F of an array of apertures without poses on a grid of nu; None for other nu.
 
-    ``point_by_point``: nu (..., 2) -> F, for points at which the formula for grids loses digits.
+    ``point_by_point``: function nu (..., 2) -> F, for points at which the formula for grids loses
+    digits.
     """
     if execution.is_drjit(nu) or array.dimension != 2:
         return None
@@ -116,7 +117,7 @@ def array_on_grid(
 def empty_result(
     shape: tuple[int, ...], precision: str | None, outputs: int
 ) -> tuple[Any, list[Any]]:
-    """Return an array for a real or complex result, and views of its parts."""
+    """Return an array for a real or complex result, and views of its real and imaginary parts."""
     single = precision == "single"
     if outputs == 1:
         value = np.empty(shape, np.float32 if single else np.float64)
@@ -128,11 +129,11 @@ def empty_result(
 def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
     """Return ``evaluate(nu)``, computed in blocks of rows if there are many frequencies.
 
-    This bounds the memory of sums of transforms, which use several arrays of the size of nu.
+    Blocks limit the memory of sums of transforms, which need several arrays of the size of nu.
     """
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # Blocks of a grid have enough rows to be computed as grids.
+    # Blocks of a frequency grid have enough rows to be computed as grids.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
@@ -146,17 +147,18 @@ def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
 def checked_points(
     name: str, value: Any, dimension: int, keep_single: bool = False
 ) -> NDArray[Any]:
-    """Return an array (..., dimension) of float64. Raises ArgumentError.
+    """Return points as an array (..., dimension) of float64. Raises ArgumentError if impossible.
 
-    ``keep_single`` returns float32 unchanged; a copy in double precision may not fit into memory.
+    ``keep_single``: whether float32 is returned unchanged, because a copy in double precision may
+    not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
-        return value  # This is the usual case.
+        return value
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):
         raise ArgumentError(
-            f"expected {name} without masked elements, got {np.ma.count_masked(value)}; use "
-            f"{name}.filled(numpy.nan) or {name}.compressed()"
+            f"expected {name} without masked elements, got {np.ma.count_masked(value)} masked "
+            f"elements; use {name}.filled(numpy.nan) or {name}.compressed()"
         )
     try:
         array = np.asarray(value)
@@ -164,15 +166,18 @@ def checked_points(
         array = np.empty(0, dtype=object)
     if array.dtype.kind not in "biufc":
         raise ArgumentError(
-            f"expected {name} as numbers of shape {shape}, got {type(value).__name__} that is "
-            "not an array of numbers"
+            f"expected {name} as numbers of shape {shape}, got {type(value).__name__} that "
+            "cannot be converted to an array of numbers"
         )
     if array.ndim == 0 or array.shape[-1] != dimension:
         raise ArgumentError(
-            f"expected {name} of shape {shape}, components last, got shape {array.shape}"
+            f"expected {name} of shape {shape} with the components on the last axis, got "
+            f"shape {array.shape}"
         )
     if array.dtype.kind == "c":
-        raise ArgumentError(f"expected {name} to be real, got complex numbers; use {name}.real")
+        raise ArgumentError(
+            f"expected {name} as real numbers, got complex numbers; use {name}.real"
+        )
     if keep_single and array.dtype == np.float32:
         return array
     return array.astype(np.float64, copy=False)

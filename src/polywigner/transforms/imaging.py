@@ -1,10 +1,10 @@
 """Images in partly coherent light, by the transmission cross coefficient of polygons.
 
-An extended source in the pupil of a condenser illuminates an object by plane waves, one for each
-point x of the pupil (Koehler). A frequency f of the object arrives there at x + xi, with xi =
-wavelength distance f. Pairs of frequencies are imaged as S(x) P(x + xi_1) conj P(x + xi_2),
-integrated over x (IM1). This is the area of the intersection of three polygons, or its Fourier
-transform with a defocus or tilts.
+An extended source in the pupil of a condenser illuminates an object with plane waves, one for each
+point x of the pupil (Koehler illumination). A frequency f of the object shifts this point to x + xi
+in the imaging pupil, with xi = wavelength distance f. A pair of frequencies is imaged with the
+integral of S(x) P(x + xi_1) conj P(x + xi_2) over x (IM1). This integral is the area of the
+intersection of three polygons, or its Fourier transform in the case of defocus or tilts.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.aberrated_pupils import (
@@ -38,30 +39,27 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import broadcast_shape, checked_points
+from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
-from polywigner.transforms.spectrum import fourier
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
-
-# Largest number of intersections of polygons; this many take some minutes and 2 GB of memory.
+# Largest number of intersections of polygons, which take some minutes and 2 GB of memory.
 _MOST = 1 << 20
-# Number of values of waves per block: 64 MB.
+# Number of values of waves in a block, which takes 64 MB.
 _BLOCK = 1 << 22
-# Number of pairs of orders per block.
+# Number of pairs of diffraction orders in a block.
 _PAIRS = 1 << 15
-# Orders, and parts of an image, below this fraction of the largest one are rounding errors.
+# Relative size below which diffraction orders, and contributions to an image, count as rounding
+# errors.
 _ROUNDING = 1e-15
-# Error of the integrals of aberrated pupils, relative to the power of the condenser.
+# Error of the integrals over aberrated pupils, relative to the power of the condenser.
 _PRECISE = 1e-9
-# Overlaps of elements of a mask below this fraction of an element's area are rounding errors.
+# Overlap of elements of a mask that counts as a rounding error, as a fraction of an element's area.
 _OVERLAP = 1e-9
 
 
 class _Term(NamedTuple):
-    """A polygon with one plane wave: weight exp(2 pi i kappa.x) on it."""
+    """A polygon with the plane wave weight exp(2 pi i kappa.x) on it."""
 
     polygon: Any
     weight: complex
@@ -76,10 +74,10 @@ def transmission_cross_coefficient(
     defocus: float = 0.0,
     pupil_radius: float | None = None,
 ) -> Complex:
-    """Transmission cross coefficient of an imaging system, T(xi_1, xi_2).
+    """Compute the transmission cross coefficient T(xi_1, xi_2) of an imaging system.
 
-    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, with the field P in the pupil and S
-    = |u|^2 of the condenser, imaged into the pupil. The closed form consists of areas of
+    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, where P is the field in the pupil
+    and S = |u|^2 of the condenser, imaged into the pupil. The closed form consists of areas of
     intersections of polygons, in or out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins,
     Proc. R. Soc. A 217, 408 (1953).
 
@@ -91,17 +89,19 @@ def transmission_cross_coefficient(
     condenser : Aperture or Array
         Like ``pupil``; its elements are incoherent with one another.
     xi_1, xi_2 : array_like, shape (..., 2)
-        Lags in the pupil in m, wavelength times distance times the object's frequency.
+        Lags in the pupil in m: wavelength times distance times a frequency of the object.
     defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`.
     pupil_radius : float, optional
-        In m; default: the largest distance of a vertex of the pupil from the origin.
+        Radius of the pupil in m; default: the largest distance of a vertex of the pupil from the
+        origin.
 
     Returns
     -------
     ndarray of complex, shape (...)
-        The transmitted fraction if xi_1 = xi_2. T is P conj P for a point as condenser. For a
-        condenser much wider than the pupil it is :func:`otf` times the ratio of their areas.
+        Values of T. For xi_1 = xi_2, T is the transmitted fraction of the power. For a condenser
+        that is a point, T is P conj P. For a condenser much wider than the pupil, T is :func:`otf`
+        times the ratio of their areas.
 
     Raises
     ------
@@ -125,8 +125,8 @@ def transmission_cross_coefficient(
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
     if len(pairs[0]) * system.size > _MOST:
         raise ArgumentError(
-            f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for this "
-            "pupil and condenser; pass fewer pairs at once"
+            f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for "
+            "this pupil and condenser; pass fewer pairs at once"
         )
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     values = system.coefficients(lags, *number.reshape(2, -1))
@@ -149,11 +149,11 @@ def partially_coherent_image(
     transmission: complex = 1.0,
     background: complex = 0.0,
 ) -> Floats:
-    """Image of a periodic mask of polygons in partly coherent light, relative to clear light.
+    """Compute the image of a periodic mask in partly coherent light, relative to clear light.
 
-    The orders of the mask are its Fourier transform at the lattice's frequencies, in closed form.
-    Each pair of orders is imaged by :func:`transmission_cross_coefficient` (docs/imaging.md,
-    (IM2)). A period much longer than the resolution represents a single mask.
+    The diffraction orders of the mask are its Fourier transform at the lattice's frequencies, in
+    closed form. Each pair of orders is imaged by :func:`transmission_cross_coefficient`
+    (docs/imaging.md, (IM2)). A period much longer than the resolution represents a single mask.
 
     Parameters
     ----------
@@ -169,13 +169,13 @@ def partially_coherent_image(
         Points in the image in m, with the scale and the orientation of the object. The axes are
         opposite to those of the inverted image behind the lens.
     wavelength : float
-        In m.
+        Wavelength in m.
     distance : float
-        Distance of the object from the pupil, or the focal length in front of it, in m: the
-        frequency f is at wavelength distance f in the pupil.
+        Distance of the object from the pupil, or the focal length in front of it, in m. The
+        frequency f of the object is at the position wavelength distance f in the pupil.
     aberration : Aberration, optional
-        Path length in m in the pupil, in addition to the defocus. Its integrals are Gauss rules
-        with an error of 1e-9.
+        Path length in m in the pupil, in addition to the defocus. Its integrals are computed by
+        Gauss rules with an error of 1e-9.
     transmission : complex, default 1
         Amplitude that the elements transmit, times their weights; 0 is opaque.
     background : complex, default 0
@@ -242,14 +242,14 @@ def partially_coherent_image(
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """A pupil and a condenser as polygons with waves."""
+    """A pupil and a condenser as polygons with plane waves."""
 
     pupil: list[_Term]
     condenser: list[_Term]
     slope: float
-    """w/a^2 of the defocus, in 1/m^2."""
+    """Coefficient w/a^2 of the defocus, in 1/m^2."""
     power: float
-    """int S."""
+    """Power of the condenser, int S."""
     aberration: Aberration | None = None
     """Path length in cycles."""
 
@@ -271,7 +271,7 @@ class _System:
         ]
         power = sum(_transforms([t.polygon], [-t.kappa])[0] * t.weight for t in light).real
         if not power > 0.0:
-            raise ArgumentError("expected a condenser with light in it, got weights of zero")
+            raise ArgumentError("expected a condenser that emits light, got weights of zero")
         waves = [term for element in _elements(pupil) for term in element]
         return cls(waves, light, checked_waves(defocus) / radius / radius, float(power))
 
@@ -281,7 +281,7 @@ class _System:
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
-        """Return T (m,) of pairs of lags, given by numbers (m,) of lags (n, 2)."""
+        """Return T (m,) for pairs of lags, given by indices (m,) of lags (n, 2)."""
         total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
@@ -321,7 +321,7 @@ class _System:
         return converged(evaluate, _PRECISE * self.power, "the image").values
 
     def matrix(self, lags: Floats) -> Complex:
-        """Return T (n, n) of all pairs of lags (n, 2)."""
+        """Return T (n, n) for all pairs of the lags (n, 2)."""
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
@@ -344,17 +344,17 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
 
 
 def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
-    """Return polygons (n,) of the points of a condenser that the pupil transmits at lags (n, 2)."""
+    """Return polygons (n,) of the condenser's points that the pupil transmits at lags (n, 2)."""
     shifted = np.full(len(lags), pupil, object)
     corners, owner = shapely.get_coordinates(shifted, return_index=True)
     return shapely.intersection(shapely.set_coordinates(shifted, corners - lags[owner]), light)
 
 
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Return Fourier transforms (n,) of polygons (n,) at one frequency (n, 2) each, (F2)."""
+    """Return the Fourier transforms (n,) of polygons (n,), each at one frequency (n, 2), (F2)."""
     nu = np.asarray(frequencies, np.float64)
     begin, end, of, origin = edges_of(np.asarray(polygons, object))
-    # Triangles start at a corner of each ring, because the ring may be far smaller than its
+    # The triangles start at a corner of each ring, because the ring may be far smaller than its
     # distance from x = 0.
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
@@ -384,7 +384,7 @@ def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floa
 
 
 def _passing(system: _System, lags: Floats) -> NDArray[np.bool_]:
-    """Return whether radiation of any point of the condenser passes the pupil at lags (n, 2)."""
+    """Return whether light from any point of the condenser passes the pupil at lags (n, 2)."""
     passes = np.zeros(len(lags), bool)
     for term in system.condenser:
         for pupil in system.pupil:
@@ -399,8 +399,9 @@ def _check_orders(count: float, size: int) -> None:
     if not 0.5 * count * (count + 1.0) * size <= _MOST:
         most = int(math.sqrt(2.0 * _MOST / size))
         raise ArgumentError(
-            f"too many orders of the mask pass: {count:.6g}, at most {most} for this pupil and "
-            "condenser; use a smaller condenser or pupil, or a shorter period"
+            f"too many diffraction orders of the mask pass the pupil: {count:.6g}, at most "
+            f"{most} for this pupil and condenser; use a smaller condenser or pupil, or a "
+            "shorter period"
         )
 
 
@@ -425,16 +426,16 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     overlap = len(shifts) * areas.sum() - shapely.union_all(copies).area
     if overlap > _OVERLAP * areas.min():
         raise GeometryError(
-            "elements of the mask overlap each other or the copies of the mask, and their "
-            "transmissions would add; pass the union of the elements as one Aperture (a | b), or a "
-            "longer period"
+            "elements of the mask overlap each other or the copies of the mask, where their "
+            "transmissions would add up; pass the union of the elements as one Aperture (a | "
+            "b), or a longer period"
         )
 
 
 def _amplitudes(
     mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
-    """Return the amplitudes (n,) of a mask's orders."""
+    """Return the amplitudes (n,) of the diffraction orders of a mask."""
     inside, around = (
         _checked_amplitude(name, value)
         for name, value in (("transmission", transmission), ("background", background))
@@ -463,7 +464,9 @@ def _checked_amplitude(name: str, value: complex) -> complex:
 def _lags(name: str, values: Any) -> Floats:
     lags: Floats = checked_points(name, values, 2)
     if not np.isfinite(lags).all():
-        raise ArgumentError(f"expected finite {name} (..., 2) in m, got inf or nan")
+        raise ArgumentError(
+            f"expected {name} as finite numbers of shape (..., 2) in m, got inf or nan"
+        )
     return lags
 
 
@@ -473,7 +476,7 @@ def _checked_lattice(period: Any) -> Floats:
     flat = lattice.shape != (2, 2) or not np.isfinite(lattice).all()
     if flat or not abs(np.linalg.det(lattice)) > 1e-9 * np.square(lattice).sum():
         raise ArgumentError(
-            "expected period as two lengths in m above zero, or two vectors that span the plane, "
-            f"got {period!r}"
+            "expected period as two lengths in m above zero, or as two vectors that span the "
+            f"plane, got {period!r}"
         )
     return np.asarray(lattice, np.float64)

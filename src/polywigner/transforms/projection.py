@@ -1,6 +1,6 @@
 """Projections of the four-dimensional phase-space functions onto pairs of coordinates.
 
-Each of these projections (tiles) has a closed form, listed in the tables at the end of the module.
+Each of these projections (tiles) has a closed form. The tables at the end of the module list them.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
 from polywigner.geometry.arguments import checked_choice, checked_count, real_numbers
 from polywigner.kernels import kernel_for
+from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import PhaseSpaceSource
-from polywigner.transforms.phase_space import (
+from polywigner.transforms.public_transforms import (
     ambiguity,
     autocorrelation,
+    fourier,
     lag_marginal,
     position_marginal,
     wigner,
@@ -36,7 +38,6 @@ from polywigner.transforms.sections import (
     overlaps,
     phase,
 )
-from polywigner.transforms.spectrum import fourier
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
@@ -46,19 +47,18 @@ if TYPE_CHECKING:
 PhaseSpaceFunction = Literal["autocorrelation", "wigner", "ambiguity"]
 
 LARGEST_SAMPLES = 4096
-"""Largest number of samples along each axis: a complex square tile then takes 256 MiB."""
+"""Largest number of samples along each axis, with which a complex square tile takes 256 MiB."""
 
-# Default range of lags in widths of the source. The default range of positions extends a sixteenth
-# of the width beyond the outline.
+# Default range of lags, as a multiple of the width of the source. The default range of positions
+# extends a sixteenth of the width beyond the outline.
 _MARGIN = 9 / 8
-# Default range of frequencies in lobes.
+# Default range of frequencies, in units of 1/width of the source.
 _LOBES = 8.0
 
 # Bound on the rounding error relative to the scale of a tile. The largest error for the shapes of
 # the tests was 2e-13, for |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
-Values = NDArray[np.float64]
 Array = NDArray[Any]
 
 
@@ -71,7 +71,7 @@ def projections(
     tiles: Iterable[str] | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
-    """Integrate R, W or A over two of its four coordinates, for every pair of the others.
+    """Integrate R, W or A over two of its four coordinates, for every pair of the other two.
 
     The projections are the tiles of the paper's Fig. (projs) and two further pairs of coordinates.
     Each tile is named after its two remaining coordinates:
@@ -89,18 +89,18 @@ def projections(
     =================  ============================  ==========================================
 
     Every tile is a closed form without quadrature (docs/projections.md, (P2) to (P13)), so its
-    values do not depend on the sampling. The functions of slits have two coordinates only, and
+    values do not depend on the sampling. The functions of slits have only two coordinates, and
     their single tile is the function itself: x_xi, x_nu or upsilon_xi.
 
     Tiles may be discontinuous at vertical and horizontal edges of the outline, and |u|^2 is
     discontinuous at all edges. The value at an edge is the limit from its right or upper side.
 
-    The cost for s samples along an axis and n edges is s overlaps of the outline with its mirror
-    image and plane waves on some n edges at s^2 points for x_nu_x and upsilon_x_xi_x, up to n^2
-    pairs of edges at s^2 points for x_xi_y of the autocorrelation, and less for all other tiles. An
-    Array has overlaps of all pairs of elements whose boxes meet. With an illumination, waves are
-    counted once for every different frequency along the axis of integration, or every different
-    shift of pairs of waves (up to m^2 for m waves), and x_xi_y takes s^2 overlaps.
+    For s samples along an axis and n edges, the tiles x_nu_x and upsilon_x_xi_x need s overlaps of
+    the outline with its mirror image, and plane waves on some n edges at s^2 points. The tile
+    x_xi_y of the autocorrelation needs up to n^2 pairs of edges at s^2 points. All other tiles cost
+    less. An Array has overlaps of all pairs of elements whose boxes meet. With an illumination,
+    waves are counted once for every different frequency along the axis of integration, or every
+    different shift of pairs of waves (up to m^2 for m waves), and x_xi_y takes s^2 overlaps.
 
     Parameters
     ----------
@@ -147,9 +147,9 @@ def projections(
     checked_choice(kind, "kind", get_args(PhaseSpaceFunction))
     if isinstance(source, Wavefront):
         raise ArgumentError(
-            "expected a source with a flat, coherent wave for projections, got a Wavefront, whose "
-            "tiles of mixed coordinates have no closed form; use its .source, or sum values of "
-            "wigner"
+            "expected a source with a flat, coherent wave for projections, got a Wavefront, "
+            "whose tiles of mixed coordinates have no closed form; use its attribute "
+            ".source, or sum values of wigner"
         )
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)
@@ -182,12 +182,9 @@ def _is_frequency(name: str) -> bool:
     return name.startswith(("nu", "upsilon"))
 
 
-# --- arguments
-
-
 def _requested(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
     if not isinstance(names, Iterable | None):
-        raise ArgumentError(f"expected names of tiles, got {type(names).__name__}")
+        raise ArgumentError(f"expected tiles as a list of names, got {type(names).__name__}")
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
     _check_names(requested, available, "tiles")
     return requested
@@ -204,14 +201,14 @@ def _axes(
     tiles: Mapping[str, Tile],
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
-) -> dict[str, Values]:
+) -> dict[str, Floats]:
     """Return the values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
     if not isinstance(requested, Mapping):
         raise ArgumentError(
-            "expected coordinates as a mapping from the names of coordinates, got "
+            "expected coordinates as a mapping from names of coordinates to values, got "
             f"{type(requested).__name__}"
         )
     _check_names(requested, names, "coordinates")
@@ -231,7 +228,7 @@ def _axes(
     return axes
 
 
-def _numbers(name: str, values: ArrayLike) -> Values:
+def _numbers(name: str, values: ArrayLike) -> Floats:
     try:
         array = real_numbers(values)
     except ValueError:
@@ -242,13 +239,10 @@ def _numbers(name: str, values: ArrayLike) -> Values:
         )
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
-            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute several "
-            "datasets"
+            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute "
+            "several datasets"
         )
     return array
-
-
-# --- scale of the rounding errors
 
 
 def _widths(source: PhaseSpaceSource) -> list[float]:
@@ -258,7 +252,7 @@ def _widths(source: PhaseSpaceSource) -> list[float]:
 
 
 def _largest_amplitude(source: PhaseSpaceSource) -> float:
-    """Return a bound on |u|: the moduli of all waves on elements whose boxes meet."""
+    """Return a bound on |u|: the sum of moduli of all waves on elements whose boxes meet."""
     elements = normal_form(source).in_plane.elements
     moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements])
     low, high = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in elements]).swapaxes(0, 1)
@@ -266,32 +260,29 @@ def _largest_amplitude(source: PhaseSpaceSource) -> float:
     return float((meets @ moduli).max())
 
 
-# --- tiles
-
-
-# Powers of a length in the units of tiles.
+# Power of a length in each unit of tiles.
 _POWERS = {"1": 0, "m": 1, "m2": 2, "m4": 4}
 
-Compute = Callable[[PhaseSpaceSource, Values, Values, Engine], Array]
+Compute = Callable[[PhaseSpaceSource, Floats, Floats, Engine], Array]
 
 
 class Tile(NamedTuple):
-    """Two coordinates, and the function integrated over the other coordinates."""
+    """Two coordinates, and the function that is integrated over the other coordinates."""
 
     first: str
     second: str
     units: str
     meaning: str
     label: str
-    """Label of the equation in docs/projections.md."""
+    """Label of the formula in docs/projections.md."""
     values: Compute
-    """(source, n first values, m second values, engine) -> values (n, m)."""
+    """Function (source, n first values, m second values, engine) -> values (n, m)."""
 
 
 def _on_grid(function: Callable[..., Array]) -> Compute:
-    """Return the values of a function (source, points (..., 2), engine) on the grid of a tile."""
+    """Return a function that evaluates ``function`` (source, points, engine) on a tile's grid."""
 
-    def values(source: PhaseSpaceSource, first: Values, second: Values, engine: Engine) -> Array:
+    def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
         return np.asarray(function(source, grid, engine=engine))
 
@@ -299,9 +290,9 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 
 
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
-    """Return the values of a function (field, first, second), optionally with x and y exchanged."""
+    """Return a function of (field, first, second), optionally with x and y exchanged."""
 
-    def values(source: Any, first: Values, second: Values, engine: Engine) -> Array:
+    def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
         field = field_of(source)
         return function(field.transposed() if is_transposed else field, first, second)
 
@@ -309,9 +300,9 @@ def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
 
 
 def _of_slits(function: Callable[..., Array]) -> Compute:
-    """Return the values of a function of two coordinates of slits on the grid of a tile."""
+    """Return a function that evaluates a function of slits on the grid of its two coordinates."""
 
-    def values(source: PhaseSpaceSource, first: Values, second: Values, engine: Engine) -> Array:
+    def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         result = function(source, first[:, None, None], second[None, :, None], engine=engine)
         is_uniform = isinstance(source, Slits) and source.illumination is None
         return np.asarray(result.real if is_uniform and function is autocorrelation else result)
@@ -319,21 +310,18 @@ def _of_slits(function: Callable[..., Array]) -> Compute:
     return values
 
 
-def _along_x(values: Values, y: float = 0.0) -> Values:
+def _along_x(values: Floats, y: float = 0.0) -> Floats:
     """Return points (n, 2) at one y."""
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
-# --- autocorrelation
-
-
-def _shadow_product(field: PlaneField, x: Values, xi_x: Values) -> Array:
+def _shadow_product(field: PlaneField, x: Floats, xi_x: Floats) -> Array:
     at = (x - field.centre[0])[:, None]
     ahead, behind = (column_integrals(field, (at + half).ravel()) for half in (xi_x / 2, -xi_x / 2))
     return (ahead * np.conj(behind)).reshape(len(x), len(xi_x))
 
 
-def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values) -> Array:
+def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
     x = x - field.centre[0]
     if field.is_uniform:
         return mirrored_correlation(field, x, xi_y)
@@ -348,39 +336,36 @@ def _mirrored_overlap(field: PlaneField, x: Values, xi_y: Values) -> Array:
     return values
 
 
-def _of_columns(first: Values, second: Values) -> tuple[Values, Values]:
-    """Return shifts and rates for the columns at a and 2x - a, one of them moved up, (P5)."""
+def _of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Return shifts and rates for the columns at a and 2x - a, one of which is moved up, (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
 
-# --- Wigner function
-
-
-def _intensity(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+def _intensity(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     return np.asarray(autocorrelation(source, grid, np.zeros(2), engine=engine).real)
 
 
-def _power_spectrum(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     return _squared(fourier(source, grid, engine=engine))
 
 
-def _wigner_of_rows(field: PlaneField, x: Values, nu_x: Values) -> Array:
+def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
     x = x - field.centre[0]
-    # The overlap is symmetric and its field Hermitian, so its transform is real.
+    # The overlap is symmetric and its field Hermitian, so the transform of the field is real.
     ahead: Image = (2.0, 1.0), _along_x(-2 * x)
     behind: Image = (-2.0, 1.0), _along_x(2 * x)
     regions = overlaps(field, ahead, behind)
     return mutual_spectra(field, regions, nu_x, x[:, None], _of_one_row).real
 
 
-def _of_one_row(first: Values, second: Values) -> tuple[Values, Values]:
-    """Return shifts and rates for two points of one row with their midpoint at x, (P8)."""
+def _of_one_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Return shifts and rates for two points of one row, with their midpoint at x, (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
 
 
-def _column_powers(field: PlaneField, x: Values, nu_y: Values) -> Array:
+def _column_powers(field: PlaneField, x: Floats, nu_y: Floats) -> Array:
     return _squared(column_spectra(field, x - field.centre[0], nu_y))
 
 
@@ -388,19 +373,16 @@ def _squared(values: Array) -> Array:
     return np.asarray(values.real**2 + values.imag**2)
 
 
-# --- ambiguity function
-
-
-def _at_opposite_points(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+def _at_opposite_points(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     return np.asarray(autocorrelation(source, np.zeros(2), grid, engine=engine))
 
 
-def _spectrum_product(source: PhaseSpaceSource, grid: Values, *, engine: Engine) -> Array:
+def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
     ahead = fourier(source, grid / 2, engine=engine)
     return np.asarray(ahead * np.conj(fourier(source, -grid / 2, engine=engine)))
 
 
-def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values) -> Array:
+def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Array:
     x, y = field.centre.tolist()
     ahead: Image = (1.0, 1.0), _along_x(-xi_x / 2, y)
     behind: Image = (1.0, -1.0), _along_x(xi_x / 2, -y)
@@ -410,21 +392,19 @@ def _ambiguity_of_rows(field: PlaneField, upsilon_x: Values, xi_x: Values) -> Ar
     return 2 * (spectra * phase(x, upsilon_x)).T
 
 
-def _of_opposite_rows(first: Values, second: Values) -> tuple[Values, Values]:
+def _of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return shifts and rates for points of the rows at eta and -eta, (P12)."""
     shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
     return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])
 
 
-def _opposite_columns(field: PlaneField, upsilon_y: Values, xi_x: Values) -> Array:
+def _opposite_columns(field: PlaneField, upsilon_y: Floats, xi_x: Floats) -> Array:
     x, y = field.centre.tolist()
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)
     )
     return (ahead * np.conj(behind) * phase(y, upsilon_y)).T
 
-
-# --- the tables
 
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
@@ -433,7 +413,8 @@ _SLITS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
     "wigner": ("x", "nu", "m", wigner),
     "ambiguity": ("upsilon", "xi", "m", ambiguity),
 }
-# Tiles computed at points: both coordinates, unit, coordinates of the integral, label, function.
+# Tiles that are computed at points: both coordinates, unit, coordinates of the integral, label of
+# the formula, and function.
 _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("x", "y", "m2", "xi_x, xi_y", "P2", position_marginal),
@@ -448,8 +429,9 @@ _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] 
         ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product),
     ],
 }
-# Tiles computed from the field, in m2: both coordinates, coordinates of the integral, label,
-# function. {0} and {1} stand for x and y, and in a second tile for y and x.
+# Tiles that are computed from the field, in m2: both coordinates, coordinates of the integral,
+# label of the formula, and function. {0} and {1} stand for x and y, and in a second tile for y and
+# x.
 _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("{0}", "xi_{0}", "{1}, xi_{1}", "P4", _shadow_product),

@@ -1,4 +1,4 @@
-"""Apertures as pupils of optical systems."""
+"""Apertures as pupils: transfer functions, Strehl ratio and rms wavefront error."""
 
 from __future__ import annotations
 
@@ -11,23 +11,27 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.execution import Differentiable, Engine, Precision
-from polywigner.geometry import Slits
+from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_row,
     checked_wavelength,
 )
+from polywigner.numerics import Floats
 from polywigner.source import Array
+from polywigner.source.array import PathLengths
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms.aberrated_pupils import (
     TOLERANCE,
     AberratedPupil,
     checked_aberration,
     checked_tolerance,
+    converged,
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
-from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
+from polywigner.transforms.public_transforms import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.pupil_gradients import (
     Jets,
     PupilNumbers,
@@ -38,10 +42,9 @@ from polywigner.transforms.pupil_gradients import (
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-Floats = NDArray[np.float64]
-
-# Smallest ratio of the energy to the sum of the energies of the elements. If the fields cancel,
-# rounding leaves 1e-15. Values normalised by 1e-13 have hardly a correct digit.
+# Smallest ratio of the energy of a pupil to the sum of the energies of its elements. If the fields
+# cancel, rounding errors leave a ratio of 1e-15. Values that are normalised by a ratio of 1e-13
+# have hardly a correct digit.
 _DARK = 1e-13
 
 
@@ -57,14 +60,14 @@ def otf(
     tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> NDArray[Any]:
+) -> NDArray[np.complexfloating[Any]]:
     """Compute the optical transfer function of a pupil, in or out of focus, 1 at xi = 0.
 
-    ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
-    the aberration exp(2 pi i w |x|^2/a^2) is linear in x on both copies. Source: K.-H. Brenner,
-    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an ``aberration``, Gauss
-    rules integrate over the position slice, in which the integrand is smooth (docs/imaging.md,
-    (IM4)).
+    ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function A of the pupil in focus,
+    because the difference of the aberration exp(2 pi i w |x|^2/a^2) on both copies is linear in x.
+    Source: K.-H. Brenner, A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an
+    ``aberration``, Gauss rules integrate over the position slice, in which the integrand is smooth
+    (docs/imaging.md, (IM4)).
 
     Parameters
     ----------
@@ -76,10 +79,11 @@ def otf(
     defocus : float, default 0
         Wavefront aberration w = W20 at ``pupil_radius``, in waves.
     pupil_radius : float, optional
-        a in m; default: the largest distance of a vertex from the origin. For a disc of radius R
-        pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The vertices of its n-gon, which has the
-        disc's area, are farther out. With them the error for one wave of defocus is up to 1.3e-3
-        (n = 64; 1e-5 with R) or 2e-2 (n = 16; 1.4e-3 with R).
+        Radius a in m; default: the largest distance of a vertex from the origin. For a disc of
+        radius R pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The disc is a polygon with n
+        vertices and the area of the disc, so its vertices are farther out. With the default, the
+        error for one wave of defocus is up to 1.3e-3 for n = 64 (1e-5 with R), or 2e-2 for n = 16
+        (1.4e-3 with R).
     aberration : Aberration, optional
         Path length in m, in addition to the defocus; not for slits.
     wavelength : float, optional
@@ -93,9 +97,9 @@ def otf(
     Returns
     -------
     ndarray of complex, shape (...)
-        Without unit. Points may be NumPy arrays or DataArrays, as in :func:`fourier`. A Dr.Jit
-        ``Complex2f`` (n,) with derivatives for a :func:`differentiable` pupil, and for an
-        aberration with Dr.Jit coefficients.
+        Values of the OTF, without unit. Points may be NumPy arrays or DataArrays, as in
+        :func:`fourier`. For a :func:`differentiable` pupil, and for an aberration with Dr.Jit
+        coefficients, the result is a Dr.Jit ``Complex2f`` (n,) with derivatives.
 
     Raises
     ------
@@ -140,12 +144,13 @@ def _otf_jets(
 ) -> Jets:  # fmt: skip
     """Return the OTF of one wavelength at lags (..., d) with its derivatives, (n, 1 + m).
 
-    ``bend``: defocus in waves over the square of the pupil's radius.
+    ``bend``: defocus in waves divided by the square of the pupil's radius.
     """
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
-        if bend == 0.0:  # in focus it is an area, without sines
+        # In focus the OTF is an area, which needs no sines.
+        if bend == 0.0:
             values = lag_marginal(source, lags, **how) + 0j
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
@@ -161,7 +166,7 @@ def _otf_jets(
 def energy_jets(
     source: Any, pupil: AberratedPupil | None, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return int |u|^2 with its derivatives, (1, 1 + m)."""
+    """Return int |u|^2 with its derivatives, shape (1, 1 + m)."""
     energy = checked_energy(source)
     if pupil is None or not numbers.arrays:
         return np.full((1, 1), energy, np.complex128)
@@ -184,7 +189,7 @@ def mtf(
     tolerance: float = TOLERANCE,
     precision: Precision = None,
     engine: Engine = "auto",
-) -> NDArray[Any]:
+) -> NDArray[np.float64]:
     """Compute the modulation transfer function |OTF| of a lens in its focal plane.
 
     The lag in the pupil is wavelength times focal length times frequency. For several wavelengths
@@ -197,23 +202,25 @@ def mtf(
     frequency : array_like, shape (..., d)
         Spatial frequencies in the image in cycles per metre: 50e3 for 50 cycles per mm.
     wavelength : float or array_like, shape (k,)
-        In m; k wavelengths of a polychromatic source.
+        Wavelength in m, or k wavelengths of a polychromatic source.
     focal_length : float, optional
-        In m, or the distance of the image from the pupil. This or ``numerical_aperture``.
+        Focal length, or distance of the image from the pupil, in m. Pass either this or
+        ``numerical_aperture``.
     defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength; all
         wavelengths have the same aberration in m.
     pupil_radius : float, optional
         See :func:`otf`.
     numerical_aperture : float, optional
-        Sine of the marginal ray's angle in the image, from the ``pupil_radius`` a: by Abbe's sine
-        condition the focal length is a/numerical_aperture. For a disc give its radius.
+        Sine of the marginal ray's angle in the image. By Abbe's sine condition the focal length is
+        a/numerical_aperture, where a is the ``pupil_radius``. For a disc pass its radius.
     aberration : Aberration, optional
         Path length in m, the same at all wavelengths, in addition to the defocus; see :func:`otf`.
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, zero or more; default: equal.
     pixel : float or array_like, shape (d,), default 0
-        Side p in m of a detector's pixels: a factor sin(pi f p)/(pi f p) for each axis.
+        Side p in m of a detector's pixels, which multiply the MTF by sin(pi f p)/(pi f p) for each
+        axis.
     tolerance : float, default 1e-10
         See :func:`otf`.
     precision, engine : str, optional
@@ -222,7 +229,7 @@ def mtf(
     Returns
     -------
     ndarray of float, shape (...)
-        From 0 to 1, 1 at frequency 0. DataArrays as in :func:`fourier`.
+        Values of the MTF from 0 to 1, with 1 at frequency 0. DataArrays as in :func:`fourier`.
 
     Raises
     ------
@@ -267,16 +274,16 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     if is_partly_coherent(source):
         raise IlluminationError(
             "expected a fully coherent pupil, got one with coherence width "
-            f"{source.coherence_width:g} m: imaging in partially coherent light has no transfer "
-            "function; use the attribute .coherent of the pupil, or polywigner.lag_marginal for "
-            "the degree of coherence"
+            f"{source.coherence_width:g} m: imaging in partially coherent light has no "
+            "transfer function; use the attribute .coherent of the pupil, or "
+            "polywigner.lag_marginal for the degree of coherence"
         )
     return pupil
 
 
 def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
     """Return wavelengths (k,) in m and their weights as fractions of the sum."""
-    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
+    lengths = checked_row(wavelength, "expected a wavelength in m, or wavelengths of shape (k,)")
     for length in lengths.tolist():
         checked_wavelength(length)
     count = lengths.size
@@ -286,7 +293,7 @@ def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
     finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
     if not finite or not given.any():
         raise ArgumentError(
-            f"expected weights ({count},), one for each wavelength, of zero or more and not all "
+            f"expected {count} weights of zero or more, one for each wavelength and not all "
             f"zero, got {value_text(weights)}"
         )
     return lengths, np.asarray(given / given.sum())
@@ -305,10 +312,10 @@ def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
 
 
 def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
-    """Return the distance of the image from the pupil, from one of the two arguments."""
+    """Return the distance of the image from the pupil, from one of the first two arguments."""
     if (focal_length is None) == (numerical_aperture is None):
         raise ArgumentError(
-            "expected one of focal_length and numerical_aperture, got "
+            "expected either focal_length or numerical_aperture, got "
             + ("neither" if focal_length is None else "both")
         )
     if focal_length is not None:
@@ -316,8 +323,8 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     sine = checked_number(numerical_aperture, "numerical_aperture", "a number from 0 to 1")
     if not 0.0 < sine <= 1.0:
         raise ArgumentError(
-            f"numerical_aperture must be above 0 and at most 1, got {sine:g}; in a medium divide "
-            "it and the wavelength by the refractive index"
+            f"numerical_aperture must be above 0 and at most 1, got {sine:g}; in a medium "
+            "divide it and the wavelength by the refractive index"
         )
     return radius / sine
 
@@ -341,4 +348,153 @@ def checked_energy(source: PhaseSpaceSource) -> float:
         incoherent = float(abs(source.weights) ** 2 @ contents)
     if energy > _DARK * incoherent and energy > 0.0:
         return energy
-    raise IlluminationError("expected a pupil with light in it, got fields that cancel everywhere")
+    raise IlluminationError(
+        "expected a pupil that transmits light, got fields that cancel everywhere"
+    )
+
+
+# Allowed error of the rms wavefront error, relative to the largest path length.
+_PRECISE = 1e-12
+# Band of frequencies of an integral that contains no further waves.
+_NO_BAND = np.zeros(2), np.zeros(2)
+
+
+def strehl(
+    source: Aperture | Array,
+    wavelength: ArrayLike,
+    aberration: Aberration | None = None,
+    defocus: float = 0.0,
+    pupil_radius: float | None = None,
+    *,
+    weights: ArrayLike | None = None,
+    tolerance: float = TOLERANCE,
+) -> float:
+    """Compute the Strehl ratio of a pupil, |int u exp(2 pi i W/lambda)|^2/(int |u|)^2.
+
+    The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance of a
+    pupil with the same |u| and no phase. Pistons and tilts of segments count as aberrations.
+
+    Parameters
+    ----------
+    source : Aperture or Array
+        Field in the pupil, of elements that do not overlap.
+    wavelength : float or array_like, shape (k,)
+        In m; k wavelengths of a polychromatic source.
+    aberration : Aberration, optional
+        Path length in m.
+    defocus : float, default 0
+        Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength.
+    pupil_radius : float, optional
+        See :func:`otf`.
+    weights : array_like, shape (k,), optional
+        Weights of the wavelengths, at least 0; equal by default.
+    tolerance : float, default 1e-10
+        Allowed error, estimated by a second rule; at least 1e-13.
+
+    Returns
+    -------
+    float
+        From 0 to 1. For several wavelengths the mean of their ratios.
+
+    Raises
+    ------
+    ArgumentError
+        For arguments of the wrong type, shape or range.
+    IlluminationError
+        If the fields of an Array cancel everywhere.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> pupil = pw.shapes.disc(5e-3)
+    >>> coma = pw.zernike({8: 550e-9 / 14}, radius=5e-3)  # Marechal's limit
+    >>> round(pw.strehl(pupil, 550e-9, coma), 2)
+    0.82
+    """
+    lengths, fractions = checked_band(wavelength, weights)
+    checked_energy(source)
+    radius, error = checked_pupil_radius(source, pupil_radius), checked_tolerance(tolerance)
+    bend = checked_waves(defocus) * float(fractions @ lengths) / radius**2
+    ratios = []
+    for length in lengths.tolist():
+        checked_aberration(aberration, length)
+        part = source.at_wavelength(length)
+        pupil = AberratedPupil.of(part, aberration, length, bend / length)
+        ratios.append(_strehl_ratio(pupil, error))
+    return float(fractions @ ratios)
+
+
+def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
+    def evaluate(extra: int) -> NDArray[np.complex128]:
+        total = np.zeros(2, np.complex128)
+        for k, weight in enumerate(pupil.weights):
+            for x, weights in pupil.rules(k, _NO_BAND, extra, tolerance):
+                field = weight * weights * pupil.field(k, x)
+                total += field.sum(), np.abs(field).sum()
+        return total
+
+    sums = converged(evaluate, 0.5 * tolerance * pupil.content, "the Strehl ratio").values
+    return float(abs(sums[0] / sums[1]) ** 2)
+
+
+def wavefront_error(source: Aperture | Array, aberration: Aberration | None = None) -> float:
+    """Compute the rms wavefront error over a pupil in metres, about its mean.
+
+    The mean is over the pupil with the weight |u|^2. Pistons and tilts of :func:`segmented_pupil`
+    are included.
+
+    Parameters
+    ----------
+    source : Aperture or Array
+        Field in the pupil.
+    aberration : Aberration, optional
+        Path length in m.
+
+    Returns
+    -------
+    float
+        Standard deviation of the path length in m.
+
+    Raises
+    ------
+    ArgumentError
+        For arguments of the wrong type.
+    IlluminationError
+        If the fields of an Array cancel everywhere.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> hexagon = pw.shapes.regular_polygon(6, 0.5)
+    >>> defocus = pw.zernike({4: 10e-9}, radius=0.5, orthogonal_on=hexagon)
+    >>> round(pw.wavefront_error(hexagon, defocus) * 1e9, 9)
+    10.0
+    """
+    checked_aberration(aberration, 1.0)
+    checked_energy(source)
+    pupil = AberratedPupil.of(source, aberration, 1.0, 0.0)
+    paths = normal_form(source).paths
+
+    def moments(extra: int) -> tuple[Floats, Floats]:
+        """Return the path lengths and the weights of all quadrature nodes."""
+        lengths, weights = [], []
+        for k, amplitude in enumerate(pupil.weights):
+            for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
+                weights.append((areas * np.abs(amplitude * pupil.field(k, x)) ** 2).ravel())
+                lengths.append((pupil.cycles(x) + _path_of(paths, k, x)).ravel())
+        return np.concatenate(lengths), np.concatenate(weights)
+
+    def evaluate(extra: int) -> Any:
+        lengths, weights = moments(extra)
+        mean = weights @ lengths / weights.sum()
+        return np.sqrt(weights @ np.square(lengths - mean) / weights.sum())
+
+    largest = float(np.abs(moments(0)[0]).max()) or 1.0
+    return float(converged(evaluate, _PRECISE * largest, "the wavefront error").values)
+
+
+def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
+    """Return the path length of a segment's piston and tilt at x (..., 2) in m."""
+    if paths is None:
+        return 0.0
+    return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

@@ -1,11 +1,11 @@
-"""Derivatives of transfer and spread functions in vertices, weights and aberration coefficients.
+"""Derivatives of transfer and spread functions by vertices, weights and aberration coefficients.
 
-Rules on triangles and trapezoids give the values. The derivative of an integral in the vertices of
-a polygon is an integral of the integrand along the edges, (G1), by Gauss rules. The derivative in a
-coefficient of the path length is the integral of the integrand times 2 pi i/lambda times the term
-of the coefficient. Values and derivatives are the columns of one array (n, 1 + m), a jet, so that
-sums over wavelengths are sums of jets. If edges of both copies of a pupil coincide, the derivative
-is the mean of both one-sided derivatives.
+Quadrature rules on triangles and trapezoids give the values. The derivative of an integral by the
+vertices of a polygon is an integral of the integrand along the edges, (G1), computed by Gauss
+rules. The derivative by a coefficient of the path length is the integral of the integrand times 2
+pi i/lambda times the term of the coefficient. Values and derivatives are the columns of one array
+(n, 1 + m), called a jet, so that sums over wavelengths are sums of jets. If edges of both copies of
+a pupil coincide, the derivative is the mean of both one-sided derivatives.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.execution import Differentiable
-from polywigner.numerics.nodes import unit_rule
-from polywigner.numerics.triangles import Floats, Indices, counts_for
+from polywigner.numerics import Complex
+from polywigner.numerics.nodes import Floats, Indices, counts_for, unit_rule
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,
@@ -33,31 +33,33 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 
-Complex = NDArray[np.complex128]
 Jets = NDArray[np.complex128]
-"""Values in column 0, and derivatives in the variables of a pupil in the other columns."""
+"""Values in column 0, and their derivatives by the variables of a pupil in the other columns."""
 Parts = tuple[Indices, Floats, Floats]
-"""Parts of edges: numbers (k,) of the edges, and t from (k,) to (k,) along them."""
+"""Parts of edges: indices (k,) of the edges, and the positions t (k,) at which the parts start and
+end."""
 
-# Additional nodes of the rules for derivatives, and lags that are computed together.
+# Number of additional nodes of the rules for derivatives, and number of lags that are computed
+# together.
 _EXTRA, _LAGS = 6, 128
-# Edges of both copies coincide within this distance, relative to the pupil's size.
+# Largest distance at which edges of both copies count as coincident, relative to the size of the
+# pupil.
 _NEAR = 1e-9
 
 
 class Derivatives(Protocol):
-    """Derivatives of n integrals over a pupil."""
+    """Derivatives of n integrals over a pupil by its variables."""
 
     def vertices(self) -> Complex:
-        """Return the derivatives (n, vertices, 2)."""
+        """Return the derivatives (n, vertices, 2) by the vertices."""
         ...
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives (n, elements) in the weights and in their conjugates."""
+        """Return the derivatives (n, elements) by the weights and by their conjugates."""
         ...
 
     def coefficients(self) -> Complex:
-        """Return the derivatives (n, terms)."""
+        """Return the derivatives (n, terms) by the aberration coefficients."""
         ...
 
 
@@ -66,15 +68,15 @@ class PupilNumbers:
     """Dr.Jit variables of a pupil and of its aberration; None for constants."""
 
     vertices: Any = None
-    """``Array2f``."""
+    """Vertices as an ``Array2f``."""
     weights: Any = None
-    """``Complex2f``."""
+    """Weights as a ``Complex2f``."""
     coefficients: Any = None
-    """``Float``."""
+    """Aberration coefficients as a ``Float``."""
 
     @classmethod
     def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers]:
-        """Return the source without Dr.Jit variables, and the variables."""
+        """Return the source without Dr.Jit variables, and these variables."""
         coefficients = aberration.traced if isinstance(aberration, Aberration) else None
         if isinstance(source, Differentiable):
             return source.source, cls(source.vertices, source.weights, coefficients)
@@ -82,13 +84,13 @@ class PupilNumbers:
 
     @cached_property
     def arrays(self) -> list[Any]:
-        """Dr.Jit floats in the order of the columns of a jet; empty without variables."""
+        """Dr.Jit floats in the order of the columns of a jet; empty if there are no variables."""
         pairs = [pair for pair in (self.vertices, self.weights) if pair is not None]
         arrays = [pair[k] for pair in pairs for k in (0, 1)]
         return arrays if self.coefficients is None else [*arrays, self.coefficients]
 
     def joined(self, values: Complex, derivatives: Derivatives) -> Jets:
-        """Return the jet of values (n,) and their derivatives in all variables."""
+        """Return the jet of values (n,) and their derivatives by all variables."""
         columns = [values[:, None]]
         if self.vertices is not None:
             by_vertices = derivatives.vertices()
@@ -101,7 +103,7 @@ class PupilNumbers:
         return np.concatenate(columns, axis=1)
 
     def result(self, jets: Jets, shape: tuple[int, ...], is_complex: bool) -> Any:
-        """Return an array of a shape, or a ``Complex2f`` or ``Float`` (n,) with derivatives."""
+        """Return an array of a given shape, or a ``Complex2f`` or ``Float`` with derivatives."""
         if not self.arrays:
             values = jets[:, 0].reshape(shape)
             return (values if is_complex else values.real.copy())[()]
@@ -115,13 +117,13 @@ class PupilNumbers:
 
 
 def quotient(jets: Jets, divisor: Jets) -> Jets:
-    """Return the jet of a quotient."""
+    """Return the jet of the quotient of two jets."""
     value = jets[:, :1] / divisor[:, :1]
     return np.concatenate([value, (jets[:, 1:] - value * divisor[:, 1:]) / divisor[:, :1]], axis=1)
 
 
 def modulus(jets: Jets) -> Jets:
-    """Return the jet of |V|; the derivative of zero is zero."""
+    """Return the jet of |V|; its derivative at V = 0 is zero."""
     size = np.abs(jets[:, :1])
     phase = np.divide(jets[:, :1].conj(), size, where=size > 0, out=np.zeros_like(jets[:, :1]))
     slopes = (phase * jets[:, 1:]).real
@@ -135,9 +137,6 @@ def squared_modulus(jets: Jets) -> Jets:
     return np.asarray(products, np.complex128)
 
 
-# ---- edges ---------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Edges:
     """The edges of an element."""
@@ -145,13 +144,13 @@ class Edges:
     begin: Floats
     vector: Floats
     ends: Indices
-    """(n, 2): numbers of the first and the second vertex in the element."""
+    """Indices of the first and the second vertex of each edge within the element, shape (n, 2)."""
     vertices: slice
     """The vertices of the element among the vertices of the pupil."""
 
     @property
     def normals(self) -> Floats:
-        """Outward normals (n, 2) times the lengths."""
+        """Outward normals (n, 2) times the lengths of the edges."""
         return np.stack([self.vector[:, 1], -self.vector[:, 0]], axis=-1)
 
     def rule(
@@ -178,7 +177,7 @@ class Edges:
         return x, fractions * np.outer(length, weights)[..., None]
 
     def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
-        """Return terms (..., k, 2) of both ends of edges (k,) times normals, (..., vertices, 2)."""
+        """Return sums (..., vertices, 2) of terms (..., k, 2) at ends of edges, times normals."""
         total = np.zeros((len(self.begin), 2, *terms.shape[:-2]), np.complex128)
         moments = terms[..., None] * self.normals[edge][:, None]
         np.add.at(total, self.ends[edge], np.moveaxis(moments, (-3, -2, -1), (0, 1, 2)))
@@ -198,9 +197,6 @@ def edges_of(pupil: AberratedPupil) -> list[Edges]:
         result.append(Edges(begin, end - begin, np.stack([first, second], axis=1), vertices))
         start += len(begin)
     return result
-
-
-# ---- autocorrelations ----------------------------------------------------------------------------
 
 
 def autocorrelation_jets(
@@ -230,7 +226,7 @@ def _autocorrelation_jets(
 
 @dataclass(frozen=True, eq=False)
 class _OfSlices:
-    """Derivatives of autocorrelations."""
+    """Derivatives of autocorrelations by the variables of a pupil."""
 
     pupil: AberratedPupil
     regions: Slices
@@ -241,7 +237,8 @@ class _OfSlices:
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
         pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
         for row, i, j, weight in pairs:
-            # On edges of the copy ahead the other copy is behind by the lag, and the reverse.
+            # For edges of the copy ahead, the other copy is displaced by minus the lag, and vice
+            # versa.
             ahead = self._along_edges(edges, i, j, -regions.lags[row])
             behind = self._along_edges(edges, j, i, regions.lags[row]).conj()
             total[row, edges[i].vertices] += weight * ahead
@@ -249,10 +246,10 @@ class _OfSlices:
         return total
 
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
-        """Return derivatives (n, 2) in the vertices of element ``one`` on one copy.
+        """Return derivatives (n, 2) by the vertices of element ``one`` of one copy.
 
-        They are int N (1 - t, t) u_one(p) u_other*(p + shift) dt along the edges, over points p for
-        which p + shift lies in element ``other``.
+        The derivatives are int N (1 - t, t) u_one(p) u_other*(p + shift) dt along the edges, over
+        points p for which p + shift lies in element ``other``.
         """
         pupil, moving = self.pupil, edges[one]
         near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())
@@ -307,7 +304,7 @@ def _pieces(
 
 
 def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
-    """Return numbers (k,) of edges and t (k,), sorted, at the ends and where other edges meet."""
+    """Return indices (k,) of edges and t (k,), sorted, of their ends and crossings with others."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]
@@ -316,7 +313,7 @@ def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[In
     with np.errstate(divide="ignore", invalid="ignore"):
         t, s = along / cross, across / cross
     meets = (t > 0) & (t < 1) & (s > -_NEAR) & (s < 1 + _NEAR)
-    # Vertices of the other polygon on an edge divide the edge if two edges coincide.
+    # If two edges coincide, vertices of the other polygon on an edge divide the edge.
     at = (away * vector[:, None]).sum(axis=-1) / length[:, None] ** 2
     touches = (at > 0) & (at < 1) & (np.abs(across) < near * length[:, None])
     every = np.arange(len(vector))

@@ -1,9 +1,9 @@
 """Sections of a field along y, and its overlap with its mirror image, as functions of x.
 
-The phase-space functions of a plane source, integrated over two of their four coordinates, consist
-of these sections and overlaps (docs/projections.md). All functions here integrate along y or
-reflect x; the transposed field provides the other direction. Coordinates are relative to the centre
-of the field, so that sources far from the origin lose no digits.
+If a phase-space function of a plane source is integrated over two of its four coordinates, the
+result consists of such sections and overlaps (docs/projections.md). All functions here integrate
+along y or reflect x; the transposed field provides the other direction. Coordinates are relative to
+the centre of the field, so that sources far from the origin lose no digits.
 
 A plane wave on the source shifts the frequency of the transform of a section or an overlap, and
 multiplies the transform by a phase (P16). Each overlap is therefore computed once for all waves.
@@ -23,29 +23,30 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import cos_sin_cycles, cycles_to_centre, mean_plane_wave
+from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.phases import (
+    cos_sin_cycles,
+    cycles_to_centre,
+    mean_plane_wave,
+    simplex_plane_wave,
+)
 from polywigner.source import Array
 from polywigner.source.normal_form import SourceElement, normal_form
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Indices = NDArray[np.intp]
-
 _OPS = NumpyOperations()
 
-# Number of values of a temporary array, which takes some tens of megabytes with its intermediates.
+# Number of values in a temporary array, which takes some tens of megabytes with intermediate
+# results.
 _BLOCK = 1 << 20
 
-# Largest difference between equal shifts, as a fraction of the largest shift. Sums of the same
-# terms in another order differ by rounding.
+# Largest difference of shifts that count as equal, as a fraction of the largest shift. Sums of the
+# same terms in a different order differ by rounding.
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""(frequencies (m, 2) of the first waves, frequencies (m, 2) of the second waves) -> shifts (m, 2)
-and rates (m, r). The transform of the overlap is taken at its frequency less the shift. The rates
-are frequencies of the pair's phase along r coordinates.
-"""
+"""Function (frequencies (m, 2) of the first waves, frequencies (m, 2) of the second waves) ->
+shifts (m, 2) and rates (m, r). The transform of the overlap is evaluated at its frequency minus the
+shift. The rates are frequencies of the pair's phase along r coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +55,9 @@ class PlaneField:
 
     elements: tuple[SourceElement, ...]
     weights: NDArray[Any]
-    """Weights of the elements; real for an aperture."""
+    """Weights of the elements, which are real for an aperture."""
     centre: Floats
-    """(2,) in m."""
+    """Centre of the bounds of the source in m, shape (2,)."""
 
     @cached_property
     def is_uniform(self) -> bool:
@@ -87,12 +88,9 @@ def field_of(source: Aperture | Array) -> PlaneField:
     return PlaneField(form.moved(-centre).elements, weights, centre)
 
 
-# --- sections
-
-
 @dataclass(frozen=True)
 class Sections:
-    """Weighted intervals [low, high] of y; each belongs to one of ``count`` abscissae."""
+    """Weighted intervals [low, high] of y, each of which belongs to one of ``count`` abscissae."""
 
     count: int
     row: Indices
@@ -100,7 +98,7 @@ class Sections:
     high: Floats
     weight: NDArray[Any]
     element: Indices
-    """Number of the element that contains the interval."""
+    """Index of the element that contains the interval."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ class _Upright:
     left: Floats
     right: Floats
     step: NDArray[Any]
-    """Step of the field on passing the edge upwards."""
+    """Change of the field on crossing the edge upwards."""
     element: Indices
 
 
@@ -128,7 +126,7 @@ def _upright(field: PlaneField) -> _Upright:
 
 
 def _height(left: Floats, right: Floats, x: Floats) -> Floats:
-    """Return the y of edges at x; rounding does not move it beyond the ends."""
+    """Return the y of edges at x, which rounding does not move beyond the ends of the edge."""
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
@@ -150,7 +148,7 @@ def sections(field: PlaneField, x: Floats) -> Sections:
 
 
 def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
-    """Return Fourier transforms (count, n) of the field on the sections at nu (n,)."""
+    """Return the Fourier transforms (count, n) of the field on the sections at nu (n,)."""
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
         low, high = intervals.low[chosen, None], intervals.high[chosen, None]
@@ -164,7 +162,7 @@ def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
 def _row_sums(
     row: Indices, count: int, columns: int, term: Callable[[Indices], tuple[Floats, Floats]]
 ) -> Complex:
-    """Return sums of cosine - i sine over the entries of each row; ``row`` ascends."""
+    """Return the sums of cosine - i sine over the entries of each row; ``row`` is ascending."""
     total = np.zeros((count, columns), np.complex128)
     rank = np.arange(len(row)) - np.searchsorted(row, row)
     for k in range(rank.max(initial=-1) + 1):
@@ -205,12 +203,9 @@ def phase(centre: float, nu: Floats) -> Complex:
     return np.asarray(cosine - 1j * sine)
 
 
-# --- overlaps of two images of the field
-
-
 @dataclass(frozen=True)
 class Overlaps:
-    """Boundary edges (m, 2) of weighted regions; each region belongs to one of ``count`` rows."""
+    """Boundary edges (m, 2) of weighted regions, each of which belongs to one of ``count`` rows."""
 
     count: int
     row: Indices
@@ -219,18 +214,19 @@ class Overlaps:
     weight: NDArray[Any]
     first: Indices
     second: Indices
-    """Each region is the intersection of the elements ``first`` and ``second``."""
+    """Index of the second element. Each region is the intersection of the elements ``first`` and
+    ``second``."""
 
 
 Image = tuple[tuple[float, float], Floats]
-"""n images of a field: scales along x and y, and shifts (n, 2) that are added after scaling."""
+"""Scales of n images of a field along x and y, and shifts (n, 2) that are added after scaling."""
 
 
 def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
-    """Return the common regions of images k of the field ``ahead`` and ``behind``, for all k.
+    """Return the common regions of the images ``ahead`` and ``behind`` with equal index k.
 
     The weight of a region is the weight of its first element times the conjugate weight of its
-    second.
+    second element.
     """
     images, others = _images(field, *ahead), _images(field, *behind)
     pairs = [
@@ -256,9 +252,9 @@ def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> ND
 
 
 def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
-    """Return the edges of the polygons among geometries, counter-clockwise but for holes.
+    """Return the edges of the polygons among geometries; holes run clockwise.
 
-    Returns the begins (n, 2) and ends (n, 2) of the edges, the index (n,) of the geometry of each
+    Returns the starts (n, 2) and ends (n, 2) of the edges, the index (n,) of the geometry of each
     edge, and the first corner (n, 2) of its ring.
     """
     parts, index = shapely.get_parts(geometries, return_index=True)
@@ -321,7 +317,7 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
-    """Yield each group of shifts that are equal up to rounding: mean shift and indices."""
+    """Yield groups of shifts that are equal up to rounding, as their mean and their indices."""
     unit = _EQUAL * max(float(np.abs(shifts).max()), np.finfo(np.float64).tiny / _EQUAL)
     _, number = np.unique(np.round(shifts / unit), axis=0, return_inverse=True)
     for k in range(number.max() + 1):
@@ -333,13 +329,14 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
     """Return twice the product of a uniform field and its mirror image at x (n,) and lag (m,).
 
     The image is reflected at the vertical line at x, moved up by the lag and conjugated, (P5). The
-    result has shape (n, m). No edges are cut, and the sum is continuous in all arguments.
+    result has the shape (n, m). No edges are cut, and the sum is continuous in all arguments.
     """
     edges = _upright(field)
     left, right = edges.left, edges.right
     values = np.zeros((len(x), len(lag)), edges.step.dtype)
     for row, abscissa in enumerate(x):
-        # Edge i of the field and edge j of the image overlap for abscissae from low to high.
+        # Edge i of the field and edge j of the image overlap for abscissae from ``low`` to
+        # ``high``.
         low = np.maximum(left[:, None, 0], 2 * abscissa - right[:, 0])
         high = np.minimum(right[:, None, 0], 2 * abscissa - left[:, 0])
         i, j = np.nonzero(low < high)
@@ -361,6 +358,7 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| over t from u to v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    crosses_zero = u * v < 0  # A negative product implies total > 0.
+    # If the product is negative, the numbers are not zero, and ``total`` is positive.
+    crosses_zero = u * v < 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -1,4 +1,4 @@
-"""Sources whose vertices or weights are Dr.Jit arrays, and their F."""
+"""Sources whose vertices or weights are Dr.Jit arrays, and their Fourier transforms."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from polywigner.geometry.rings import signed_area
 from polywigner.source import Array, Illumination
 
 PlainFourier = Callable[[Aperture, Drjit], Drjit]
-"""(source without Dr.Jit arrays, component array nu) -> F."""
+"""Function (source without Dr.Jit arrays, component array nu) -> F."""
 
 
 def check_no_drjit(**arguments: object) -> None:
-    """Raise ArgumentError for Dr.Jit arrays, and for sources that contain such arrays."""
+    """Raise ArgumentError for Dr.Jit arrays, and for sources that contain Dr.Jit arrays."""
     for name, value in arguments.items():
         if isinstance(value, Differentiable) or is_drjit(value):
             raise ArgumentError(
-                f"{name} must be made of NumPy arrays, got a Dr.Jit {type(value).__name__}; convert"
-                " it (.numpy()), and see docs/gradients.md for functions with derivatives"
+                f"{name} must be made of NumPy arrays, got a Dr.Jit {type(value).__name__}; "
+                "convert it (.numpy()), and see docs/gradients.md for functions with "
+                "derivatives"
             )
 
 
@@ -36,23 +37,23 @@ def differentiable(
     vertices: DrJitArray | None = None,
     weights: DrJitArray | None = None,
 ) -> Differentiable:
-    """Return a source whose vertices or weights are Dr.Jit arrays, which enables derivatives.
+    """Return a source whose vertices or weights are Dr.Jit arrays with derivatives.
 
     `fourier`, `wigner` and `ambiguity` accept the result as their source. They return Dr.Jit
     arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients).
-    ``source`` provides all other numbers, and the division of vertices into rings.
+    All other numbers, and the division of vertices into rings, are those of ``source``.
 
     Parameters
     ----------
     source : Aperture or Array, optional
-        Arrays consist of apertures in the plane z = 0. None (default) stands for the aperture with
-        the ring ``vertices``.
+        An Aperture, or an Array of apertures in the plane z = 0. None (default) stands for the
+        aperture with the ring ``vertices``.
     vertices : Array2f (2, n) or tensor (n, 2), optional
         Points in m that replace the vertices of all rings (``Aperture.rings``) of all elements, one
         ring after the other. Unlike an Aperture, the source keeps vertices on the line between
         their neighbours.
     weights : Complex2f or Float (k,), or tensor (k,) or (k, 2), optional
-        Weights of the elements of an Array; a second axis has real and imaginary parts.
+        Weights of the elements of an Array; a second axis contains real and imaginary parts.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def _with_vertices(
 ) -> tuple[Aperture | Array, Drjit]:
     points = execution.columns_of(vertices)
     if source is None:
-        # Outlines run counter-clockwise.
+        # Outlines run counter-clockwise, so the vertices are reversed if necessary.
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
             vertices, points = (
                 execution.entries(vertices, np.arange(len(points))[::-1]),
@@ -119,7 +120,7 @@ def _with_vertices(
     ends = np.cumsum([sum(len(ring) for ring in element.rings) for element in elements])
     if len(points) != ends[-1]:
         raise ArgumentError(
-            f"expected {ends[-1]} vertices, as many as the source has, got {len(points)}"
+            f"expected {ends[-1]} vertices, the number of vertices of the source, got {len(points)}"
         )
     corners = np.split(points, ends[:-1])
     moved = [_moved(element, part) for element, part in zip(elements, corners, strict=True)]
@@ -129,7 +130,7 @@ def _with_vertices(
 
 
 def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
-    """Return an aperture with other vertices, exteriors first as in ``rings``."""
+    """Return an aperture with other vertices, in the order of ``rings``: exteriors first."""
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])
@@ -141,16 +142,16 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
 def _of_rings(
     parts: list[list[NDArray[np.float64]]], illumination: Illumination | None
 ) -> Aperture:
-    """Return an aperture of exactly these vertices. Raises GeometryError if it is not valid."""
+    """Return an aperture with exactly these vertices. Raises GeometryError if it is not valid."""
     for part in parts:
         for number, ring in enumerate(part):
             area = signed_area(ring) if len(ring) > 2 and np.isfinite(ring).all() else 0.0
             is_repeated = (ring == np.roll(ring, 1, axis=0)).all(axis=1).any()
             if is_repeated or not (area < 0 if number else area > 0):
                 raise GeometryError(
-                    "expected finite vertices without repeats, in the orientation of the outline, "
-                    f"got {ring.tolist()!r:.100}; take shorter steps, or leave out repeated "
-                    "vertices"
+                    "expected finite vertices without repetitions, in the orientation of the "
+                    f"outline, got {ring.tolist()!r:.100}; take shorter steps, or remove "
+                    "repeated vertices"
                 )
     Aperture(shapely.MultiPolygon([(part[0], part[1:]) for part in parts]))
     result = Aperture._of_parts([tuple(part) for part in parts])
@@ -168,7 +169,7 @@ def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex12
 
 
 def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
-    """Return F at a component array as a sum over all waves on all elements, (C1) and (I1)."""
+    """Return F at a component array, as a sum over all waves on all elements, (C1) and (I1)."""
     array = source.source
     is_array = isinstance(array, Array)
     if is_array and array.repeated is not None and source.vertices is None:

@@ -5,8 +5,8 @@ are A and R of the coherent source times the degree of coherence exp(-xi^2/(2 wi
 integral over the lag slice with this weight, in closed form (docs/coherence.md, (PC3), (I5)). The
 degree of coherence is also the mean of exp(2 pi i t.xi) over tilts t with a normal density, whose
 standard deviation is 1/(2 pi width) along each axis (PC2). |F|^2, exact fields and W of large
-arrays are therefore means over shifted frequencies. The longest lag is the size of the box, which
-determines the number of tilts (:mod:`polywigner.numerics.nodes`).
+arrays are therefore means over shifted frequencies. The number of tilts is determined by the
+longest lag, which is the size of the box (:mod:`polywigner.numerics.nodes`).
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits, Wavefront
+from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 TILT_ERROR = {True: 1e-11, False: 1e-7}
-"""Error of means over tilts in double and in single precision, relative to the largest of A."""
+"""Error of means over tilts in double and in single precision, relative to the largest value of A.
+"""
 
 # Largest ratio of the coherence width to the diagonal of a source, in double and in single
-# precision. For larger widths the closed forms lose digits by cancellation. W then differs from the
-# coherent W by a term in 1/width^2; the next term is 1.3e-13 of W, or 8e-7 in single precision.
+# precision, for which W is computed in closed form. For larger ratios the closed form loses digits
+# by cancellation. W then differs from the coherent W by a term in 1/width^2; the next term is
+# 1.3e-13 of W, or 8e-7 in single precision.
 _WIDEST = {True: 1e3, False: 20.0}
 
-# Number of floats per block.
+# Number of floats in a block.
 _BLOCK = 1 << 20
 
 
@@ -50,23 +50,19 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     """Return the source. Raises IlluminationError if it is partly coherent."""
     if not wave.is_coherent:
         raise IlluminationError(
-            "expected a coherent source, got a coherence width of "
-            f"{wave.coherence_width:g} m, whose field has no phase; use polywigner.irradiance or "
-            "radiant_intensity"
+            f"expected a coherent source, got a coherence width of {wave.coherence_width:g} "
+            "m, whose field has no phase; use polywigner.irradiance or radiant_intensity"
         )
     return wave
 
 
 def is_partly_coherent(source: Any) -> bool:
-    """Return whether the points of a source are coherent over a finite width only."""
+    """Return whether the coherence width of a source is finite."""
     return isinstance(source, Wavefront) and not source.is_coherent
 
 
-# --- curved waves
-
-
 def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
-    """Return curvatures (d,) and their axes, the columns of a rotation (d, d)."""
+    """Return the curvatures (d,), and their axes as the columns of a rotation matrix (d, d)."""
     if not np.any(curvature - np.diag(np.diagonal(curvature))):
         return np.diagonal(curvature).copy(), np.eye(len(curvature))
     values, axes = np.linalg.eigh(curvature)
@@ -76,11 +72,12 @@ def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
 def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Floats) -> Complex:
     """Return int u(x) exp(i pi (x - c).Q (x - c) - 2 pi i nu.x) dx at nu (n, d), shape (n,).
 
-    ``q``: (n, d) or (d,) curvatures along the columns of ``axes`` (d, d).
+    ``q`` (n, d) or (d,): curvatures along the columns of ``axes`` (d, d).
     """
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
-    with np.errstate(invalid="ignore"):  # Frequencies may be NaN.
+    # Frequencies that are NaN give NaN without a warning.
+    with np.errstate(invalid="ignore"):
         for element in normal_form(source).in_plane.elements:
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
             for amplitude, kappa in waves:
@@ -117,11 +114,8 @@ def _bent(
     rotation = axes[:, order]
     rings = tuple((ring - origin) @ rotation for ring in element.rings)
     values = chirp_over_rings(rings, q[:, order], nu[:, order])
-    # Exchanging the axes reverses the orientation.
+    # An exchange of the axes reverses the orientation.
     return values * np.sign(np.linalg.det(rotation))
-
-
-# --- partly coherent light
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
@@ -138,7 +132,7 @@ def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
 
 
 def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
-    """Return tilts (n, d) in 1/m and weights (n,) for means with the error ``error``.
+    """Return tilts (n, d) in 1/m and weights (n,) for means with the given error.
 
     The error is relative to the value if all points of the source are in phase. ``longest``:
     largest lag in m along each axis that contributes to the mean. Raises ArgumentError if the mean
@@ -150,9 +144,9 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
         least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
         raise ArgumentError(
             f"expected a coherence width of at least {least:.3g} m for a source of "
-            f"{' x '.join(f'{side:.3g}' for side in sides)} m, got {source.coherence_width:.3g} m, "
-            "which would need too many tilts; polywigner.wigner accepts any width, except for "
-            "arrays of hundreds of elements"
+            f"{' x '.join(f'{side:.3g}' for side in sides)} m, got "
+            f"{source.coherence_width:.3g} m, which would need too many tilts; "
+            "polywigner.wigner accepts any width, except for arrays of hundreds of elements"
         )
     nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
@@ -186,7 +180,7 @@ def mean_over_tilts(
     """Return the mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
 
     ``nu`` and ``others`` (..., d) broadcast. The tilts form the last axis of the samples, so that
-    each slice is cut once. ``evaluate`` computes about 1e6 values at a time.
+    each slice is cut only once. ``evaluate`` computes about 1e6 values at a time.
     """
     tilts, weights = tilts_of(source, TILT_ERROR[double])
     arrays = [np.asarray(points) for points in (*others, nu)]

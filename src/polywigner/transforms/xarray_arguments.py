@@ -2,8 +2,8 @@
 
 The last dimension of a DataArray argument contains the components and may have any name. All other
 dimensions are broadcast by name, and remain in the result with their coordinates. Chunked arguments
-give lazy results. Other arguments pass unchanged. xarray is not imported here: a caller with a
-DataArray has imported it.
+give lazy results. Other arguments are passed on unchanged. This module does not import xarray: a
+caller with a DataArray has imported it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def labelled_arrays(
     coords: Mapping[str, Any],
     attrs: Mapping[str, Any] | None = None,
 ) -> xarray.Dataset:
-    """Return arrays on common axes under their names."""
+    """Return arrays with common axes as a dataset, by name."""
     import xarray
 
     return xarray.Dataset(dict(data_vars), coords=dict(coords), attrs=dict(attrs or {}))
@@ -69,11 +69,12 @@ def takes_xarray(
     components: Mapping[str, Sequence[str]] | None = None,
     with_error: bool = False,
 ) -> Callable[[F], F]:
-    """Return a decorator of functions whose arguments of these names may be DataArrays.
+    """Return a decorator for functions whose arguments of these names may be DataArrays.
 
-    The results are DataArrays then, with the attributes ``units``, which may depend on the
-    arguments, and ``long_name``. ``components``: dimension and coordinate of results that are
-    vectors. ``with_error``: the function returns a pair of results and errors.
+    If an argument is a DataArray, the results are DataArrays with the attributes ``units``, which
+    may depend on the arguments, and ``long_name``. ``components``: dimension and coordinate of
+    results that are vectors. ``with_error``: whether the function returns a pair of results and
+    errors.
     """
 
     def decorate(function: F) -> F:
@@ -127,7 +128,7 @@ def _labelled(
     if isinstance(others.get("source"), Differentiable):
         raise ArgumentError(
             f"expected {' and '.join(points)} as NumPy or Dr.Jit arrays for a differentiable "
-            "source, got an xarray.DataArray; use its .values"
+            "source, got an xarray.DataArray; use its attribute .values"
         )
     prepared = [_prepared(name, value, xarray.DataArray) for name, value in points.items()]
     labelled = [value for value in prepared if isinstance(value, xarray.DataArray)]
@@ -137,7 +138,8 @@ def _labelled(
         reason = str(error).partition("\n")[0]
         raise ArgumentError(
             f"expected {' and '.join(points)} with equal coordinates along their common "
-            f"dimensions, got different ones ({reason}); rename a dimension, or use xarray.align"
+            f"dimensions, got different coordinates ({reason}); rename a dimension, or use "
+            "xarray.align"
         ) from None
     call, lazily = partial(_called, *fixed), dict[str, Any]()
     if any(value.chunks is not None for value in labelled):
@@ -175,16 +177,18 @@ def _dimension(name: str) -> str:
 
 
 def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
-    """Return the value with the dimension of its components renamed to ``_dimension(name)``."""
+    """Return the value with its dimension of components renamed to ``_dimension(name)``."""
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
-        except ValueError:  # A list of rows of unequal lengths raises a ValueError.
+        # NumPy raises a ValueError for a list of rows of unequal lengths.
+        except ValueError:
             is_point = False
         if not is_point:
             raise ArgumentError(
-                f"expected {name} as an xarray.DataArray too, or as one point, got "
-                f"{type(value).__name__}; name its dimensions by xarray.DataArray({name}, dims=...)"
+                f"expected {name} as an xarray.DataArray like the other argument, or as one "
+                f"point, got {type(value).__name__}; name its dimensions with "
+                f"xarray.DataArray({name}, dims=...)"
             )
         return np.asarray(value)
     data: xarray.DataArray = value
@@ -205,6 +209,7 @@ def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # The call with points issues the warnings.
+        # Warnings are suppressed here, because the call with points issues them.
+        warnings.simplefilter("ignore")
         results = call(*empty)
     return [part.dtype for part in (results if isinstance(results, tuple) else (results,))]

@@ -1,6 +1,6 @@
-"""Outlines and hatches of a DXF drawing, parsed by ezdxf.
+"""Reader of outlines and hatches in a DXF drawing, parsed by ezdxf.
 
-An area inside an odd number of outlines is open. Hatches are joined.
+An area inside an odd number of outlines is open. Overlapping hatches are joined.
 """
 
 from __future__ import annotations
@@ -16,18 +16,23 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import (
+from polywigner.geometry.io.limits import check_coordinates
+from polywigner.geometry.io.outlines import (
     Arc,
     Curve,
+    Drawing,
+    File,
     Points,
     Spline,
+    check_known,
     chords,
+    depths,
+    filled,
+    nested,
     reach_of,
     sampled,
     transformed,
 )
-from polywigner.geometry.io.limits import check_coordinates
-from polywigner.geometry.io.outlines import Drawing, File, check_known, depths, filled, nested
 from polywigner.geometry.parts import polygons_in, union_on_grid
 from polywigner.geometry.rings import Ring, rings_of_polygon
 
@@ -36,33 +41,33 @@ _IGNORED = frozenset({
     "LEADER", "MULTILEADER", "MLEADER", "TOLERANCE", "POINT", "RAY", "XLINE", "VIEWPORT", "IMAGE",
     "WIPEOUT", "OLE2FRAME", "ACAD_TABLE", "LIGHT", "SUN",
 })  # fmt: skip
-"""Annotation, which cannot be an outline."""
+"""Kinds of annotations, which cannot be outlines."""
 
 _JOINT = 1e-6
-"""Largest gap between ends that belong together, in diagonals of the drawing's bounds.
+"""Largest gap between two ends that are connected, as a fraction of the drawing's diagonal.
 
-CAD programs write six decimals or more; ends of a drawing of 100 units meet within 1e-4.
+CAD programs write six decimals or more, so the ends meet within 1e-4 in a drawing of 100 units.
 """
 
-# Largest difference of heights in a plane drawing, as a fraction of the diagonal of the drawing. It
-# allows for rounding.
+# Largest difference of heights in a plane drawing, as a fraction of the diagonal of the drawing,
+# due to rounding.
 _FLAT = 1e-9
 # Largest relative difference of angles that count as equal.
 _SAME = 1e-9
-# Largest nesting depth of the boundaries of a hatch that are used, by its style: normal (all),
-# outer (the outermost two, so that islands stay open with all their content), ignore (only the
-# outermost).
+# Largest nesting depth of hatch boundaries that are used, by the style of the hatch: normal (all
+# boundaries), outer (the outermost two, so that islands stay open with all their content), ignore
+# (only the outermost).
 _DEEPEST = {0: 1_000_000, 1: 1, 2: 0}
 
-# Metres per unit, by the code $INSUNITS. Units without an exact length (light years, survey units)
-# raise an error.
+# Metres per drawing unit, by the code $INSUNITS. Units without an exact length (light years, survey
+# units) raise an error.
 _UNITS = {
     1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5,
     10: 0.9144, 11: 1e-10, 12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 17: 1e9,
 }  # fmt: skip
 
 Path = list[Curve]
-"""Curves; each one starts at the end of the previous one."""
+"""List of curves, each of which starts at the end of the previous one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +100,6 @@ def _ends(path: Path) -> Points:
     return np.stack([sampled(path[0])[0], sampled(path[-1])[-1]])
 
 
-# ---- entities ------------------------------------------------------------------------------------
-
-
 def _array(points: Iterable[Any]) -> Points:
     """Return an array (n, 3) of ezdxf's points in two or three dimensions."""
     array = np.array([[*p, 0.0][:3] for p in points], dtype=np.float64).reshape(-1, 3)
@@ -126,7 +128,8 @@ def _curves(kind: str, item: Any) -> Path:
         centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
     control = _array(tool.control_points)
-    # ezdxf evaluates splines that are not clamped beyond their first and last knots
+    # Splines that are not clamped are only evaluated between the first and the last knot in use,
+    # because ezdxf would evaluate them beyond.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
@@ -153,8 +156,8 @@ def _polyline(polyline: Any, layer: str) -> Path:
     """Return the path of a polyline in the plane."""
     if polyline.has_width:
         raise FileFormatError(
-            f"expected polylines of width zero, got one with a width on layer {layer[:60]!r}; set "
-            "its width to zero, or draw its area as a hatch"
+            f"expected polylines of width zero, got one with a width on layer {layer[:60]!r}; "
+            "set its width to zero, or draw its area as a hatch"
         )
     if polyline.dxftype() == "LWPOLYLINE":
         rows, height = polyline.get_points("xyb"), polyline.dxf.elevation
@@ -200,23 +203,20 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
             "convert it to polylines, or move it to a layer that is off"
         )
-    # the coordinates of these entities refer to an object coordinate system
+    # The coordinates of planar DXF entities refer to an object coordinate system.
     axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
 
-# ---- drawings ------------------------------------------------------------------------------------
-
-
 def load_dxf(file: File) -> Drawing:
-    """Load the outlines and hatches in the model space of a DXF file, on layers that are on."""
+    """Load outlines and hatches in the model space of a DXF file, from layers that are on."""
     document = importlib.import_module("ezdxf").readfile(file.path)
-    # ezdxf assumes metres for a drawing without units
+    # The unit counts as unknown if the file contains no $INSUNITS, for which ezdxf assumes metres.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
     if code not in (0, *_UNITS):
         raise FileFormatError(
-            f"expected a unit $INSUNITS from 0 to {max(_UNITS)}, got {code!r}; save the drawing in "
-            "millimetres"
+            f"expected a drawing unit ($INSUNITS) from 0 to {max(_UNITS)}, got {code!r}; save "
+            "the drawing in millimetres"
         )
     space = _Space(document, file.layers)
     shapes = list(space.shapes(document.modelspace()))
@@ -243,7 +243,7 @@ class _Space:
             check_known([names.get(name.lower(), name) for name in layers], known)
 
     def shapes(self, entities: Iterable[Any], around: str | None = None) -> Iterator[_Shape]:
-        """Yield the shapes of the model space, or of a block inserted on layer `around`."""
+        """Yield the shapes of the model space, or of a block that is inserted on layer `around`."""
         for entity in entities:
             kind, layer = entity.dxftype(), _layer_of(entity)
             # Layer 0 of a block stands for the layer on which the block is inserted.
@@ -251,7 +251,7 @@ class _Space:
             if kind in _IGNORED or entity.dxf.get("invisible", 0):
                 continue
             if kind == "INSERT":
-                # A layer that is off hides only its own entities. A frozen layer also hides
+                # A layer that is off hides only the entities on it. A frozen layer also hides
                 # inserted blocks.
                 if layer.lower() not in self.frozen:
                     yield from self._inserted(entity, layer)
@@ -265,8 +265,9 @@ class _Space:
         block, clip = insert.block(), importlib.import_module("ezdxf.xclip").XClip
         if block is None or block.block.is_xref or clip(insert).has_clipping_path:
             raise FileFormatError(
-                f"expected blocks of this drawing, got {str(insert.dxf.name)[:60]!r}, which is "
-                "missing, external or clipped; bind it, or explode it and trim its outlines"
+                "expected a block that the drawing contains, got block "
+                f"{str(insert.dxf.name)[:60]!r}, which is missing, external or clipped; bind "
+                "it, or explode it and trim its outlines"
             )
         content = list(self.shapes(block, layer))
         for copy in insert.multi_insert() if insert.mcount > 1 else (insert,):
@@ -280,16 +281,16 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     paths = [path for shape in shapes for boundary in shape.boundaries for path in boundary]
     if not paths:
         raise FileFormatError(
-            "expected outlines in the model space, got none; draw closed polylines, circles or "
-            "hatches on a layer that is on"
+            "the model space contains no outlines; draw closed polylines, circles or hatches "
+            "on a layer that is on"
         )
     points = np.concatenate([_rough(path) for path in paths])
     check_coordinates(points)
     heights = points[:, 2]
     if np.ptp(heights) > _FLAT * (_size(points) + np.abs(points).max()):
         raise FileFormatError(
-            f"expected a plane drawing, got heights from {heights.min():g} to {heights.max():g}; "
-            "move all entities to one height"
+            f"expected a plane drawing, got heights from {heights.min():g} to "
+            f"{heights.max():g}; move all entities to one height"
         )
     gap, tolerance = _JOINT * _size(points), file.tolerance and file.tolerance / metres
     shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
@@ -301,7 +302,9 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     single = [shape.boundaries[0][0] for shape in shapes if shape.style is None]
     rings = _rings(single, gap, tolerance)
     if not any([rings, *painted]):
-        raise FileFormatError("expected outlines that enclose an area, got none that do")
+        raise FileFormatError(
+            "expected outlines that enclose an area, got outlines without an area"
+        )
     polygons = nested(rings, file.union) if rings else []
     return Drawing(polygons + _painted(hatches, painted), metres)
 
@@ -321,7 +324,8 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 
 def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
-    paths = [path for path in paths if _size(_rough(path)) > gap]  # shorter paths count as points
+    # Paths shorter than the gap between connected ends count as points.
+    paths = [path for path in paths if _size(_rough(path)) > gap]
     is_open = [_size(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
     loose = list(compress(paths, is_open))
@@ -341,31 +345,32 @@ def _chords(path: Path, reach: float) -> Points:
 
 
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
-    """Return closed chains of paths; `tips`: ends (2, 3) of each path, which must meet in pairs.
+    """Return closed chains of paths. `tips`: ends (2, 3) of each path, which meet in pairs.
 
-    Ends meet if their distance is at most `gap`. Each run contains the numbers of its paths, and
-    whether each path is reversed.
+    Ends meet if their distance is at most `gap`. A chain is a list of path indices, each with a
+    flag for a reversed path.
     """
     if not tips:
         return []
     points = np.concatenate(tips)
     geometries = shapely.points(points[:, :2])
     first, second = shapely.STRtree(geometries).query(geometries, predicate="dwithin", distance=gap)
-    counts = np.bincount(first)  # each end is also near itself
+    counts = np.bincount(first)
     if (counts != 2).any():
         worst = int(np.argmax(counts != 2))
         x, y = points[worst, :2]
         raise FileFormatError(
-            "expected lines and arcs whose ends meet in pairs, got an end at "
-            f"({x:.6g}, {y:.6g}) that meets {counts[worst] - 1} others; close the outline, or "
-            "move other lines to a layer that is off"
+            f"expected lines and arcs whose ends meet in pairs, got an end at ({x:.6g}, "
+            f"{y:.6g}) that meets {counts[worst] - 1} others; close the outline, or move "
+            "other lines to a layer that is off"
         )
     partner = np.empty_like(counts)
     partner[first[first != second]] = second[first != second]
     runs: list[list[tuple[int, bool]]] = []
     used: set[int] = set()
     for start in range(len(tips)):
-        run, end = [], 2 * start  # the ends 2 k and 2 k + 1 belong to path k
+        # The ends of path k have the indices 2 k and 2 k + 1.
+        run, end = [], 2 * start
         while end // 2 not in used:
             used.add(end // 2)
             run.append((end // 2, end % 2 == 1))

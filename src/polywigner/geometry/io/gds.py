@@ -1,4 +1,4 @@
-"""Polygons and paths of a GDSII layout, read with gdstk."""
+"""Reader of polygons and paths in a GDSII layout, with gdstk."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.io.curves import DEFAULT_TOLERANCE
 from polywigner.geometry.io.limits import check_coordinates
-from polywigner.geometry.io.outlines import Drawing, File, filled
+from polywigner.geometry.io.outlines import DEFAULT_TOLERANCE, Drawing, File, filled
 from polywigner.geometry.rings import Ring
 
 if TYPE_CHECKING:
     import gdstk
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
-# Type of the record STRANS, and its bits for an absolute magnification and an absolute angle.
+# Type of the GDSII record STRANS, and its bits for an absolute magnification and an absolute angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
@@ -32,7 +31,11 @@ def _chosen(library: Any, name: str | None) -> gdstk.Cell:
     if name is None and len(top) == 1:
         return cells[top[0]]
     if name not in cells:
-        expected = "one top cell" if name is None else f"a cell or layer of the file ({name!r})"
+        expected = (
+            "a layout with one top cell"
+            if name is None
+            else f"a cell or layer of the file ({name!r})"
+        )
         listed = ", ".join(sorted(top if name is None else cells)[:12])
         raise FileFormatError(
             f"expected {expected}, got the cells {listed}; pass the name of a cell as layer"
@@ -41,7 +44,7 @@ def _chosen(library: Any, name: str | None) -> gdstk.Cell:
 
 
 def _check_transformations(content: bytes) -> None:
-    """Raise FileFormatError for absolute transformations, which gdstk treats as relative ones."""
+    """Raise FileFormatError for absolute transformations, which gdstk would treat as relative."""
     position = 0
     while size := int.from_bytes(content[position : position + 2], "big"):
         flags = content[position + 4 : position + 6]
@@ -59,13 +62,13 @@ def _check_references(cells: Iterable[Any]) -> None:
         for reference in cell.references:
             if isinstance(reference.cell, str):
                 raise FileFormatError(
-                    f"expected all cells in the file, got a reference in {cell.name!r} to the "
-                    f"missing cell {reference.cell[:60]!r}; export the layout with its libraries"
+                    f"cell {cell.name!r} refers to the cell {reference.cell[:60]!r}, which "
+                    "the file does not contain; export the layout with its libraries"
                 )
 
 
 def _check_cycles(cells: Iterable[Any]) -> None:
-    """Raise FileFormatError if a cell contains itself, which would make gdstk abort the process."""
+    """Raise FileFormatError if a cell contains itself, because gdstk would abort the process."""
     inner = {
         cell.name: [ref.cell.name for ref in cell.references if not isinstance(ref.cell, str)]
         for cell in cells
@@ -75,8 +78,8 @@ def _check_cycles(cells: Iterable[Any]) -> None:
         TopologicalSorter(inner).prepare()
     except CycleError as error:
         raise FileFormatError(
-            f"expected cells that do not contain themselves, got {' in '.join(error.args[1])[:120]}"
-            "; correct the references"
+            "expected cells that do not contain themselves, got "
+            f"{' in '.join(error.args[1])[:120]}; correct the references"
         ) from None
 
 
@@ -88,26 +91,28 @@ def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
     """Yield the outlines of polygons and paths, with their layer and "layer/data type"."""
     for polygon in cell.get_polygons(include_paths=False):
         yield *_layer_names(polygon.layer, polygon.datatype), polygon.points
-    # get_polygons would lose the absolute widths of paths in references
+    # The method get_polygons would lose the absolute widths of paths in references.
     for path in cell.get_paths():
         for polygon in path.to_polygons():
             yield *_layer_names(path.layers[0], path.datatypes[0]), polygon.points
 
 
 def load_gds(file: File) -> Drawing:
-    """Load the polygons of one cell, references included; paths have their widths.
+    """Load the polygons and paths of one cell, including its references.
 
-    Layers: "1" for a layer with all its data types, "1/0" for one of them. Any other text is the
-    name of the cell, by default the only top cell.
+    A layer "1" has all data types, a layer "1/0" only one of them. Any other string is the name of
+    the cell, which is by default the only top cell.
     """
     cells = [name for name in file.layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
-        raise ArgumentError(f"expected one cell, got {', '.join(cells)}; read each cell separately")
+        raise ArgumentError(
+            f"expected the name of one cell, got {', '.join(cells)}; read each cell separately"
+        )
     library: Any = importlib.import_module("gdstk").read_gds(str(file.path))
     metres = float(library.unit)
     if not 0 < metres < math.inf:
         raise FileFormatError(
-            f"expected a unit above zero, got {metres:g} m; export the layout again"
+            f"expected a database unit above zero, got {metres:g} m; export the layout again"
         )
     cell: Any = _chosen(library, cells[0] if cells else None)
     _check_cycles(library.cells)
@@ -119,27 +124,30 @@ def load_gds(file: File) -> Drawing:
         length = float(np.hypot(*np.ptp(path.spine(), axis=0)))
         names = _layer_names(path.layers[0], path.datatypes[0])
         if length == 0 and not (requested and requested.isdisjoint(names)):
-            raise FileFormatError(  # gdstk drops these paths
+            # Paths of length zero raise an error, because gdstk would drop them.
+            raise FileFormatError(
                 f"expected paths with a length, got a path of length zero on layer {names[1]}; "
                 "draw a polygon instead"
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
-    # boundaries without extent have no points
+    # GDSII boundaries without extent have no points and are skipped.
     shapes = [shape for shape in _shapes(cell) if len(shape[2])]
     if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])
-        raise FileFormatError(
-            f"expected a layer of the cell, got {min(missing)}; the cell has the layers {listed}"
-        )
+        raise FileFormatError(f"the cell has no layer {min(missing)}; its layers are {listed}")
     shapes = [s for s in shapes if not requested or not requested.isdisjoint(s[:2])]
     rings = [ring for _, _, ring in shapes]
     if not rings:
-        raise FileFormatError("expected polygons or paths in the cell, got none")
+        raise FileFormatError(
+            "the cell contains no polygons or paths; choose another cell or layer"
+        )
     check_coordinates(np.concatenate(rings))
     # In GDSII, a cut leads from the exterior of a polygon to each hole. The fill rule separates the
     # holes again.
     polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
     if not polygons:
-        raise FileFormatError("expected polygons that enclose an area, got none that do")
+        raise FileFormatError(
+            "expected polygons that enclose an area, got polygons without an area"
+        )
     return Drawing(polygons, metres)

@@ -1,7 +1,7 @@
-"""Copper of one layer of a board from Gerber (RS-274X), parsed by gerbonara, as polygons.
+"""Reader of the copper of one board layer in a Gerber file (RS-274X), parsed by gerbonara.
 
-gerbonara ignores or misreads some statements (step and repeat, blocks, transformed apertures).
-Such statements are refused before.
+Some statements (step and repeat, blocks, transformed apertures) would be ignored or misread by
+gerbonara. Such statements raise an error beforehand.
 """
 
 from __future__ import annotations
@@ -20,9 +20,18 @@ from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.illumination import turned_points
-from polywigner.geometry.io.curves import Arc, Curve, Points, chords, flattened, reach_of
 from polywigner.geometry.io.limits import check_coordinates, text_of
-from polywigner.geometry.io.outlines import Drawing, File, filled
+from polywigner.geometry.io.outlines import (
+    Arc,
+    Curve,
+    Drawing,
+    File,
+    Points,
+    chords,
+    filled,
+    flattened,
+    reach_of,
+)
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
 
@@ -33,7 +42,8 @@ _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"(?![CROP](?![\w.$-]))[A-Za-z_.$][\w.$-]*"
 
-# gerbonara misreads exposures other than 0 and 1, and does not rotate the centres of polygons.
+# Macros may contain only exposures of 0 and 1, and polygons centred at the origin: gerbonara
+# misreads other exposures and does not rotate the centres of polygons.
 _BLOCK = (
     r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|20|21),\s*[01],|0*5,\s*[01],[^,*]+,\s*0,\s*0,)"
     r"[-+0-9.$xX/(),\s]+)?"
@@ -48,20 +58,20 @@ _STATEMENT = re.compile(
     rf"|{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
     rf"|%AM{_NAME}\*{_BLOCK}(?:\*{_BLOCK})*"
 )
-# Statements that can be skipped: attributes, names, and transformations that change nothing.
+# Statements that are skipped: attributes, names, and transformations that change nothing.
 _NEUTRAL = re.compile(
     r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MIA0B0|LMN|IR0|SR(?:X1Y1I0J0)?|"
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
     re.DOTALL,
 )
-# Warnings of gerbonara about statements that it nevertheless reads correctly.
+# Warnings of gerbonara about statements that it reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
-# Largest relative difference of the radii at both ends of an arc, which rounded coordinates may
-# cause.
+# Largest relative difference of the radii at both ends of an arc, which may be due to rounded
+# coordinates.
 _RADII = 1e-3
 
 Layers = Iterable[tuple[bool, BaseGeometry]]
-"""Shapes in the order of drawing; a dark one (True) adds copper, a clear one removes copper."""
+"""Shapes in the order of drawing. A dark shape (True) adds copper, a clear shape removes copper."""
 
 
 def _refusal(expected: str, got: str, advice: str = "export the layer again") -> FileFormatError:
@@ -82,8 +92,8 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
         position, line = match.end(), line + match[0].count("\n")
     if text[position:].strip():
         raise _refusal(
-            "Gerber statements that end with an asterisk", "text without an asterisk",
-            "check whether the file is complete and is Gerber",
+            "statements that end with an asterisk", "text without an asterisk",
+            "check whether the file is complete and is a Gerber file",
         )  # fmt: skip
 
 
@@ -104,18 +114,19 @@ def _checked(text: str) -> tuple[str, str]:
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # gerbonara accepts neither names of one letter nor G1 for G01
+        # The parser of gerbonara accepts neither names of one letter nor G1 for G01.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
     regions = [words[:3] for words in statements if words in ("G36*\n", "G37*\n")]
-    # gerbonara silently drops a region that is not closed
+    # Regions must be closed, because gerbonara silently drops other regions.
     if regions != ["G36", "G37"] * (len(regions) // 2):
         raise _refusal("G37 after each G36", "another order")
     checked = "".join(statements)
     if not unit or "%FS" not in checked:
         raise _refusal(
-            "the statements %FS and %MO before coordinates and apertures", "a file without both"
+            "the statements %FS and %MO before coordinates and apertures",
+            "a file without both statements",
         )
     return checked, unit
 
@@ -137,7 +148,7 @@ def _composed(layers: Layers) -> BaseGeometry:
         if not shapes:
             continue
         shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # Polygons outside the bounds of the new shape remain unchanged.
+        # Only polygons within the bounds of a new shape can change.
         near = shapely.intersects(copper, shapely.box(*shape.bounds))
         if near.any():
             around = shapely.MultiPolygon(list(copper[near]))
@@ -158,7 +169,7 @@ def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * m
 
 
 def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
-    """Return an arc, with its centre moved to the same distance from both ends."""
+    """Return an arc whose centre is moved to the same distance from both ends."""
     first_end, last_end, centre = np.array([start, end, about], dtype=float)
     first, last = np.hypot(*(first_end - centre)), np.hypot(*(last_end - centre))
     if not 0 < first < math.inf or abs(first - last) > _RADII * first:
@@ -185,7 +196,7 @@ def _hull(outlines: Sequence[Points]) -> BaseGeometry:
 
 
 class _Shapes:
-    """Polygons of objects; `tolerance` of chords in the file's unit, or None."""
+    """Converter of gerbonara's objects to polygons, with chords within `tolerance`."""
 
     def __init__(self, tolerance: float | None) -> None:
         self._tolerance = tolerance
@@ -215,7 +226,7 @@ class _Shapes:
         along = ends[1] - ends[0]
         if not along.any():
             return self._polygon([_circle(ends[0], width / 2)])
-        # The half circle has vertices at its ends, where the straight sides begin.
+        # The half circle at the end of a stroke has vertices where the straight sides begin.
         half = _circle((0, 0), width / 2, math.atan2(along[1], along[0]) + math.pi / 2, math.pi)
         discs = [_circle(end, width / 2) for end in ends]
         side = chords(half, reach_of(discs, self._tolerance))
@@ -236,7 +247,7 @@ class _Shapes:
         if points[0] != points[-1]:
             x, y = points[0]
             raise _refusal(
-                "closed outlines of regions", f"an outline from ({x:g}, {y:g}) that is open"
+                "closed outlines of regions", f"an open outline that starts at ({x:g}, {y:g})"
             )
         sides = zip(points[:-1], points[1:], region.arc_centers, strict=True)
         outline: list[Curve] = [
@@ -261,7 +272,8 @@ class _Shapes:
         is_round = hasattr(pen, "diameter")
         if pen.hole_dia or (kind == "Arc" and not is_round):
             raise _refusal(
-                "lines of round or rectangular apertures without holes, or arcs of round ones",
+                "lines drawn with round or rectangular apertures without holes, or arcs "
+                "drawn with round apertures",
                 "other strokes",
                 "export the strokes as regions",
             )
@@ -285,7 +297,7 @@ class _Shapes:
 
 
 def load_gerber(file: File) -> Drawing:
-    """Load the copper after all objects: dark objects add copper, clear objects remove copper."""
+    """Load the copper of a layer: dark objects add copper, and clear objects remove copper."""
     text, unit = _checked(text_of(file.content))
     metres = _METRES[unit]
     shapes = _Shapes(file.tolerance and file.tolerance / metres)
@@ -293,14 +305,16 @@ def load_gerber(file: File) -> Drawing:
         copper = _composed(layer for item in _objects_of(text) for layer in shapes.of(item))
     except (PolywignerError, ImportError):
         raise
-    except Exception as error:  # gerbonara does not document its exceptions
-        # the line number refers to the checked statements, not to the file
+    # The exceptions of gerbonara are not documented.
+    except Exception as error:
+        # The line number in gerbonara's message is removed, because it refers to the checked
+        # statements, not to the file.
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
-        raise _refusal("Gerber that gerbonara reads", why[:200].rstrip(".")) from None
+        raise _refusal("a Gerber file that gerbonara can read", why[:200].rstrip(".")) from None
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(
-            "expected copper (regions, flashes or strokes that are dark), got none; choose "
-            "another layer of the board"
+            "the layer contains no copper (dark regions, flashes or strokes); choose another "
+            "layer of the board"
         )
     return Drawing(polygons, metres)

@@ -1,6 +1,7 @@
-"""Meshes of STL, PLY and OBJ files: vertices, and faces of any number of corners.
+"""Readers of STL, PLY and OBJ meshes: vertices, and faces with any number of corners.
 
-Colours, normals and texture coordinates are ignored. Corners that differ by rounding are joined.
+Colours, normals and texture coordinates are ignored. Corners that differ only by rounding are
+joined.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ MESH_SUFFIXES = (".stl", ".ply", ".obj")
 Points = NDArray[np.float64]
 Face = tuple[int, ...]
 
-# Largest distance of vertices that are merged, as a fraction of the size. CAD programs compute the
-# corners of each face separately, with rounding errors of 1e-16 to 1e-12.
+# Largest distance of vertices that are merged, as a fraction of the size of the mesh. CAD programs
+# compute the corners of each face separately, with rounding errors of 1e-16 to 1e-12.
 _WELD = 1e-9
 # Largest difference of vertices that are merged in single precision, in units of the last digit.
 _LAST_DIGITS = 2
-# Largest distance of a vertex from the plane of its face, as a fraction of the size. Coordinates
-# with six digits satisfy this limit.
+# Largest distance of a vertex from the plane of its face, as a fraction of the size of the mesh.
+# Coordinates with six digits satisfy this limit.
 _PLANAR = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Vertices (n, 3) in the file's unit, and the vertex indices of faces."""
+    """Vertices (n, 3) in the file's unit, and faces as lists of vertex indices."""
 
     vertices: Points
     faces: list[Face]
@@ -57,7 +58,8 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     kind = suffix.removeprefix(".").upper()
     try:
         mesh = readers[suffix](content)
-    except FileFormatError:  # FileFormatError is also a ValueError
+    # A FileFormatError is also a ValueError, which is handled below.
+    except FileFormatError:
         raise
     except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
         raise FileFormatError(
@@ -65,19 +67,20 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
             f"({type(error).__name__}); export the body again"
         ) from None
     if not mesh.faces:
-        raise FileFormatError("expected triangles, got none; export the body as a mesh")
+        raise FileFormatError("the file contains no triangles; export the body as a mesh")
     check_most(len(mesh.faces), MOST_FACES, "triangles", "simplify the mesh")
     least, most = min(map(min, mesh.faces)), max(map(max, mesh.faces))
     if least < 0 or most >= len(mesh.vertices):
         raise FileFormatError(
-            f"expected {kind} faces with vertex numbers up to {len(mesh.vertices)}, got a face "
-            "with another number; export the body again"
+            f"expected {kind} faces with vertex numbers up to {len(mesh.vertices)}, got a "
+            "face with another number; export the body again"
         )
     check_coordinates(mesh.vertices)
     mesh = _welded(mesh)
     if not mesh.faces:
         raise FileFormatError(
-            "expected triangles with an area, got points only; export the body again"
+            "expected triangles with an area, got only triangles without an area; export the "
+            "body again"
         )
     return _triangulated(mesh)
 
@@ -87,9 +90,9 @@ def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
     worst = int(heights.argmax()) if len(heights) else 0
     if len(heights) and heights[worst] > _PLANAR * _size(mesh.vertices):
         warn_caller(
-            f"face {worst} of the mesh is not planar: a vertex lies {heights[worst]:.3g} (in the "
-            "file's unit) off its plane, and the body depends on the division into triangles; "
-            "export the mesh as triangles"
+            f"face {worst} of the mesh is not planar: a vertex is {heights[worst]:.3g} (in "
+            "the file's unit) away from its plane, and the body depends on the division into "
+            "triangles; export the mesh as triangles"
         )
     triangles = triangulate_faces(mesh.vertices, mesh.faces)
     return mesh.vertices, triangles
@@ -119,14 +122,12 @@ def _welded(mesh: Mesh) -> Mesh:
 
 
 def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
-    """Return labels (n,), equal for values that are connected by steps of at most `reach`."""
+    """Return labels (n,), which are equal for values connected by steps of at most `reach`."""
     order = np.argsort(values, kind="stable")
     labels = np.empty(len(values), dtype=np.intp)
     labels[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > reach)
     return labels
 
-
-# ---- STL -----------------------------------------------------------------------------------------
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"(?i)\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
@@ -141,20 +142,21 @@ def _stl(content: bytes) -> Mesh:
         return _of_corners(corners, _SINGLE)
     if b"\0" in content:
         raise FileFormatError(
-            f"expected binary STL of 84 + 50 n bytes, got {len(content)} bytes with {count} "
-            "triangles in the header; export the body again"
+            "expected a binary STL file of 84 + 50 n bytes for n triangles, got "
+            f"{len(content)} bytes and {count} triangles in the header; export the body again"
         )
     vertices = _VERTEX.findall(content)
     facets = len(_END_OF_FACET.findall(content))
     if len(vertices) != 3 * facets:
         raise FileFormatError(
-            f"expected three vertices in each facet of an STL file, got {len(vertices)} vertices "
-            f"in {facets} facets; the file may be damaged or cut short: export the body again"
+            f"expected three vertices in each facet of an STL file, got {len(vertices)} "
+            f"vertices in {facets} facets; the file may be damaged or cut short: export the "
+            "body again"
         )
     if facets and not _END_OF_SOLID.search(content):
         raise FileFormatError(
-            "expected an STL file that ends with the line endsolid, got a file without this line, "
-            "which may be cut short; export the body again, or add the line"
+            "expected an STL file that ends with the line endsolid, got a file without this "
+            "line, which may be cut short; export the body again, or add the line"
         )
     return _of_corners(
         np.array(vertices, dtype=bytes).astype(np.float64).reshape(-1, 3, 3), _DOUBLE
@@ -165,8 +167,6 @@ def _of_corners(corners: Points, precision: float) -> Mesh:
     numbers = np.arange(3 * len(corners)).reshape(-1, 3)
     return Mesh(corners.reshape(-1, 3), list(map(tuple, numbers.tolist())), precision)
 
-
-# ---- OBJ -----------------------------------------------------------------------------------------
 
 _FREE_FORM = ("curv", "curv2", "surf")
 
@@ -181,18 +181,17 @@ def _obj(content: bytes) -> Mesh:
             vertices.append([float(x), float(y), float(z)])
         elif word in (b"f", b"fo"):
             numbers = [int(value.partition(b"/")[0]) for value in values]
-            # negative indices count backwards from the most recent vertex
+            # Negative vertex indices of OBJ files count backwards from the most recent vertex.
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError
         elif word.decode("ascii", "replace") in _FREE_FORM:
             raise FileFormatError(
-                "expected OBJ with polygons, got free-form curves or surfaces; export a mesh"
+                "expected an OBJ file with polygons, got free-form curves or surfaces; "
+                "export a mesh"
             )
     return Mesh(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces, _DOUBLE)
 
-
-# ---- PLY -----------------------------------------------------------------------------------------
 
 _NUMBERS = {
     "char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f",
@@ -203,9 +202,9 @@ _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER = re.compile(rb"ply\s(.*?)^end_header[ \t]*\r?\n?", re.MULTILINE | re.DOTALL)
 
 Property = tuple[str, str, str]
-"""Name, type, and type of a list's length."""
+"""Name of a property, its type, and the type of a list's length."""
 Take = Callable[[str], Sequence[Any]]
-"""Function that returns the next numbers of the types of a `struct` format."""
+"""Function that returns the next numbers in a `struct` format."""
 
 
 def _ply(content: bytes) -> Mesh:
@@ -222,7 +221,7 @@ def _ply(content: bytes) -> Mesh:
             name: [_row(properties, take) for _ in range(count)]
             for name, count, properties in elements
         }
-    # inside a generator, StopIteration becomes RuntimeError
+    # Inside a generator, a StopIteration becomes a RuntimeError.
     except (StopIteration, RuntimeError, struct.error):
         raise _cut_short("fewer") from None
     if not is_empty():
@@ -291,6 +290,6 @@ def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
 
 def _cut_short(got: str) -> FileFormatError:
     return FileFormatError(
-        f"expected the number of rows that the header of the PLY file states, got {got}; the file "
-        "may be cut short: export the mesh again"
+        f"expected the number of rows that the header of the PLY file states, got {got}; the "
+        "file may be cut short: export the mesh again"
     )

@@ -1,8 +1,14 @@
-"""Outlines of drawings: the caller's options, and polygons with holes by fill rule or nesting."""
+"""Outlines of drawings: curves and their chords, and polygons with holes by fill rule or nesting.
+
+A curve is a polyline ((n, d) vertices), an :class:`Arc` of an ellipse, a :class:`Bezier` or a
+:class:`Spline`. An outline is a closed sequence of curves; each curve starts at the end of the
+previous curve.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +17,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 from polywigner.geometry.parts import (
     check_pairs,
     connected,
@@ -31,25 +38,211 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
+DEFAULT_TOLERANCE = 1 / 2000
+"""Largest distance between a curve and its chords, as a fraction of the diagonal of the outline.
+
+A circle becomes a polygon with 52 vertices. A rounded corner, which is a quarter circle with a
+tenth of the outline's size, becomes 8 chords. For an outline of ten wavelengths the distance is
+1/200 of a wavelength.
+"""
+
+# Largest angle of a chord in radians, so that even a small circle has at least eight chords.
+_LARGEST_STEP = math.pi / 4
+
+Points = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """Points centre + u cos t + v sin t, with t from start to start + sweep in radians."""
+
+    centre: Points
+    u: Points
+    v: Points
+    start: float = 0.0
+    sweep: float = 2 * math.pi
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the arc is a full ellipse, up to the rounding of angles in degrees."""
+        return abs(self.sweep) >= 2 * math.pi * (1 - 1e-12)
+
+    @property
+    def stretch(self) -> float:
+        """Larger half axis of the ellipse."""
+        return float(np.linalg.norm(np.stack([self.u, self.v]), 2))
+
+    def at(self, t: Points) -> Points:
+        """Return points (n, d) at fractions (n,) of the sweep."""
+        angles = self.start + self.sweep * t
+        return self.centre + np.cos(angles)[:, None] * self.u + np.sin(angles)[:, None] * self.v
+
+    def transformed(self, matrix: Points, offset: Points) -> Arc:
+        """Return the image of the curve under p -> p @ matrix + offset."""
+        centre = self.centre @ matrix + offset
+        return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
+
+    def chords(self, reach: float) -> Points:
+        """Return vertices (n, d) on the arc; for a full ellipse, a polygon of the same area.
+
+        The polygon of an ellipse has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x
+        = 2 pi/n. Its corners lie outside the ellipse by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch
+        for n >= 48 (1.04 for n = 8). The midpoints of its sides lie inside the ellipse by half of
+        this distance.
+        """
+        if not self.is_closed:
+            steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
+            return sampled(self, _counted(abs(self.sweep) * steps))
+        n = 4 * max(2, _counted(1.04 * math.pi * math.sqrt(self.stretch / (3 * reach)) / 4))
+        x = 2 * math.pi / n
+        grown = math.sqrt(x / math.sin(x))
+        sweep = math.copysign(2 * math.pi, self.sweep)
+        return sampled(Arc(self.centre, grown * self.u, grown * self.v, self.start, sweep), n)
+
+
+@dataclass(frozen=True, eq=False)
+class Bezier:
+    """A Bezier curve of degree p, with control points (p + 1, d)."""
+
+    points: Points
+
+    def at(self, t: Points) -> Points:
+        """Return points (n, d) at parameters (n,) from 0 to 1."""
+        degree = len(self.points) - 1
+        powers = np.arange(degree + 1)
+        factors = [math.comb(degree, k) for k in range(degree + 1)]
+        return (
+            factors * t[:, None] ** powers * (1 - t[:, None]) ** (degree - powers)
+        ) @ self.points
+
+    def transformed(self, matrix: Points, offset: Points) -> Bezier:
+        """Return the image of the curve under p -> p @ matrix + offset."""
+        return Bezier(self.points @ matrix + offset)
+
+    def chords(self, reach: float) -> Points:
+        """Return vertices (n, d) at equal steps; the second derivative determines their number."""
+        degree = len(self.points) - 1
+        second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
+        return sampled(self, _counted(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A curve that consists of pieces, such as a B-spline over its range of knots."""
+
+    points: Points
+    """Control points, shape (n, d), whose bounds approximate the bounds of the curve."""
+    evaluate: Callable[[Points], Points]
+    """Function of parameters (m,) that returns the points (m, d) of the curve."""
+    breaks: Points
+    """Parameters at the start, between the pieces, and at the end."""
+
+    def at(self, t: Points) -> Points:
+        """Return points (n, d) at fractions (n,) of the pieces."""
+        count = len(self.breaks)
+        return self.evaluate(np.interp(t * (count - 1), np.arange(count), self.breaks))
+
+    def transformed(self, matrix: Points, offset: Points) -> Spline:
+        """Return the image of the curve under p -> p @ matrix + offset."""
+        evaluate = self.evaluate
+        points = self.points @ matrix + offset
+        return Spline(points, lambda t: evaluate(t) @ matrix + offset, self.breaks)
+
+    def chords(self, reach: float) -> Points:
+        """Return vertices (n, d) of chords within `reach` of the curve."""
+        pieces = 4 * (len(self.breaks) - 1)
+        t = np.arange(pieces + 1) / pieces
+        while True:
+            points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
+            # The distance from the curve to the midpoint of a chord is an upper bound on the
+            # distance to the chord.
+            off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
+            if (off <= reach).all():
+                return points
+            t = np.union1d(t, midpoints[off > reach])
+            _counted(len(t))
+
+
+Curve = Points | Arc | Bezier | Spline
+
+
+def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
+    """Return the image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
+    if isinstance(curve, np.ndarray):
+        return curve @ matrix + offset
+    return curve.transformed(matrix, offset)
+
+
+def sampled(curve: Curve, steps: int = 1) -> Points:
+    """Return `steps` + 1 points along the curve, or the vertices of a polyline."""
+    return curve if isinstance(curve, np.ndarray) else curve.at(np.arange(steps + 1) / steps)
+
+
+def chords(curve: Curve, reach: float) -> Points:
+    """Return vertices (n, d) of chords within `reach` of the curve, including its ends."""
+    return curve if isinstance(curve, np.ndarray) else curve.chords(reach)
+
+
+def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
+    """Return the largest allowed distance of chords: `tolerance`, or 1/2000 of the size.
+
+    Coordinates beyond 1e100 raise a FileFormatError.
+    """
+    points = np.concatenate([
+        curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
+        for curve in outline
+    ])  # fmt: skip
+    check_coordinates(points)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
+    # The allowed distance of chords is at least the rounding error of coordinates. Outlines as
+    # small as a point raise an error later.
+    return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
+
+
+def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
+    """Return each outline as a ring (n, d) without a repeated first vertex.
+
+    The chords are within `tolerance` of the curves, in their unit; None: 1/2000 of the size of the
+    outline. A full ellipse becomes a polygon of the same area; otherwise all vertices lie on the
+    curve. Coordinates beyond 1e100 and more than a million chords raise a FileFormatError.
+    """
+    reaches = [reach_of(outline, tolerance) for outline in outlines]
+    return [
+        np.concatenate([chords(curve, reach)[:-1] for curve in outline])
+        for outline, reach in zip(outlines, reaches, strict=True)
+    ]
+
+
+def _counted(steps: float) -> int:
+    if not steps <= MOST_VERTICES:
+        raise FileFormatError(
+            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
+            "pass a larger tolerance for curves"
+        )
+    return max(1, math.ceil(steps))
+
+
 OVERLAP_REMEDY = (
     "join them in the drawing, read fewer layers (--layer), or give union=True (--union)"
 )
-"""Advice of the error for outlines that overlap."""
+"""Remedy in the error message for outlines that overlap."""
 
 Polygon = list[Ring]
-"""Rings with the exterior first."""
+"""Rings of a polygon, with the exterior first."""
 
 
 @dataclass(frozen=True, eq=False)
 class File:
-    """A file to read, with the options of the caller."""
+    """A file to be read, with the options of the caller."""
 
     path: Path
     content: bytes
     unit_metres: float
     """Length of the file's unit in metres; ignored if the file itself states its unit."""
     tolerance: float | None
-    """Largest distance in metres between a curve and its chords; None: see `flattened`."""
+    """Largest distance in metres between a curve and its chords; for None see
+    :func:`~polywigner.geometry.io.curves.flattened`."""
     layers: tuple[str, ...]
     """Names of the layers to read, even if they are hidden; if empty, all visible layers are
     read."""
@@ -73,19 +266,15 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
     if missing:
         listed = ", ".join(name[:60] for name in names[:12]) + ", ..." * (len(names) > 12)
         raise ArgumentError(
-            f"expected a layer of the drawing, got {missing[0][:60]!r}; "
-            + (
-                f"the drawing has the layers {listed}"
-                if names
-                else "the drawing has no named layers, so omit layer"
-            )
+            f"the drawing has no layer {missing[0][:60]!r}; "
+            + (f"its layers are {listed}" if names else "it has no named layers, so omit layer")
         )
 
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     """Return the region that a path of rings fills by the rule "nonzero" or "evenodd".
 
-    Rings without an area are ignored. Rings that meet no other ring stay unchanged.
+    Rings without an area are ignored. Rings that do not meet another ring stay unchanged.
     """
     rings = [
         ring
@@ -95,24 +284,25 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        return [rings]  # the outlines are cleaned later, together with the aperture
+        # Outlines that do not cross are cleaned later, together with the aperture.
+        return [rings]
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
 def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
-    """Return the number of other rings around each of the rings (n, 2)."""
+    """Return the number of other rings around each ring (n, 2)."""
     return np.bincount(_containing(rings)[1], minlength=len(rings))
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
-    """Return polygons whose holes are the rings inside them; rings in holes are polygons again.
+    """Return polygons whose holes are the rings inside them; rings inside holes are polygons.
 
     With `union`, rings that overlap or touch are joined first. Otherwise, overlaps raise a
     GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
-    clean = [  # simple rings are cleaned later, together with the aperture
+    clean = [
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))
     ]
@@ -126,7 +316,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
 
 
 def _joined(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the outlines of groups of rings that overlap or touch; rings inside others remain."""
+    """Return the outlines of groups of rings that overlap or touch, and of rings inside others."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]

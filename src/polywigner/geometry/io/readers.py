@@ -44,7 +44,7 @@ T = TypeVar("T")
 
 
 def load_geojson(file: File) -> Drawing:
-    """Load all polygons in order, including the polygons of features and collections."""
+    """Load all polygons in order, including those in features and collections."""
     return _polygons(file, shapely.from_geojson, "GeoJSON with polygons")
 
 
@@ -55,7 +55,8 @@ def load_wkt(file: File) -> Drawing:
 
 def _polygons(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
     try:
-        with np.errstate(invalid="ignore"):  # a NaN is reported later, together with its vertex
+        # A NaN among the coordinates is reported later, together with its vertex.
+        with np.errstate(invalid="ignore"):
             geometry = parse(text_of(file.content).strip())
     except (shapely.errors.GEOSException, NotImplementedError) as error:
         line = re.search(r" in line \d+", str(error).replace("at line", "in line"))
@@ -77,7 +78,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 def table_rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return the line number and the columns of each line of a table; # begins a comment."""
+    """Return the line number and the columns of each line of a table; # starts a comment."""
     lines = enumerate(text.splitlines(), start=1)
     return [(n, columns) for n, line in lines if (columns := _columns_of(line.split("#", 1)[0]))]
 
@@ -94,7 +95,8 @@ def _columns_of(line: str) -> list[str]:
     else:
         fields = line.split()
     stripped = [field.strip().strip("\"'") for field in fields]
-    while stripped and not stripped[-1]:  # the line ends with a separator
+    # A line may end with separators, which give empty columns.
+    while stripped and not stripped[-1]:
         stripped.pop()
     return stripped
 
@@ -107,7 +109,7 @@ def load_csv(file: File) -> Drawing:
     for number, fields in rows[1 if has_header else 0 :]:
         if len(fields) != 2 or not all(map(_NUMBER.fullmatch, fields)):
             raise FileFormatError(
-                f'expected two numbers such as "1.5, -2", got other text in line {number}'
+                f'expected two numbers such as "1.5, -2" in line {number}, got other text'
             )
         vertices.append((float(fields[0]), float(fields[1])))
     if not vertices:
@@ -125,10 +127,10 @@ LOADERS: dict[str, Callable[[File], Drawing]] = {
     ".gds": load_gds,
     **dict.fromkeys((".gbr", ".ger", ".gtl", ".gbl", ".art"), load_gerber),
 }
-"""Loader of each suffix."""
+"""Loader of each file name suffix."""
 
 _WITH_LAYERS = (load_svg, load_dxf, load_gds)
-# Patterns of the first bytes of files, for files with another suffix.
+# Patterns of the first bytes of a file, which identify the format if the suffix does not.
 _STARTS = (
     (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", load_dxf),
     (rb"\x00\x06\x00\x02", load_gds),
@@ -141,7 +143,7 @@ _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", 
 
 
 def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
-    """Return the loader for a file by its suffix, by its first bytes, or else the CSV loader."""
+    """Return the loader of a file by its suffix, by its first bytes, or else the CSV loader."""
     suffix = path.suffix.lower()
     if suffix in MESH_SUFFIXES:
         raise FileFormatError(
@@ -150,8 +152,8 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
         )
     if suffix in _NOT_READ:
         raise FileFormatError(
-            f"expected a file with one of the suffixes {', '.join(LOADERS)}, got {suffix}; export "
-            "the outline in one of these formats"
+            f"expected a file with one of the suffixes {', '.join(LOADERS)}, got {suffix}; "
+            "export the outline in one of these formats"
         )
     start = content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     by_start = (loader for pattern, loader in _STARTS if re.match(pattern, start))
@@ -163,11 +165,12 @@ def _loaded(file: File) -> Drawing:
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected layer only for drawings (SVG, DXF, GDSII), got it for a file without layers; "
-            "omit layer"
+            "expected layer only for drawings (SVG, DXF, GDSII), got it for a file without "
+            "layers; omit layer"
         )
     try:
-        with warnings.catch_warnings():  # hides warnings of the libraries that read the file
+        # Warnings of the libraries that read the file are hidden.
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return loader(file)
     except PolywignerError:
@@ -177,18 +180,19 @@ def _loaded(file: File) -> Drawing:
         raise missing_extra(library, "formats", f"reads {file.path.suffix} files") from None
     except RecursionError:
         raise FileFormatError(
-            "expected elements with fewer levels of nesting, got too many levels, or an element "
-            "that contains itself; ungroup the elements"
+            "expected elements with fewer levels of nesting, got too many levels, or an "
+            "element that contains itself; ungroup the elements"
         ) from None
-    except Exception as error:  # the libraries document only a few of their exceptions
+    # The libraries document only a few of their exceptions.
+    except Exception as error:
         raise FileFormatError(
-            f"expected a drawing, got a file that the library for this format cannot read "
-            f"({type(error).__name__}); it may be damaged: export the drawing again"
+            f"the library for this format cannot read the file ({type(error).__name__}); the "
+            "file may be damaged: export the drawing again"
         ) from None
 
 
 def _scaled(points: Any, metres: float) -> Ring:
-    """Return coordinates in metres; dividing by 1000 is more accurate than multiplying by 0.001."""
+    """Return coordinates in metres; a division by 1000 is more accurate than a factor of 0.001."""
     array = np.asarray(points, dtype=np.float64)
     per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
@@ -197,7 +201,9 @@ def _scaled(points: Any, metres: float) -> Ring:
 def _aperture(drawing: Drawing, union: bool) -> Aperture:
     polygons = drawing.polygons
     sizes = [len(ring) for rings in polygons for ring in rings]
-    check_most(len(sizes), MOST_RINGS, "outlines", "use fewer, such as one element of an array")
+    check_most(
+        len(sizes), MOST_RINGS, "outlines", "use fewer outlines, such as one element of an array"
+    )
     check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline")
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
@@ -213,7 +219,9 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        build(1.0)  # this raises the same error, with positions in the unit of the file
+        # The aperture is built again in the unit of the file, so that the error contains positions
+        # in this unit.
+        build(1.0)
         raise
 
 
@@ -303,7 +311,7 @@ def read_aperture(
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
         file = File(source, bytes_of(source), metres, tolerance, layers, joins)
-        # later checks report numbers that are too large for float64
+        # Later checks report numbers that are too large for float64.
         with np.errstate(all="ignore"):
             return _aperture(_loaded(file), joins)
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
@@ -364,7 +372,7 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
 def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[PlacedAperture]:
     """Read a mesh file (``.stl``, ``.ply``, ``.obj``), open or closed, as thin plates.
 
-    Each plate has two sides; triangles in one plane form one plate. :func:`rcs` takes the list as a
+    Each plate has two sides. Triangles in one plane form one plate. :func:`rcs` takes the list as a
     body, and :func:`amplitude` takes it as obstacles. Read closed bodies with
     :func:`read_polyhedron`: their inner sides are not illuminated, and their facets can form smooth
     surfaces.
@@ -427,10 +435,10 @@ def _body(
         raise type(error)(f"{source}: {error}") from None
 
 
-# Step to which normals of triangles, and their heights as fractions of the mesh's size, are
-# rounded. Triangles with equal rounded normals and heights form one plate.
+# Step to which the normals of triangles are rounded, and their heights as fractions of the size of
+# the mesh. Triangles with equal rounded normals and heights form one plate.
 _ONE_PLANE = 1e-12
-# Largest fraction of the area that a union may lose, which is due to rounding.
+# Largest fraction of the area that a union may lose by rounding.
 _LOST = 1e-9
 
 
@@ -442,9 +450,13 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
     longest = np.ptp(corners, axis=1).max(axis=1)
     wide = lengths > _ONE_PLANE * longest**2
     if not wide.any():
-        raise GeometryError("expected triangles with an area, got none; export the mesh again")
+        raise GeometryError(
+            "expected triangles with an area, got only triangles without an area; export the "
+            "mesh again"
+        )
     corners, normals = corners[wide], normals[wide] / lengths[wide, None]
-    # Plates have no orientation, so the normal is reversed if its largest component is negative.
+    # Plates have no orientation. The normal is reversed if its largest component is negative, so
+    # that parallel triangles have equal normals.
     largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
     normals = normals * np.sign(largest)
     heights = (normals * corners[:, 0]).sum(axis=1, keepdims=True) / np.ptp(vertices, axis=0).max()

@@ -1,7 +1,7 @@
-"""Filled shapes of an SVG file: y is reversed, and strokes are ignored.
+"""Reader of the filled shapes in an SVG file; y is reversed, and strokes are ignored.
 
-svgelements parses paths, transforms and colours. It silently skips invalid text, so this module
-checks the text first.
+The library svgelements parses paths, transforms and colours. It silently skips invalid text, so
+this module checks the text beforehand.
 """
 
 from __future__ import annotations
@@ -19,24 +19,28 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.curves import (
+from polywigner.geometry.io.outlines import (
     Arc,
     Bezier,
     Curve,
+    Drawing,
+    File,
     Points,
+    Polygon,
+    check_known,
+    filled,
     flattened,
     sampled,
     transformed,
 )
-from polywigner.geometry.io.outlines import Drawing, File, Polygon, check_known, filled
 from polywigner.geometry.parts import combined_on_grid, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-# svgelements silently skips text that does not follow this grammar. Possessive quantifiers limit
-# the time of a match.
+# Grammar of valid attributes, because svgelements silently skips invalid text. Possessive
+# quantifiers limit the time of a match.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")
@@ -45,7 +49,7 @@ _TRANSFORM = re.compile(
     r"(?:\s*+(?:matrix|translate|scale|rotate|skew[XY])"
     rf"\s*+\(\s*+(?:{_NUMBER}{_COMMA})++\)\s*+,?+)*+\s*+"
 )
-# excludes numbers such as "5."
+# Arguments of transforms exclude numbers such as "5.".
 _ARGUMENT = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA
 _PATH = re.compile(
     rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_ARGUMENT}){{2}})++|[HhVv]\s*+(?:{_ARGUMENT})++"
@@ -54,7 +58,7 @@ _PATH = re.compile(
 )
 
 PIXEL = Fraction(254, 960_000)
-"""Metres per CSS pixel, 1/96 inch."""
+"""Length of a CSS pixel in metres, 1/96 inch."""
 
 _SIZES = {
     "mm": Fraction(1, 1000), "cm": Fraction(1, 100), "Q": Fraction(1, 4000),
@@ -84,13 +88,10 @@ def _refusal(what: str, text: str) -> FileFormatError:
     return FileFormatError(f"expected {what}, got {short}; correct the attribute")
 
 
-# ---- attributes ----------------------------------------------------------------------------------
-
-
 def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
-    """Return a length in user units, and in metres if its unit is a length such as in "20mm".
+    """Return a length in user units, and also in metres if it has a unit such as in "20mm".
 
-    `reference` is the length of 100 %, if known.
+    `reference`: the length of 100 %, if known.
     """
     match = _LENGTH.fullmatch(text)
     if match is None or match[2] not in ("", "px", "%", *_SIZES):
@@ -111,7 +112,8 @@ def _affine_of(text: str) -> Points:
     try:
         matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
         rows = np.array([float(getattr(matrix, letter)) for letter in "abcdef"]).reshape(3, 2)
-    except (ValueError, IndexError, TypeError):  # there is no match, or there are too few arguments
+    # The text is not a transform, or the transform has too few arguments.
+    except (ValueError, IndexError, TypeError):
         raise _refusal("a transform such as translate(10 5) rotate(45)", text) from None
     return np.column_stack([rows, [0, 0, 1]])
 
@@ -133,10 +135,10 @@ def _closed(subpath: list[Curve]) -> list[Curve]:
 
 
 def _subpaths(path: Any) -> list[list[Curve]]:
-    """Return the subpaths of an svgelements path, each closed by a line, as in filled paths."""
+    """Return the subpaths of an svgelements path, each closed by a straight line."""
     subpaths: list[list[Curve]] = []
     for segment in path:
-        # after a Z without an M, the next subpath starts at the same point as the previous one
+        # After a Z without an M, the next subpath starts at the same point as the previous one.
         if type(segment).__name__ in ("Move", "Close"):
             subpaths.append([])
         else:
@@ -164,7 +166,7 @@ def _points(segment: Any, names: Sequence[str]) -> Points:
 def _outlines_of(
     tag: str, attributes: Mapping[str, str], viewport: Mapping[str, float]
 ) -> list[list[Curve]]:
-    """Return the closed outlines of a shape. ``viewport``: 100 % of x, y, width and height."""
+    """Return the closed outlines of a shape; ``viewport``: 100 % of x, y, width and height."""
 
     def value(name: str) -> float:
         return _length(attributes.get(name, "0"), name, viewport.get(name))[0]
@@ -174,7 +176,7 @@ def _outlines_of(
         points = attributes.get("points", "")
         data = attributes.get("d", "") if tag == "path" else points and f"M{points}"
         if not _PATH.fullmatch(data):
-            raise _refusal("path data that starts with M and follows SVG 2, or points", data)
+            raise _refusal("path data or points that follow SVG 2; path data starts with M", data)
         return _subpaths(library.Path(data))
     width, height, rx, ry = (value(name) for name in ("width", "height", "rx", "ry"))
     if tag == "circle":
@@ -196,23 +198,22 @@ def _opacity(text: str | None) -> float:
     return 1.0 if text is None else min(max(_length(text, "opacity", 1.0)[0], 0.0), 1.0)
 
 
-# ---- elements ------------------------------------------------------------------------------------
-
-
 def _parsed(content: bytes) -> Element:
     """Return the root element. A plain DOCTYPE is accepted; entities raise an error."""
     try:
         root: Element = import_module("defusedxml.ElementTree").fromstring(content)
-    except (SyntaxError, LookupError) as error:  # ParseError is a subclass of SyntaxError
+    except (SyntaxError, LookupError) as error:
         line = getattr(error, "position", (1, 0))[0]
-        raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
-    except ValueError:  # this is a DefusedXmlException
         raise FileFormatError(
-            "expected SVG without entities or external files, got a file with some; save the "
-            "drawing as plain SVG"
+            f"expected SVG, got text that is not valid XML in line {line}"
+        ) from None
+    # The library defusedxml raises a ValueError for entities and external files.
+    except ValueError:
+        raise FileFormatError(
+            "expected an SVG file without entities or external files; save the drawing as plain SVG"
         ) from None
     if _tag(root) != "svg":
-        raise FileFormatError("expected an svg element, got XML of another kind")
+        raise FileFormatError("expected an svg element, got another kind of XML file")
     return root
 
 
@@ -245,7 +246,7 @@ def _colour(style: Mapping[str, str]) -> tuple[str, float]:
     if text == "none":
         return "", 0.0
     colour = import_module("svgelements").Color("black" if text.startswith("url(") else text)
-    # svgelements misreads colour functions without commas
+    # Colour functions without commas are excluded, because svgelements misreads them.
     if colour.value is None or re.fullmatch(r"(?!url)\w+\([^,]*\)", text):
         raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
     return str(colour.hex), colour.alpha / 255
@@ -262,10 +263,10 @@ class _Context:
     properties: Mapping[str, str]
     """Attributes and style of the element."""
     style: Mapping[str, str]
-    """Properties inherited from the elements around the element."""
+    """Properties inherited from the enclosing elements."""
     opacity: float = 1.0
     effect: str = ""
-    """Unsupported property, such as a mask, of the element or of an element around it."""
+    """Unsupported property, such as a mask, of the element or of an enclosing element."""
 
 
 class _Shape(NamedTuple):
@@ -288,8 +289,8 @@ class _Document:
             check_known(layers, [name for name in known if known[name] or name in self.layers])
         if any(_tag(e) == "style" and _RULE.search(e.text or "") for e in elements):
             raise FileFormatError(
-                "expected fills and sizes as attributes, got a style sheet with them; save the "
-                "drawing with presentation attributes or style attributes"
+                "expected fills and sizes as attributes, got a style sheet with them; save "
+                "the drawing with presentation attributes or style attributes"
             )
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
@@ -307,11 +308,12 @@ class _Document:
         children: Iterable[Any] = element
         if tag == "use":
             inside, children = self._used(inside)
-        elif tag == "switch":  # a switch draws its first element without required extensions
+        # A switch draws its first element without required extensions.
+        elif tag == "switch":
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:
             raise FileFormatError(
-                "expected one svg element, got a nested svg element; replace it by a group"
+                "expected a single svg element, got a nested svg element; replace it with a group"
             )
         for child in children:
             yield from self.shapes(child, inside)
@@ -343,7 +345,7 @@ class _Document:
         return replace(context, matrix=shift @ context.matrix), [target]
 
     def _painted(self, tag: str, context: _Context) -> Iterator[_Shape]:
-        """Yield the shape of an element if the element has a visible fill."""
+        """Yield the shape of an element if its fill is visible."""
         colour, alpha = _colour(context.style)
         opacity = alpha * context.opacity * _opacity(context.style.get("fill-opacity"))
         is_hidden = context.style.get("visibility") in ("hidden", "collapse")
@@ -364,9 +366,6 @@ class _Document:
         yield _Shape(subpaths, rule, colour == "#ffffff" and opacity >= 1)
 
 
-# ---- drawings ------------------------------------------------------------------------------------
-
-
 def load_svg(file: File) -> Drawing:
     """Load the filled shapes of an SVG file with y upwards, each with its own fill rule."""
     root = _parsed(file.content)
@@ -375,8 +374,8 @@ def load_svg(file: File) -> Drawing:
     shapes = list(_Document(root, file.layers).shapes(root, context))
     if not shapes:
         raise FileFormatError(
-            "expected filled shapes, got none; set a fill for the outlines, because strokes do not "
-            "enclose an area"
+            "the drawing contains no filled shapes; set a fill for the outlines, because "
+            "strokes do not enclose an area"
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
     rings = iter(flattened(subpaths, file.tolerance and file.tolerance / metres))
@@ -384,8 +383,8 @@ def load_svg(file: File) -> Drawing:
     polygons = _visible(painted, [shape.is_white for shape in shapes])
     if not polygons:
         raise FileFormatError(
-            "expected shapes that enclose an area, but there are none, or white shapes cover them "
-            "all"
+            "expected shapes that enclose an area, but there are none, or white shapes cover "
+            "all of them"
         )
     return Drawing(polygons, metres)
 
@@ -393,7 +392,7 @@ def load_svg(file: File) -> Drawing:
 def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
     """Return the polygons of shapes after white shapes have hidden the parts below them.
 
-    White shapes themselves are closed, unless all shapes are white.
+    White shapes are openings only if all shapes are white.
     """
     if all(is_white) or not any(is_white):
         return [polygon for polygons in painted for polygon in polygons]
@@ -426,7 +425,7 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
         return unit_metres, flip
     if max(scales) > 1.001 * min(scales):
         raise FileFormatError(
-            "expected width and height in the ratio of the viewBox, got another ratio; correct the "
-            "width, the height or the viewBox"
+            "expected width and height in the ratio of the viewBox, got another ratio; "
+            "correct the width, the height or the viewBox"
         )
     return min(scales), flip

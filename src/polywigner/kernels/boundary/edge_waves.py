@@ -1,15 +1,15 @@
 """Contributions of edges to the field at a point, for travelling and evanescent waves, (B3).
 
-N and N' are the paths R - p.(P - Q) and R - p'.(P - Q), where p' is the mirrored direction. E is
-the wave at the edge, and e and e' are the waves at the point along p and p'. The integrand times
-R/2 is
+The paths N = R - p.(P - Q) and N' = R - p'.(P - Q) belong to the direction p of the wave and to its
+mirror image p'. E is the wave at the edge, and e and e' are the waves at the point along p and p'.
+The integrand times R/2 is
 
     a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
 
 Both E - e and N vanish on the ray of the wave through the point, so they are divided without
 cancellation. E - e' and N' vanish on the ray of the mirrored wave, which runs behind the plane, or
-in the plane for grazing waves. For a point close to the plane and that ray, the wave *grazes* the
-point. The integrand is then
+in the plane for grazing waves. For a point close to the plane and to that ray, the wave *grazes*
+the point. The integrand is then
 
     a (E - e)/2N + (1/2 - share) b' (E - e')/N' + b'/N' [(1/2 - share) e' - e/2]
 
@@ -26,31 +26,30 @@ from typing import Any
 import numpy as np
 
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select, unit_wave
 from polywigner.numerics.jets import JetOperations
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles, decaying_sinh, select, unit_wave
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]
-"""Coordinates, of numbers or arrays."""
+"""Coordinates of a point: numbers or arrays."""
 
-# Phase difference of two waves, in cycles, below which the difference of the waves is computed as a
+# Largest phase difference of two waves, in cycles, for which their difference is computed as a
 # product to avoid cancellation.
 _CLOSE = 0.5
-# A travelling wave counts as grazing at a point if the point is lower than _LOW wavelengths and the
-# sine of the angle to the mirrored ray is below _GRAZING.
+# A travelling wave counts as grazing at a point if the height of the point is below _LOW
+# wavelengths and the sine of the angle to the mirrored ray is below _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
-# An evanescent wave counts as grazing at points where it has decayed by less than a factor of
+# An evanescent wave counts as grazing at points where it has decayed by less than exp(2 pi _LOST) =
 # exp(pi).
 _LOST = 0.5
-# Distance in half-lengths of the panel that stands for "no singularity". It exceeds the largest
+# Distance that stands for "no singularity", in half-lengths of the panel. It exceeds the largest
 # ellipse of the quadrature rules.
 _NONE = 100.0
 
 
 @dataclass(frozen=True)
 class PanelView:
-    """A panel as seen from a point. The position s along it runs from ``first`` to ``last``.
+    """A panel as seen from a point. The position s along the panel runs from ``first`` to ``last``.
 
     The other numbers are the same for all positions along the panel.
     """
@@ -58,7 +57,7 @@ class PanelView:
     first: Any
     last: Any
     length: Any
-    """The difference last - first, which far from the panel is smaller than the rounding errors of
+    """The difference last - first. Far from the panel, it is smaller than the rounding errors of
     both."""
     radius_first: Any
     radius_last: Any
@@ -67,7 +66,8 @@ class PanelView:
     along: Any
     across: Any
     pz: Any
-    """Direction cosine p_z of a travelling wave. For an evanescent wave, q with p_z = i q."""
+    """Direction cosine p_z of a travelling wave. For an evanescent wave with p_z = i q, the number
+    q."""
 
 
 class _Travelling:
@@ -79,12 +79,12 @@ class _Travelling:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return the data shared by all nodes, and bounds on the distance of singularities.
+        """Return the data shared by all nodes, and lower bounds on the distance of singularities.
 
-        ``moment``: components of p x (P - Q) along e, -n and z at the begin of the panel; () for
+        ``moment``: components of p x (P - Q) along e, -n and z at the start of the panel; () for
         waves along z. The results are: the waves e and e', whether the wave grazes the point, and
-        the moment; the sine of the angle to the mirrored ray; and the distance from that ray. Both
-        bounds are lower bounds, and one of them is None.
+        the moment; the sine of the angle to the mirrored ray; and the distance from that ray. One
+        of the last two is None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -132,7 +132,7 @@ class _Evanescent:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return the same data as :class:`_Travelling`."""
+        """Return the same data as :meth:`_Travelling.shared_data`."""
         height = view.pz * view.z
         root = ops.exp(-math.pi * height)
         decay = root * root
@@ -149,9 +149,9 @@ class _Evanescent:
     def closed(self, ops: Any, view: PanelView) -> Pair:
         """Return the integral of b'/(N' R), (B4).
 
-        It is a difference of logarithms along two vertical lines.
+        The integral is a difference of logarithms along two vertical lines.
         """
-        # the sign multiplies s, so that the factor 1 + |along| is never 0
+        # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
         end = _total(ops, view, view.last, view.radius_last)
@@ -178,7 +178,6 @@ class _Evanescent:
         height = q * z
         norm = path * path + height * height
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
-        # a/N
         factor = Pair(z * across, q * b) * Pair(path, height).scaled(1.0 / norm)
         first = wave_difference(ops, edge, free, path, decay, decayed)
         rest = 0.5 - share
@@ -217,7 +216,7 @@ def wave_difference(
 ) -> Pair:
     """Return E - e without cancellation, where e = E exp(-2 pi i path) factor.
 
-    ``lost``: 1 - factor.
+    ``lost``: 1 - factor, without cancellation.
     """
     close = abs(path) < _CLOSE
     c, d = cos_sin_cycles(ops, 0.5 * ops.select(close, path, 0.0))
@@ -233,7 +232,8 @@ def swept_angle(
 ) -> Number:
     """Return the integral of factor/(M R) along a part of an edge, M = R + p_e s + level, (B4).
 
-    ``factor``: a for M = N and b' for M = N'. ``first``, ``last``: s and R at the ends of the part.
+    ``factor``: a for M = N, and b' for M = N'. ``first``, ``last``: s and R at the ends of the
+    part.
     """
     begin, end = (_total(ops, view, *at) for at in (first, last))
     rise = factor * length * (begin + end) / (first[1] + last[1])
@@ -243,7 +243,7 @@ def swept_angle(
 def _total(ops: Any, view: PanelView, s: Any, radius: Any) -> Number:
     """Return (1 + |along|) (R +- s) with the sign of ``along``, without cancellation.
 
-    The sign stands in front of s, so that the factor is not 0.
+    The sign multiplies s, so that the factor 1 + |along| is never 0.
     """
     t = ops.select(view.along < 0.0, -s, s)
     foot2 = view.b * view.b + view.z * view.z
@@ -252,12 +252,12 @@ def _total(ops: Any, view: PanelView, s: Any, radius: Any) -> Number:
 
 
 def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
-    """Return the angle by which a straight edge turns about the axis from a source to a point."""
+    """Return the angle that an edge subtends about the axis from a source to a point."""
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
-    # Only components across the axis from the source to the point are needed. Differences of the
-    # long vectors would lose digits.
+    # Only the components perpendicular to the axis from source to point are needed. Differences of
+    # the long vectors would lose digits.
     first, last = (_across(axis, difference(end_point, point)) for end_point in (start, end))
     return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
 
@@ -273,8 +273,8 @@ class EdgeRule:
     """Quadrature nodes for the boundary wave of a straight edge."""
 
     turns: float
-    """Largest detour, in wavelengths more than the least detour, up to which the wave is integrated
-    along the edge."""
+    """Largest detour up to which the wave is integrated along the edge, in wavelengths more than
+    the shortest detour."""
     nodes: tuple[tuple[float, float], ...]
     """Gauss-Legendre nodes on [-1, 1] with weights, for the part along the edge."""
     tails: tuple[tuple[float, float], ...]
@@ -282,7 +282,7 @@ class EdgeRule:
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
-        """Return the rule with the given numbers of nodes along the edge and on the path beyond."""
+        """Return the rule with the given numbers of nodes, along the edge and beyond."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
@@ -309,19 +309,19 @@ class _EdgePaths:
         away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
         axis = difference(point, source)
         gap, height = s_last - s_first, h_first + h_last
-        # product of the distances of the source and the point from the edge's line
+        # ``both``: product of the distances of the source and the point from the line of the edge.
         self.both = both = h_first * h_last
         self.shortest = shortest = ops.sqrt(gap * gap + height * height)
         self.distance = ops.sqrt(dot(axis, axis))
-        # Sum and difference of two lengths: the shortest path over the edge's line, and the
-        # distance from source to point.
+        # ``total`` and ``detour``: sum and difference of the shortest path over the line of the
+        # edge and the distance from source to point.
         self.total = shortest + self.distance
         self.detour = both * dot(near, near) / self.total
-        # 1 - cos of the angle at the edge between the source and the point; at the shadow boundary
-        # the cosine is -1
+        # ``closing``: 1 - cos of the angle at the edge between the source and the point. It is 2 at
+        # the shadow boundary.
         self.closing = 0.5 * dot(away, away)
-        # product of both distances from the line and the sine of this angle; positive to the left
-        # of the edge
+        # ``turn``: product of both distances from the line of the edge and the sine of this angle;
+        # positive to the left of the edge.
         self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Number:
@@ -331,14 +331,15 @@ class _EdgePaths:
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # Roots of the detours over both ends of the edge, each minus the least detour. A root is
-        # negative before the foot of the perpendicular.
+        # Square roots of the detours over both ends of the edge, each minus the shortest detour. A
+        # root is negative before the foot of the perpendicular.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Number:
-        """Return the angle of the edge about the axis, with roots clipped to a limit."""
+        """Return the angle that the edge subtends about the axis, with roots clipped to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
-        # near the shadow boundary, a product replaces the root of the detour to avoid cancellation
+        # Near the shadow boundary, a product replaces the square root of the detour, which would
+        # lose digits by cancellation.
         steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
@@ -354,13 +355,14 @@ def edge_wave(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return the boundary wave (real, imag) of a straight edge over the free wave, times 2 pi.
+    """Return 2 pi times the ratio (real, imag) of an edge's boundary wave to the free wave.
 
-    It is the integral of the wave of a point source along a directed edge of a silhouette. With v
-    the root of the detour beyond the least detour, it is an integral of exp(2 pi i v^2) times a
-    smooth even function. The poles of that function at the boundary of the shadow are taken out in
-    closed form. Beyond ``rule.turns`` the path of integration is deformed into the complex plane,
-    where the wave decays. Source: (SB3).
+    The boundary wave of a straight edge is the integral of the wave of a point source along a
+    directed edge of a silhouette. With v the square root of the detour beyond the shortest detour,
+    it is an integral of exp(2 pi i v^2) times a smooth even function. The poles of that function at
+    the boundary of the shadow are subtracted and integrated in closed form. Beyond ``rule.turns``
+    the path of integration is deformed into the complex plane, where the wave decays. Source:
+    (SB3).
 
     Parameters
     ----------
@@ -371,10 +373,11 @@ def edge_wave(
     aside : tuple of arrays, optional
         Position next to the point that decides on which side of the shadow boundary the point is.
     when : callable, optional
-        (condition, compute, arguments) -> computed numbers, and zeros if the condition is false.
+        Function (condition, compute, arguments) -> the computed numbers, or zeros if the condition
+        is false.
     blocked : array, optional
-        1 if another surface is in front of the boundary of the shadow, 0 if there is none, or
-        between. The step of the wave at this boundary is left out where it is 1, (SB5).
+        Fraction, from 0 to 1, to which another surface hides the boundary of the shadow. If it is
+        1, the step of the wave at this boundary is omitted, (SB5).
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -383,7 +386,7 @@ def edge_wave(
     detour, total_path = paths.detour, paths.total
     distance, turn = paths.distance, paths.turn
     slant = 0.5 / paths.shortest
-    # From here on, v denotes the position along the edge. The detour there is ``detour + v^2``.
+    # From here on, v denotes the position along the edge, such that the detour is ``detour + v^2``.
     foot = 4.0 * paths.both * slant
 
     def density(q: Any) -> Number:
@@ -446,9 +449,9 @@ def edge_wave(
     step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * total_path * paths.closing)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
-    # The angle jumps where the axis meets the edge, and winds around the ends of the edge. All
-    # edges evaluate the angle at one position with the same offset from the point, so their sum is
-    # smooth.
+    # The angle of the edge is discontinuous where the axis meets the edge, and winds around the
+    # ends of the edge. All edges evaluate the angle at a position with the same offset from the
+    # point, so that their sum is smooth.
     beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * beside.angle(ops, limit)
     return real + step + farther[0], imag + farther[1]
@@ -494,7 +497,7 @@ def path_over(
     axis = difference(point, source)
     rho, radius, distance = (ops.sqrt(dot(v, v)) for v in (first, last, axis))
     product, ahead, normal = rho * radius, dot(first, last), cross(first, last)
-    # computes product - ahead without cancellation if the path is almost straight
+    # This form of product - ahead has no cancellation if the path is almost straight.
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot

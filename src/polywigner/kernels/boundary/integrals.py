@@ -25,7 +25,6 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.nodes import (
     SUMS,
     Rules,
@@ -35,9 +34,9 @@ from polywigner.numerics.nodes import (
     nodes_needed,
     rule_of,
 )
-from polywigner.numerics.phases import Doubled, cos_sin_cycles
+from polywigner.numerics.phases import Doubled, Pair, cos_sin_cycles, unit_wave
 
-# Distance in wavelengths beyond which the sum of two floats does not resolve the phase, and
+# Distance in wavelengths beyond which a sum of two floats does not resolve the phase, and the
 # rounding errors of products overflow.
 _FARTHEST = 1e30
 
@@ -47,7 +46,8 @@ def point_in_wavelengths(
 ) -> tuple[Doubled, Doubled, Doubled]:
     """Return the point (x, y, z) relative to the centre, in wavelengths; ``ops`` has float64."""
     scale = phases.doubled(1 / Fraction(wavelength))
-    # most sources are centred at the origin
+    # For sources centred at the origin, which are the most frequent ones, the centre is not
+    # subtracted.
     aside = (
         phases.difference(v, c) if c else (v, 0.0) for v, c in zip((x, y), centre, strict=True)
     )
@@ -80,26 +80,25 @@ def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
 
 Row = tuple[float, ...]
 """A panel and a wave. Panel: x and y of its start relative to the centre, unit vector (e_x, e_y),
-and length. Wave: direction cosines p_x, p_y, p_z, each as two floats, the nearest float and the
-remainder (q for an evanescent wave with p_z = i q); phase at the start of the panel; real and
-imaginary part of the amplitude over 2 pi; and 1 for an evanescent wave, otherwise 0.
-"""
+and length. Wave: direction cosines p_x, p_y, p_z (q for an evanescent wave with p_z = i q), each as
+the nearest float and the remainder; phase at the start of the panel; real and imaginary part of the
+amplitude over 2 pi; and 1 for an evanescent wave, otherwise 0."""
 
-# Singularities lie pi/2 from the real axis of the variable v with s = |foot| sinh(v). Rules use a
-# strip narrower by about 10 %.
+# Half-width of the strip without singularities in the complex plane of v, where s = |foot| sinh(v).
+# Singularities lie pi/2 from the real axis; the strip is narrower by about 10 %.
 _STRIP = 1.4
 
 
 @dataclass(frozen=True)
 class BoundaryFrame:
-    """Frame of boundary integrals: lengths in wavelengths from the centre of the source."""
+    """Frame of boundary integrals: lengths are in wavelengths from the centre of the source."""
 
     centre: tuple[float, float]
     wavelength: float
     double: bool
     """Whether the field is summed in float64."""
     paraxial: bool
-    """Whether phases are relative to Fresnel's distance, z + rho^2/(2 z)."""
+    """Whether phases are relative to the paraxial distance z + rho^2/(2 z)."""
 
 
 @dataclass(frozen=True)
@@ -110,12 +109,12 @@ class BoundaryTables:
     edges: tuple[Row, ...]
     rules: Rules
     share: float
-    """Factor m of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff), 1
+    """Factor m of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff) or 1
     (Rayleigh-Sommerfeld I)."""
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
-    """Return position and distance from the centre as pairs of floats, the phase, and the digits.
+    """Return the position and its distance from the centre, the phase, and the digits.
 
     Each coordinate and the distance are two floats. ``digits``: minus the natural logarithm of the
     allowed error.
@@ -128,7 +127,7 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """Return the field with the phase of the distance from the centre, and its error."""
+    """Return the field including the phase of the distance from the centre, and its error."""
     real, imag, error = sums
     cosine, sine = cos_sin_cycles(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
@@ -140,9 +139,9 @@ def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> 
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the (real, imaginary) field and its error.
+    """Return the (real, imaginary) field and its error, without the phase of the distance.
 
-    The phase of the distance from the centre is left out.
+    The distance is that of the point from the centre of the source.
     """
     totals: Values = ()
     for wave, flag in ((TRAVELLING, 0.0), (EVANESCENT, 1.0)):
@@ -187,13 +186,14 @@ def _panel(
 def seen_from(
     ops: Any, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Values]:
-    """Return the view of a panel, the free wave, the moment and the phase along the panel.
+    """Return the view of a panel, the free wave, the moment, and the phase along the panel.
 
-    The moment is () for waves along z, and the phase consists of arguments of :func:`edge_wave`.
+    The moment is () for waves along z. The phase along the panel is given as arguments of
+    :func:`edge_wave`.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
-    # for float32 kernels each sum rounds to its first term
+    # In float32 kernels, the sum of a number and its remainder rounds to the number.
     z, distance = inner[4] + inner[5], inner[6] + inner[7]
     offset = _offset_of(inner, x, y)
     dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
@@ -253,7 +253,7 @@ def sums_over_panel(
     def far_node(
         at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
     ) -> Values:
-        """Return the values at a node in the length t along the panel."""
+        """Return the values at a node at the length t along the panel."""
         t = half * (1.0 + at)
         s = first + t
         radius = ops.sqrt(s * s + foot2)
@@ -278,10 +278,10 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of a rule whose variable is the length along the panel.
+    """Return the data of the quadrature rule whose variable is the length along the panel.
 
-    These are: whether the rule is sufficient; the distance of singularities in half-lengths; the
-    phase over half of the panel in cycles; and half of the length.
+    The data are: whether the rule is sufficient; the distance of singularities in half-lengths of
+    the panel; the phase over half of the panel in cycles; and half of the length.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -295,9 +295,9 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of a rule whose variable is v, where s = sqrt(b^2 + z^2) sinh v.
+    """Return the data of the rule whose variable is v, where s = sqrt(b^2 + z^2) sinh v.
 
-    These are: the distance of singularities in half-lengths of the interval of v; the phase over
+    The data are: the distance of singularities in half-lengths of the interval of v; the phase over
     half of the interval in cycles; the centre of the interval; and half of its length.
     """
     away = ops.sqrt(view.b * view.b + view.z * view.z)
@@ -309,7 +309,8 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # for distant points the interval rounds to 0, and the rule in the length is used
+    # For points far from the panel the interval of v rounds to 0, and the rule in the length is
+    # used instead.
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
@@ -322,16 +323,16 @@ def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
-    The phase is the size of the source plus the rounding error of the distance. All panels have
-    the same rounding error of the distance. It therefore cancels in fields far outside the pattern
-    of a shadow, except for the fraction ``slope`` along the plane.
+    The phase is the size of the source plus the rounding error of the distance. All panels have the
+    same rounding error of the distance. It therefore cancels in fields far outside the pattern of a
+    shadow, except for the fraction ``slope`` along the plane.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
-    """Return the integral of a panel times the amplitude of the wave, and its error."""
+    """Return the integral over a panel times the amplitude of the wave, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
@@ -341,7 +342,7 @@ def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
 
 
 def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
-    """Return the constant and the slope of radius^2 - distance^2 for a point above (x, y).
+    """Return the constant and the slope of radius^2 - distance^2, for a point above (x, y).
 
     At the position t along the panel, the difference is constant + t (slope + t).
     """
@@ -361,8 +362,8 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
     """Return the unobstructed wave at the point, relative to the phase of the distance.
 
-    ``cosines``: direction cosines as pairs of floats. Without the last pair the wave is that at the
-    point's foot in the plane.
+    ``cosines``: direction cosines as pairs of floats. If the pair for z is missing, the result is
+    the wave at the foot of the point in the plane.
     """
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
@@ -375,7 +376,7 @@ def edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """Return the wave at t along the panel, relative to the phase of the distance."""
+    """Return the wave at the length t along the panel, relative to the phase of the distance."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return unit_wave(ops, turns)
 
@@ -383,7 +384,7 @@ def edge_wave(
 def seen_in_parabolic_waves(
     ops: Any, row: Values, inner: Values, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Any]:
-    """Return four values of :func:`seen_from` for the parabolic waves of (B6).
+    """Return the four values of :func:`seen_from` for the parabolic waves of (B6).
 
     The values are the view of the panel, the free wave, the arguments of :func:`edge_wave`, and the
     phase, in cycles, whose rounding error contributes to the error of the panel. The origin of the
@@ -407,23 +408,20 @@ def seen_in_parabolic_waves(
     return view, free, (*_square_along(row, inner), z, along, start), turns
 
 
-# Integrals along single panels, for gradients (G6) and for polarised fields (VP4). t is the length
-# from the start of the panel, R the distance from a point, and G = exp(2 pi i R)/R. The integrands
-# are
-#
-#     u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R
-#
-# relative to the phase of the point's distance from the centre. Panels are arguments, as points
-# are, so one compiled kernel handles all outlines.
+# The kernel STRIPS computes integrals along single panels, for gradients (G6) and polarised fields
+# (VP4). t is the length from the start of the panel, R the distance from a point, and G =
+# exp(2 pi i R)/R. The integrands are u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R,
+# relative to the phase of the point's distance from the centre. Panels are arguments, like points,
+# so one compiled kernel handles all outlines.
 
-# Where the strip of the angle variable ends, 1/R^2 is larger than on the panel by the factor
-# 1/cos^2(1.4) = 35.
+# Logarithm of the growth of the integrand within the strip of the angle variable, where 1/R^2
+# exceeds its value on the panel by up to the factor 1/cos^2(1.4) = 35.
 _GROWN = 3.6
 
 
 @dataclass(frozen=True)
 class _Strips:
-    """The rules, and one empty row: the arguments contain all data of a panel."""
+    """Quadrature rules of the kernel STRIPS, and one empty row: its arguments contain all data."""
 
     frame: None
     edges: tuple[tuple[()], ...]

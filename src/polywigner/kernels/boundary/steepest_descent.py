@@ -1,11 +1,11 @@
 """Fields of plane waves behind an aperture by steepest descent from the ends of its edges.
 
 The phase R + p.Q of a wave at an edge is stationary where its diffracted ray (Keller's cone) meets
-the line of the edge. With c the phase there and x^2 the cycles beyond it, x negative before this
-position, integrals along an edge are divided at x^2 = X, a few cycles. Within, they are sums over
-Gauss-Legendre nodes. Beyond, the path of integration is deformed into the complex plane, where the
-wave decays. The number of nodes depends on the tolerance, but not on the wavelength. Source: (B10),
-(B11).
+the line of the edge. Let c be the phase at this position and x^2 the cycles beyond c, with negative
+x before the position. Integrals along an edge are divided at x^2 = X, a few cycles. The part within
+is a sum over Gauss-Legendre nodes. For the part beyond, the path of integration is deformed into
+the complex plane, where the wave decays. The number of nodes depends on the tolerance, but not on
+the wavelength. Source: (B10), (B11).
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from polywigner.kernels.boundary.integrals import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics import Number
-from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+from polywigner.numerics.phases import Pair
 
-# Numbers of nodes of the quadrature rules for tails, which are integrals from an end of an edge to
-# infinity.
+# Numbers of nodes of the quadrature rules for tails: integrals from an end of an edge to infinity.
 _SIZES = (2, 3, 4, 5, 6, 8, 10)
-# Logarithms of the numerators of the error bound (B11). From the derivative of order 2n, n
-# Gauss-Laguerre nodes integrate exp(-2 pi y) times (1 + iy/x^2)^-2 with an error of at most sqrt(2)
-# (2n + 1) n!^2/(2 pi x^2)^(2n). The bound also holds for products of such factors whose powers add
-# up to -2, if each of them has a larger x^2.
+# Logarithms of the numerators of the error bound (B11). The bound follows from the derivative of
+# order 2n: n Gauss-Laguerre nodes integrate exp(-2 pi y) times (1 + iy/x^2)^-2 with an error of at
+# most sqrt(2) (2n + 1) n!^2/(2 pi x^2)^(2n). The bound also holds for products of such factors
+# whose powers add up to -2, if each factor has a larger x^2.
 _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
-# Distance in half-lengths that stands for "no singularity". It exceeds the largest ellipse of the
-# quadrature rules.
+# Distance that stands for "no singularity", in half-lengths of the edge. It exceeds the largest
+# ellipse of the quadrature rules.
 _NO_SINGULARITY = 100.0
-# Number of cycles of phase along an edge above which tails need fewer nodes than the edge.
+# Number of cycles of phase along an edge above which two tails need fewer quadrature nodes than the
+# edge itself.
 _FEW = 2.0
 
 
@@ -63,7 +63,8 @@ def _tail_rules() -> Rules:
 def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
     """Return the (real, imaginary) field of the travelling waves, and its error estimate.
 
-    The rows of ``tables`` are whole edges. The phase of the distance from the centre is left out.
+    The rows of ``tables`` are complete edges. The field lacks the phase of the distance from the
+    centre.
     """
     rows = [row[:-1] for row in tables.edges]
     oblique = any(row[5] or row[7] for row in rows)
@@ -77,17 +78,17 @@ def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 
 @dataclass(frozen=True)
 class _End:
-    """A position on an edge, t from its start, and at the distance R from the point."""
+    """A position on an edge, at the length t from its start and the distance R from the point."""
 
     t: Any
     s: Any
     radius: Any
     slope: Any
-    """s + p_e R: R times the derivative of the phase in s."""
+    """s + p_e R, which is R times the derivative of the phase in s."""
     phase: Any
-    """R + p_e s."""
+    """Phase R + p_e s of the wave at this position."""
     beyond: Any
-    """x^2: phase minus the stationary phase."""
+    """x^2: the phase minus the stationary phase."""
 
 
 @dataclass(frozen=True)
@@ -96,29 +97,29 @@ class _Line:
 
     view: PanelView
     upright: Any
-    """1 - p_e^2."""
+    """1 - p_e^2, the squared sine of the angle between the wave and the edge."""
     least: Any
-    """c, the stationary phase."""
+    """Stationary phase c."""
     ahead: Any
-    """N - x^2, which is c - p.(P - Q)."""
+    """N - x^2, which equals c - p.(P - Q)."""
     lean: Any
-    """a of (B2)."""
+    """Numerator a of (B2)."""
     beta: Any
-    """b' of (B2)."""
+    """Numerator b' of (B2)."""
     lift: Any
-    """N' - N."""
+    """Difference N' - N."""
     rest: float
-    """1/2 - m of (B3)."""
+    """Factor 1/2 - m of (B3)."""
     curved: float
     """1 for spherical waves, 0 for parabolic waves."""
 
     @classmethod
     def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
-        """Return the line for spherical waves."""
+        """Return the line of an edge for spherical waves."""
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
-        # this form has no cancellation close to the shadow boundary
+        # This form of ``ahead`` has no cancellation close to the shadow boundary.
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
@@ -126,15 +127,15 @@ class _Line:
 
     @classmethod
     def parabolic(cls, view: PanelView) -> _Line:
-        """Return the line for Fresnel's waves, relative to the ray of the wave through the point.
+        """Return the line of an edge for paraxial waves, relative to the ray through the point.
 
-        All formulas then have R = z and c = z, except for the square of the phase.
+        All formulas then contain z instead of R and of c, except for the square of the phase.
         """
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the data of the point at the position t."""
+        """Return the position at the length t from the start of the edge."""
         view, s = self.view, self.view.first + t
         radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
         slope, phase = s + view.along * radius, radius + view.along * s
@@ -144,9 +145,9 @@ class _Line:
         return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the part of an edge that is integrated with nodes on the edge.
+        """Return the ends of the inner part of an edge, which is integrated with nodes on the edge.
 
-        An edge with few cycles of phase is summed as a whole.
+        If an edge has only a few cycles of phase, the whole edge is the inner part.
         """
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
@@ -183,7 +184,7 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
-        """Return the sums over the nodes from ``low`` to ``high``, and their expected errors."""
+        """Return the sums over nodes between ``low`` and ``high``, and their expected errors."""
         view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
@@ -201,8 +202,8 @@ class _Line:
             lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
             over = 0.5 * lean / ops.maximum(path, tiny)
             value = wave_difference(ops, edge, Pair(free_r, free_i), path).scaled(over)
-            # The sum of moduli uses the largest |E - e|. Where both waves cancel, their rounding
-            # errors do not.
+            # The sum of moduli uses the largest possible |E - e|, because the rounding errors of
+            # both waves do not cancel even if the waves do.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
             if rest:
                 value = value + edge.scaled(rest * beta / (path + lift))
@@ -223,19 +224,20 @@ class _Line:
     def _nodes_needed(
         self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Return :func:`nodes_needed` for integration over the length from ``low`` to ``high``."""
+        """Return :func:`nodes_needed` for an integral over the length from ``low`` to ``high``."""
         half = ops.maximum(half, 1e-30)
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        if not self.curved:  # the integrand has no singularity
+        # The integrand for parabolic waves has no singularity, so its distance is infinite.
+        if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
-            # lower bound on the sine of the angle between the point and the mirrored ray
+            # Lower bound on the sine of the angle between the point and the mirrored ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
-        # In the ellipse with parameter u, a phase of q radians that is quadratic in the position
-        # grows by q sinh(u) cosh(u), but nodes_needed expects 2 q sinh(u). The excess is below 1
+        # A phase of q radians that is quadratic in the position grows by q sinh(u) cosh(u) within
+        # the ellipse with parameter u, but nodes_needed assumes 2 q sinh(u). The excess is below 1
         # for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
@@ -249,9 +251,9 @@ class _Line:
         return needed, (digits, growth + extra, last + extra)
 
     def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
-        """Return ``sign`` times the integral of E from an end to infinity, and a bound on it.
+        """Return ``sign`` times the tail integral of E from an end to infinity, and a bound on it.
 
-        The wave at the end is ``wave``. The error is at most exp(-digits) of the bound.
+        ``wave``: the wave at the end. The error is at most exp(-digits) times the bound.
         """
         path = at.beyond + self.ahead
         slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
@@ -282,7 +284,7 @@ class _Line:
 
 
 def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
-    """Return the index of the smallest rule whose error by (B11) is at most exp(-digits)."""
+    """Return the index of the smallest rule whose error bound (B11) is at most exp(-digits)."""
     decay = ops.log(2.0 * math.pi * ops.maximum(beyond, 0.1))
     number = 0.0
     for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):
@@ -310,7 +312,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
     low, high = line.inner_part(ops, begin, end, digits)
     sums, expected = line.inner_sums(ops, tables.rules, low, high, digits, free, moment, phase)
     outside, mirrored = line.angles(ops, begin, low, high, end)
-    # the waves e of (B2) have one value along the edge
+    # The waves e of (B2) are constant along the edge.
     total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
     size, missing = abs(outside) + abs(mirrored), missed(ops, sums, expected, turns)
     for at, sign in _signed_ends(ops, begin, low, high, end):

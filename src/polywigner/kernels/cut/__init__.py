@@ -1,4 +1,4 @@
-"""The parts of the edges of one copy of an outline that lie inside a second copy.
+"""Cuts: the parts of the edges of one copy of an outline that lie inside a second copy.
 
 ================  ==========================================================================
 module            content

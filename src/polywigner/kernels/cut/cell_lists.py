@@ -28,20 +28,21 @@ from polywigner.kernels.cut.pair_grid import (
 )
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Start point and vector of an edge that crosses no other edge and is parallel to none. It fills the
-# entry of rows without a second edge.
+# Start and vector of an edge that stands for "no second edge" in a row of a list. It crosses no
+# edge of an outline and is parallel to none.
 _NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
-# Largest number of pairs, and of cells times edges, per pass, so that temporary arrays stay in the
-# cache.
+# Largest number of pairs of edges, and of cells times edges, per block, so that temporary arrays
+# stay in the cache of a core.
 _BLOCK = 1 << 15
 _DENSE = 1 << 18
-# Cells are enlarged by this margin, in units of the frame. It is far larger than rounding errors.
+# Margin by which cells are enlarged, in units of the frame. It is far larger than rounding errors.
 _MARGIN = 1e-12
-# Levels are sums of weights. Relative to the largest weight, levels below _NO_WEIGHT are rounding
-# errors of 0, and levels that agree to 1/_LEVELS are merged.
+# Levels are sums of weights. Levels below _NO_WEIGHT of the largest weight are rounding errors of
+# 0, and levels that agree to 1/_LEVELS of it are merged.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
-# Largest number of cells across, and largest number of rows in all cells. With 64 cells across, a
-# cell of a regular 30-gon has about 4 pairs (benchmarks/call_rates.py).
+# Largest number of cells along a side, and largest number of list entries in all cells. With 64
+# cells along a side, a cell of a regular 30-gon has about 4 pairs of edges
+# (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 
@@ -53,7 +54,9 @@ class _Exact:
     @staticmethod
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         rough = np.asarray(ax * by - ay * bx)
-        near = np.abs(rough) < ROUNDED  # this bound holds for vectors shorter than 8
+        # The bound ROUNDED on the rounding error of a cross product holds for vectors shorter than
+        # 8.
+        near = np.abs(rough) < ROUNDED
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
         return rough
@@ -61,17 +64,17 @@ class _Exact:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Squares in the plane of offsets T; the origin T = 0 is a common corner of four squares."""
+    """Square cells in the plane of offsets T; the origin T = 0 is a common corner of four cells."""
 
     size: float
-    """Side of a cell. It is a power of two, so the cell of an offset on the grid is computed
+    """Side of a cell, a power of two, so that the cell of an offset on the grid is computed
     exactly."""
     nx: int
     ny: int
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
-        """Return cells for |T| within ``reach`` (2,), at least ``across`` along the longer side."""
+        """Return cells for |T| up to ``reach`` (2,), at least ``across`` along the longer side."""
         size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
         nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
         return cls(size, nx, ny)
@@ -93,14 +96,14 @@ class _Cells:
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
     """Return the number of cells along the longer side of the plane of offsets T.
 
-    Finer cells have shorter lists, but take longer to build and more memory.
+    Smaller cells have shorter lists, but take longer to build and need more memory.
     """
     size, outlines = float(_reach(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
     counts = [len(o.edges) for o in outlines]
     pairs, across = math.prod(counts), 2
     while across < _ACROSS:
-        # the parallelogram of the edges e and f meets about (1 + |e|/cell)(1 + |f|/cell) cells
+        # The parallelogram of the edges e and f meets about (1 + |e|/cell)(1 + |f|/cell) cells.
         finer = zip(counts, perimeters, strict=True)
         rows = math.prod(count + length * across / size for count, length in finer)
         pays = 4 * across * across < samples or rows < 2 * pairs
@@ -111,22 +114,22 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 
 
 def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
-    """Return pairs of edges of the first outline and of copies {T - p} of the second, by cells.
+    """Return, by cells, the pairs of edges of one outline and of copies {T - p} of another outline.
 
-    For W the second outline is the first one. For A it is the first one rotated by half a turn, so
-    that its copy is shifted.
+    For W both outlines are the same. For A the second outline is the first one rotated by 180
+    degrees, so that its copy is a shifted outline.
     """
     cells = _Cells.of(_reach(first, second), across)
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
-    # each block has two tables of rows: the edges inside the other copy, and the other rows
+    # Each block has two tables of rows: the edges inside the other copy, and all other rows.
     blocks = list(_rows_of_cells(first, cells, edges, others))
     cell, table, level = (
         np.concatenate([part[k] for block in blocks for part in block]) for k in range(3)
     )
     inside = np.bincount(cell[table[:, 2] == INSIDE], minlength=cells.count)
-    # within a cell, the edges inside the other copy come first
+    # In the list of a cell, the edges inside the other copy come first.
     order = np.argsort(cell, kind="stable")
     rows, level = table[order], level[order]
     rows[:, 3], levels = _numbered(level, abs(others[:, 5] + 1j * others[:, 6]).max(initial=0.0))
@@ -139,7 +142,8 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
     no_edge = (*_NO_EDGE[:2], *np.add(_NO_EDGE[:2], _NO_EDGE[2:]), 0.0, 1.0, 0.0, 0.0)
     others = np.vstack([others, no_edge])
-    for ends_of in (edges, others):  # differences on the grid are exact
+    # Differences of vertices on the grid are exact.
+    for ends_of in (edges, others):
         ends_of[:, 2:4] -= ends_of[:, :2]
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
     return PairGrid(numbers, ends, rows, edges, others, names, levels)
@@ -152,10 +156,10 @@ def _reach(first: Outline, second: Outline) -> Array:
 
 
 def _leads(outline: Outline, far: float) -> Array:
-    """Return (2 rings, 8) lines to the first vertex of each ring, from the left and from the right.
+    """Return (2 rings, 8) lines to the first vertex of each ring, from the left and the right.
 
-    The line from the left begins outside of the other copy where T_x >= 0, the line from the right
-    where T_x < 0.
+    The line from the left begins outside the other copy if T_x >= 0, and the line from the right if
+    T_x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -167,10 +171,10 @@ def _leads(outline: Outline, far: float) -> Array:
 def _rows_of_cells(
     outline: Outline, cells: _Cells, edges: Array, others: Array
 ) -> Iterator[tuple[tuple[Array, ...], ...]]:
-    """Yield the edges inside the other copy and the other rows, as (cell, row, level), by blocks.
+    """Yield the edges inside the other copy and the other rows, as (cell, row, level), in blocks.
 
-    Levels are those at the centre of a cell. The level of the start of an edge changes within the
-    cell only if both that edge and the preceding edge have pairs there.
+    Levels are those at the centre of a cell. The level at the start of an edge changes within the
+    cell only if both this edge and the preceding edge have pairs there.
     """
     count, null = len(outline.vertices), len(others)
     weights: Array = others[:, 5]
@@ -202,7 +206,7 @@ def _rows_of_cells(
         jumps = (
             summed(jump.real) + 1j * summed(jump.imag) if np.iscomplexobj(jump) else summed(jump)
         )
-        # in each cell, only one of the two leads of a ring has pairs
+        # In each cell, only one of the two lines that lead to a ring has pairs.
         first = jumps[:, count::2] + jumps[:, count + 1 :: 2]
         jumps = jumps[:, :count]
         before = np.cumsum(jumps, axis=1) - jumps
@@ -219,11 +223,11 @@ def _rows_of_cells(
 def _other_rows(
     pairs: tuple[Array, Array, Array], starts: Array, changes: Array, level: Array, null: int
 ) -> tuple[Array, Array, Array]:
-    """Return (cell, row, level) of the pairs along rings, and of the edges with changing levels."""
+    """Return (cell, row, level) of pairs along rings, and of edges whose level changes."""
     at, i, j = pairs
     count = changes.shape[1]
-    # If the level of the first vertex of a ring changes within a cell, the crossings of the lead
-    # with edges determine that level.
+    # If the level of the first vertex of a ring changes within a cell, it is determined by the
+    # edges that cross the line leading to the ring.
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count
@@ -252,7 +256,7 @@ def _other_rows(
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
     """Return the index of each level in a table of distinct levels, and the table.
 
-    Levels that are equal up to rounding are one entry. ``unit``: largest modulus of a weight.
+    Levels that are equal up to rounding share an entry. ``unit``: largest modulus of a weight.
     """
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
@@ -263,14 +267,14 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
 
 
 def _table(edge: Array, other: Array | int, kind: Array | int) -> Array:
-    """Return rows for :attr:`PairGrid.rows`, with the indices of levels still 0."""
+    """Return rows for :attr:`PairGrid.rows`, in which the indices of levels are still 0."""
     rows = np.zeros((len(edge), 4), np.uint32)
     rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, kind
     return rows
 
 
 def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
-    """Return the start points and vectors of some edges; differences on the grid are exact."""
+    """Return the start points and vectors of edges; differences on the grid are exact."""
     ax, ay, bx, by = (column.take(number) for column in edges.T[:4])
     return ax, ay, bx - ax, by - ay
 
@@ -278,9 +282,10 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield (cell, edge, other edge) for cells that meet a pair's parallelogram, by blocks.
+    """Yield (cell, edge, other edge) if the cell meets the parallelogram of the pair, in blocks.
 
-    Edges from ``count`` on are lines from the left and the right, each for its half of the cells.
+    Edges from the index ``count`` on are the lines from the left and the right, each for its half
+    of the cells.
     """
     step = max(1, _BLOCK // len(others))
     c, d = others[:, :2], others[:, 2:4]

@@ -1,13 +1,12 @@
 """Edges as constants of compiled code, and their parts that lie inside the other copy.
 
-A slice is the intersection of two copies of the outline. Its boundary consists of the edges of
-either copy, cut to the parts inside the other copy. This module clips edges by the sides of the
-convex pieces of the other copy. Vertices are on a grid, so cuts of nearly parallel and of
-coincident edges are as in exact arithmetic (docs/theory/edges.md). All other lines meet at a well-
-conditioned point.
+A slice is the intersection of two copies of the outline. Its boundary consists of the edges of both
+copies, cut to the parts inside the other copy. This module clips edges by the sides of the convex
+pieces of the other copy. Vertices lie on a grid, so nearly parallel and coincident edges are cut as
+in exact arithmetic (docs/theory/edges.md). All other lines meet at a well-conditioned point.
 
-An edge point is p = a + t e, 0 <= t <= 1, in the coordinates of G itself; it lies inside the other
-copy if another point p' lies in G:
+A point of an edge is p = a + t e, 0 <= t <= 1, in the coordinates of the outline G. It lies inside
+the other copy if the point p' lies in G:
 
 =============  ===========  =====================================================
 view           p'           slice
@@ -18,8 +17,8 @@ view           p'           slice
 =============  ===========  =====================================================
 
 Every bound on t is affine in the offset, so it costs one fused multiply-add and one minimum or
-maximum. Ties are broken as if the offset 2x (or xi) were shifted by an infinitesimal vector that
-points to the right of every line; AHEAD and BEHIND use the same xi, so they agree.
+maximum. Ties are decided as if the offset 2x (or xi) were shifted by an infinitesimal vector that
+points to the right of every line. AHEAD and BEHIND have the same xi, so their decisions agree.
 """
 
 from __future__ import annotations
@@ -31,10 +30,9 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from polywigner.kernels.outline.tables import Tables
-from polywigner.numerics import Number
+from polywigner.kernels.outline import Tables
+from polywigner.numerics import Floats, Number
 from polywigner.numerics.grid_arithmetic import (
     accurate_cross,
     rounded,
@@ -42,11 +40,10 @@ from polywigner.numerics.grid_arithmetic import (
     with_vertices_on_sides,
 )
 
-# Sine of the angle below which an edge and a line count as nearly parallel. At this angle rounding
+# Sine of the angle below which an edge and a line count as nearly parallel. At this angle, rounding
 # moves their intersection by 1/0.03 ulps.
 _NEARLY_PARALLEL = 0.03
 
-Floats = npt.NDArray[np.float64]
 T = TypeVar("T")
 
 
@@ -61,20 +58,23 @@ class Edge:
     ux: Any
     uy: Any
     length: Any
-    """e = length u, with one unit vector u for all parallel edges; negative if e runs against u."""
+    """Signed length of e relative to a unit vector u shared by all parallel edges: e = length u. It
+    is negative if e points against u."""
     real: Any = 1.0
-    """Complex weight of the element that the edge bounds: real part, imaginary part."""
+    """Real part of the complex weight of the element that the edge bounds; ``imag`` is the
+    imaginary part."""
     imag: Any = 0.0
     group: Any = 0
-    """Index of the weight's field in ``Tables.groups``."""
+    """Index of the field of the element in ``Tables.groups``."""
     begin: Any = 0
-    """Indices of the vertices a and a + e among all vertices of all rings of all elements."""
+    """Index of the vertex a among all vertices of all rings of all elements; ``end`` is the index
+    of a + e."""
     end: Any = 0
 
 
 @dataclass(frozen=True)
 class Line:
-    """The line through p along d; left of it cross(d, . - p) is positive."""
+    """The line through p along d. To its left, cross(d, . - p) is positive."""
 
     dx: float
     dy: float
@@ -84,12 +84,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Piece:
-    """A convex piece: (line, side) with side +1 if the piece lies left of the line."""
+    """A convex piece, as pairs (line, side); the side is +1 if it lies left of the line."""
 
     sides: tuple[tuple[int, int], ...]
     real: float
-    """Weight of the element, with the opposite sign for a triangle whose orientation was reversed
-    by rounding."""
+    """Weight of the element. A triangle whose orientation was reversed by rounding has the opposite
+    sign."""
     imag: float
     group: int
 
@@ -102,12 +102,12 @@ class Constants:
     lines: tuple[Line, ...]
     pieces: tuple[Piece, ...]
     step: float
-    """Spacing of the grid, to which offsets must be rounded."""
+    """Spacing of the grid to which offsets must be rounded."""
 
 
 @lru_cache(maxsize=128)
 def constants_of(tables: Tables) -> Constants:
-    """Return the edges, lines and convex pieces of a source; its elements share lines."""
+    """Return the edges, lines and convex pieces of a source, whose elements share lines."""
     frame = tables.frame
     step = frame.grid_step(tables.double)
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
@@ -127,8 +127,8 @@ def constants_of(tables: Tables) -> Constants:
             for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
                 length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
                 unit = (ex / length, ey / length)
-                # directions that are equal up to rounding share one unit vector u, and thus one
-                # product nu.u
+                # Edges whose directions are equal up to rounding share one unit vector u, and thus
+                # one product nu.u.
                 ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
                 ends = names[k], names[(k + 1) % len(names)]
                 edges.append(
@@ -149,7 +149,7 @@ def _sides(polygon: Floats) -> list[list[float]]:
 
 
 def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
-    """Return the index of the line of a side, and 1 or -1 for its direction along the line."""
+    """Return the index of the line of a side, and 1 or -1 for the direction along the line."""
     ax, ay, ex, ey = side
     if ey > 0 or (ey == 0 and ex > 0):
         return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1
@@ -165,7 +165,7 @@ class View:
 
     @property
     def side(self) -> float:
-        """Sign of T seen from the copy with the edges, and of the shift that decides ties."""
+        """Sign of T relative to the copy with the edges, and of the shift that decides ties."""
         return float(-self.offset * self.point)
 
 
@@ -178,9 +178,9 @@ Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
 
 
 class Clipper:
-    """Cuts of edges for one vector T = 2x or xi; edges and views share common subexpressions.
+    """Cuts of edges for one offset T = 2x or xi; edges and views share common subexpressions.
 
-    Edges are constants, so that parallel edges are recognised while tracing.
+    Edges are constants, so parallel edges are recognised during tracing.
     """
 
     def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any) -> None:
@@ -194,9 +194,10 @@ class Clipper:
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> tuple[Any, ...]:
-        """Return the sums of the ``values`` values of ``term(edge)`` over the edges of a group.
+        """Return the sums of the ``values`` results of ``term(edge)`` over the edges of a group.
 
-        A group contains the elements with one field. They are cut by the elements of ``other``.
+        A group consists of the elements that have the same field. Their edges are cut by the
+        elements of the group ``other``.
         """
         totals = [0.0] * values
         for edge in (edge for edge in self.edges if edge.group == group):
@@ -206,11 +207,11 @@ class Clipper:
     def sums_of_runs(
         self, runs: Sequence[Any], group: int, other: int
     ) -> Iterator[tuple[Any, list[Any]]]:
-        """Yield (run, values) for several sums, from one pass over the edges of a group.
+        """Yield (run, results) for several sums, from one pass over the edges of a group.
 
-        A run is a sum for one pair of waves. It has the attributes ``views``, a sequence of (view,
-        side); ``values``, the number of its values; and ``terms(edge, cuts)``, the contribution of
-        an edge.
+        A run is the sum for one pair of waves. Its attributes are ``views``, a sequence of
+        (view, side); ``values``, the number of its results; and ``terms(edge, cuts)``, the
+        contribution of an edge.
         """
         views = dict.fromkeys(view for run in runs for view, _ in run.views)
 
@@ -223,7 +224,7 @@ class Clipper:
             yield run, [next(values) for _ in range(run.values)]
 
     def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
-        """Return ``compute()``; if edges are constants, parallel edges share one call."""
+        """Return ``compute()``; if edges are constants, parallel edges share the result."""
         if type(self) is not Clipper:
             return compute()
         key = (edge.ux, edge.uy, *what)
@@ -233,7 +234,7 @@ class Clipper:
         return value
 
     def level(self, line: Line) -> Number:
-        """Return cross(direction, T) of a line; directions along an axis need one product."""
+        """Return cross(direction, T) of a line; lines parallel to an axis need only one product."""
         key = (line.dx, line.dy)
         if key not in self._levels:
             x, y = self.tx * -line.dy, self.ty
@@ -248,8 +249,9 @@ class Clipper:
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
         """Yield (t0 + t1, t1 - t0, real, imag) for the part of an edge inside each piece.
 
-        t1 - t0 is 0 if the edge lies outside. real + i imag is the weight in u(x + xi/2) u*(x -
-        xi/2). Edges of the copy AHEAD bound the second factor, all other edges the first factor.
+        The length t1 - t0 is 0 if the edge lies outside the piece. real + i imag is the product of
+        the weights in u(x + xi/2) u*(x - xi/2). Edges of the copy AHEAD bound the second factor,
+        all other edges the first factor.
         """
         cuts: dict[int, Any] = {}
         for piece in (piece for piece in self.pieces if piece.group == group):
@@ -266,7 +268,7 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # The product is accurate to an ulp, because the edge and the line may be nearly
+            # The cross product is accurate to an ulp, because the edge and the line may be nearly
             # parallel.
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
@@ -297,7 +299,7 @@ class Clipper:
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
-        """Return cross(line, start of the edge), positive to the left of the line, to one ulp."""
+        """Return cross(line, start of the edge) to one ulp, positive to the left of the line."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

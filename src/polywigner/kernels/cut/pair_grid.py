@@ -16,19 +16,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Kinds of rows. CROSSING: a crossing of two edges. START: a crossing before which the winding
-# number is set. WHOLE: an edge at full length. INSIDE: an edge that lies inside the other copy,
-# both START and WHOLE. LEAD: a crossing with the line that leads to a ring from outside. START is
-# the first bit and WHOLE the second bit.
+# Kinds of list entries. CROSSING: a crossing of two edges. START: a crossing before which the
+# winding number is set. WHOLE: an edge at full length. INSIDE: an edge that lies inside the other
+# copy, which is both START and WHOLE. LEAD: a crossing with the line that leads to a ring from
+# outside. START is the first bit and WHOLE the second bit.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
 # Bound on the rounding error of a cross product of two vectors in the frame.
 ROUNDED = 1e-13
-# This value is smaller than all nonzero levels on the grid (2^-106, in single precision 2^-48), but
-# not subnormal.
+# A number that is smaller than all nonzero levels on the grid (2^-106, in single precision 2^-48),
+# but not subnormal.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -36,14 +36,14 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The elements of a source that share one field: rings of vertices on a grid, in the frame.
+    """The elements of a source that have one field: rings of vertices on a grid, in the frame.
 
-    On the grid, sums and differences of an offset and two vertices are exact. So the side of an
-    edge on which a vertex lies is decided as in exact arithmetic (docs/theory/edges.md, (K2)).
+    On the grid, sums and differences of an offset and two vertices are exact. The side of an edge
+    on which a vertex lies is therefore decided as in exact arithmetic (docs/theory/edges.md, (K2)).
     """
 
     step: float
-    """The spacing of the grid, a power of two."""
+    """Spacing of the grid, a power of two."""
     edges: Array
     """Shape (n, 8): start and end of each edge, 0, complex weight of the element, and 0. The
     polygon lies to the left of the edge."""
@@ -94,8 +94,7 @@ class PairGrid:
 
     numbers: Any
     """Shape (1, 8): lower and upper corner of the region of cells, number of cells per unit length,
-    number of cells in a row, number of all cells, and spacing of the grid.
-    """
+    number of cells in a row, number of all cells, and spacing of the grid."""
     cells: Any
     """Shape (cells + 1, 4): for each cell its first row, its first row that is not INSIDE, the end
     of its rows, and 0. The last cell stands for all offsets outside the region and is empty.
@@ -109,9 +108,8 @@ class PairGrid:
     """Shape (n, 8): start and vector of each edge of the first outline, 0, complex weight, and 0.
     The lines that lead to its rings follow, with weight 1."""
     second: Any
-    """Shape (m + 1, 8): the same for the edges of the second outline. The last edge has weight 1
-    and crosses no other.
-    """
+    """Shape (m + 1, 8): the same for the edges of the second outline. The last row is an edge of
+    weight 1 that crosses no other edge."""
     names: Any
     """`Outline.names` of the first outline, shape (n, 4)."""
     levels: Any
@@ -124,7 +122,7 @@ class PairGrid:
 
     @cached_property
     def on_host(self) -> HostGrid:
-        """The same lists in the form that NumPy's cuts need."""
+        """The same lists in the form that the NumPy code needs."""
         low_x, low_y, _, _, per_unit, across, count, step = self.numbers[0].tolist()
         shape = round(count / across), round(across)
         cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
@@ -153,7 +151,7 @@ class PairGrid:
     def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
         """Return the grid with its tables in an engine's memory."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
-        # engines cannot read from empty arrays
+        # Engines cannot read from empty arrays.
         return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
 
 
@@ -174,7 +172,7 @@ class HostGrid:
     """Shape (n, 3): the first columns of ``PairGrid.cells``, with a border of empty cells."""
     rows: Array
     first: Array
-    """Shape (n, 4), complex: start and vector of each edge, limit of levels + i length, and
+    """Shape (n, 4), complex: start of each edge, its vector, limit of levels + i length, and
     weight."""
     second: Array
     levels: Array
@@ -195,7 +193,7 @@ _SLANTED = 1 / 16
 
 
 def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
-    """Return the indices of the cells of offsets (x, y), including cells of the border."""
+    """Return the indices of the cells of offsets (x, y), including the border of empty cells."""
     rows, across = grid.shape
     column = np.floor((x - grid.low.real) * grid.per_unit)
     row = np.floor((y - grid.low.imag) * grid.per_unit)
@@ -215,7 +213,7 @@ def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
 def cut_edges(
     grid: HostGrid, row: Array, owner: Array, t: Array, side: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the part of each edge from its crossing to its end, for slices at the offsets ``t``.
+    """Return the part of each edge from its crossing to its end, for slices at offsets ``t``.
 
     Parameters
     ----------
@@ -245,7 +243,8 @@ def cut_edges(
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
     np.subtract(levels[0], edges_cross, out=levels[1])
     np.add(levels[2], edges_cross, out=levels[3])
-    near: Array = abs(levels) < ROUNDED  # a bound for vectors shorter than 8
+    # The bound ROUNDED on the rounding error of a cross product holds for vectors shorter than 8.
+    near: Array = abs(levels) < ROUNDED
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
     limit, other_limit = edge[:, 2].real, other_edge[:, 2].real
@@ -258,12 +257,12 @@ def cut_edges(
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    # A running sum over all samples of a call would lose digits in double precision.
+    # A running sum of weights over all samples of a call would lose digits in double precision.
     if not grid.is_uniform:
         jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump
-    # the first row of each ring of a sample resets the level
+    # For each sample, the first list entry of a ring resets the level.
     last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
     level = before + (grid.levels.take(level_of) - before).take(last)
     weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))

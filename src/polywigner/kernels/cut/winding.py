@@ -1,9 +1,10 @@
 """Sums over the boundary of a slice in compiled code, with edges as data.
 
-The weight of an edge is the winding number of the other copy at its start, which is updated along
-the ring. Each crossing with an edge of the other copy adds 1 or -1 from the crossing to the end of
-the edge (docs/theory/edges.md, (K1)). In a collection the winding number of each element is
-multiplied by its weight. Outlines are passed as data, so one compiled kernel handles any outline.
+The weight of an edge is the winding number of the other copy at the start of the edge, which is
+updated along the ring. Each crossing with an edge of the other copy adds 1 or -1 from the crossing
+to the end of the edge (docs/theory/edges.md, (K1)). If a source has several elements, the winding
+number of each element is multiplied by its weight. Outlines are passed as data, so one compiled
+kernel handles any outline.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 from polywigner.kernels.cut.cell_lists import cells_across, pair_grid
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
 from polywigner.kernels.cut.pair_grid import LEAD, START, WHOLE, PairGrid, crossing, outline_of
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 
 Pass = tuple[View, int, int]
@@ -24,10 +25,10 @@ Pass = tuple[View, int, int]
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Number of samples that is assumed if the number is unknown.
+# Number of samples that is assumed if the true number is unknown.
 _MANY = 1 << 20
-# Largest total size in bytes of the cached lists of all sources. Copies in the memory of engines
-# have the same size.
+# Largest total size in bytes of the cached lists of pairs of all sources. Their copies in the
+# memory of engines have the same size.
 _MOST_BYTES = 1 << 27
 
 
@@ -37,7 +38,7 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    # the view AHEAD uses the lists of the view BEHIND
+    # The cuts of the view AHEAD use the same lists of edge pairs as those of the view BEHIND.
     name = view.point, group, other, double, across
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
@@ -51,13 +52,13 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
 
 
 _cached: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
-"""Owner, key and size of each list, oldest first."""
+"""Owner, key and size of each cached list, oldest first."""
 # Mitsuba loads the sources of a scene file in several threads.
 _cache_lock = threading.Lock()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """Return the cell index of an offset on the grid; offsets outside belong to an empty cell."""
+    """Return the cell index of an offset on the grid; offsets outside have an empty cell."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (
@@ -80,7 +81,7 @@ class PairClipper(Clipper):
         arguments: tuple[Any, ...] = (),
         pairs: Mapping[Pass, PairGrid] | None = None,
     ) -> None:
-        """Set up the cuts of one vector T.
+        """Set up the cuts for one offset T.
 
         ``pairs``: lists in the memory of the engine, instead of the lists of the tables.
         """
@@ -96,7 +97,7 @@ class PairClipper(Clipper):
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
         grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
         if ops.key not in grid.copies:
-            # setdefault makes all threads use one copy
+            # The method setdefault of dictionaries ensures that all threads use the same copy.
             grid.copies.setdefault(ops.key, grid.on_device(ops.on_device))
         copy: PairGrid = grid.copies[ops.key]
         return copy
@@ -104,7 +105,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
-        # the start value is NaN for infinite and NaN arguments
+        # The sums start with NaN if an argument is infinite or NaN.
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
             for part in self._sums(view, self._grid((view, group, other)), term, values):

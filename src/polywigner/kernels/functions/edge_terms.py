@@ -1,9 +1,9 @@
 """Terms of W and A: contributions of parts of edges.
 
-A part is a vector d with its midpoint m, which are lags or positions. Its term depends only on nu.d
-and nu.m, in cycles, and on cross(nu, d). `EvenTerms` is (W1) of docs/theory.md for real weights. It
-contains only sines, which do not cancel as nu goes to 0. `WaveTerms` is (W2) and (A1) for all
-weights. Its cosines sum to zero at nu = 0, so cos - 1 replaces cos.
+A part of an edge is a vector d with its midpoint m, which are lags or positions. Its term depends
+only on nu.d and nu.m, in cycles, and on cross(nu, d). `EvenTerms` is (W1) of docs/theory.md for
+real weights. It contains only sines, which do not cancel as nu goes to 0. `WaveTerms` is (W2) and
+(A1) for all weights. Its cosines sum to zero at nu = 0, so cos is replaced by cos - 1.
 
 The code that cuts edges creates the terms of a frequency, calls `along` once per direction of
 edges, adds parts with `added`, multiplies by the common factors of an edge with `of_edge`, and ends
@@ -41,15 +41,17 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """Return a frequency, or a slightly larger one if its square would underflow.
 
-    The transform changes by the floor times the diameter, far less than rounding. Terms are of the
-    order of the squared frequency. The rounding errors of their sum, up to 6e-8 of it, must not
-    underflow either: with a floor of 1e-16, compiled float32 kernels had eight times the error.
+    The shift changes the transform by the floor times the diameter, far less than rounding. Terms
+    are of the order of the squared frequency. The rounding errors of their sum, up to 6e-8 of it,
+    must not underflow either: with a floor of 1e-16, compiled float32 kernels had eight times the
+    error.
     """
     return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    tiny = (abs(x) < floor) & (abs(y) < floor)  # the condition is false for NaN
+    # The comparison is false for NaN, which therefore remains.
+    tiny = (abs(x) < floor) & (abs(y) < floor)
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
 
@@ -64,13 +66,13 @@ def scaled(factor: Any, value: Any) -> Number:
 
 
 class EdgeTerms:
-    """Terms at one frequency ``nu`` (x, y), moved off 0.
+    """Terms at one frequency ``nu`` (x, y), which is moved off 0.
 
-    A part of an edge has the vector d = extent length u. Callers scale u, ``length`` and
-    ``extent`` differently: edges as code have unit vectors u, shared by parallel edges, and a
-    negative length where the edge runs against u; edges as data have u = e and length 1; listed
-    parts have u = d and length 1. A term must depend on d alone, and must change its sign with d:
-    listed parts of weight -1 are stored as reversed parts.
+    A part of an edge has the vector d = extent length u. Callers scale u, ``length`` and ``extent``
+    differently: edges as code have unit vectors u, shared by parallel edges, and a negative length
+    where the edge runs against u; edges as data have u = e and length 1; listed parts have u = d
+    and length 1. A term must depend on d alone, and must change its sign with d: listed parts of
+    weight -1 are stored as reversed parts.
     """
 
     values: int
@@ -78,8 +80,8 @@ class EdgeTerms:
     ops: Any
     nu: Values
     by_part = False
-    """Whether each part of an edge has its own factors. Only :meth:`of_part` is implemented
-    then."""
+    """Whether each part of an edge has separate factors. If so, only :meth:`of_part` is
+    implemented."""
 
     def taken(self, owner: Any) -> EdgeTerms:
         """Return the terms at the frequencies with indices ``owner`` (k,), for NumPy arrays."""
@@ -100,7 +102,7 @@ class EdgeTerms:
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Return the sums over parts of an edge after adding a part; None before the first.
+        """Return the sums over parts of an edge after adding a part; ``sums`` may be None.
 
         ``half``, ``midpoint``: nu.d/2 and nu.m in cycles, for a part with midpoint m and vector d;
         ``extent``: length of the part, as a fraction of the edge; ``weight``: (real, imaginary)
@@ -137,8 +139,8 @@ class EvenTerms(EdgeTerms):
     def along(self, ux: Any, uy: Any) -> Values:
         """Return nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
-        # The square of the floor is a normal number. SIMD lanes that have finished a loop have nu.u
-        # = 0, and arithmetic with subnormal numbers takes a hundred times as long.
+        # The square of the smallest nu.u is a normal number. SIMD lanes that have finished a loop
+        # have nu.u = 0, and arithmetic with subnormal numbers takes a hundred times as long.
         floor = 1e-30 if ops.double else 1e-18
         along = ops.fma(nu_x, ux, nu_y * uy)
         along = ops.select(abs(along) < floor, floor, along)
@@ -162,13 +164,14 @@ class EvenTerms(EdgeTerms):
 class WaveTerms(EdgeTerms):
     """Terms of W and A for any weights, (W2) and (A1), for one pair of waves.
 
-    Sums are sine and cosine parts.
+    The sums consist of sine and cosine parts.
     """
 
     def __init__(self, ops: Any, nu: Values, values: int, factor: float = 1.0) -> None:
         """Store a frequency that is not 0.
 
-        ``values``: 1 for sine parts alone, else 2. A total is ``factor`` sums / |nu|^2.
+        ``values``: 1 for sine parts alone, else 2. A total is ``factor`` times the sums over
+        |nu|^2.
         """
         self.ops, self.nu, self.values, self.factor = ops, nu, values, factor
 
@@ -204,7 +207,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     ``is_even``: whether weights are real. ``is_real``: whether only the real part is required.
     """
     if is_even:
-        # W is even in nu, so moving nu away from 0 changes W by less than rounding
+        # W is even in nu, so moving nu away from 0 changes W by less than rounding.
         return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 

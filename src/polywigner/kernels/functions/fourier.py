@@ -1,14 +1,14 @@
 """Fourier transforms of polygons and bodies as signed sums over triangles and tetrahedra.
 
-The triangles (origin, p, p') stand on the edges of a polygon. One triangle contributes
-``cross(p, p') exp[0, a, b]``, the second divided difference of the exponential at ``0``,
-``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the paper's eq. (FVT), this
-sum has no division by nu and is accurate for slivers. Boundaries may close only up to rounding
+The triangles (origin, p, p') stand on the edges of a polygon. Each triangle contributes
+``cross(p, p') exp[0, a, b]``, the second divided difference of the exponential at ``0``, ``a = -2
+pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the paper's eq. (FVT), this sum has no
+division by nu and is accurate for slivers. Boundaries may close only up to rounding
 (docs/theory.md, (F2)).
 
-The tetrahedra (origin, a, b, c) stand on the triangles of the fans of all faces of a body. One
-tetrahedron contributes ``det(a, b, c) exp[0, z_a, z_b, z_c]`` with z = -2 pi i nu.p. There are no
-face normals, and concave faces need no triangulation (docs/theory.md, (F3)).
+The tetrahedra (origin, a, b, c) stand on the triangles of the fans of all faces of a body. Each
+tetrahedron contributes ``det(a, b, c) exp[0, z_a, z_b, z_c]`` with z = -2 pi i nu.p. This needs no
+face normals and no triangulation of concave faces (docs/theory.md, (F3)).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy.typing as npt
 from polywigner.geometry import Polyhedron
 from polywigner.geometry.rings import whole_numbers
 from polywigner.kernels.kernel import Kernel, leave_wave
-from polywigner.kernels.outline.frame import (
+from polywigner.kernels.outline import (
     NEEDLE_ASPECT,
     Frame,
     Matrix,
@@ -37,9 +37,8 @@ from polywigner.kernels.outline.frame import (
     vertices_for,
 )
 from polywigner.numerics import Number, phases
-from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.grid_arithmetic import accurate_cross
-from polywigner.numerics.phases import cos_sin_cycles, sinc, sinc_less_one
+from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc, sinc_less_one
 
 Values = tuple[Any, ...]
 Array = npt.NDArray[Any]
@@ -51,11 +50,11 @@ class OutlineTables:
 
     frame: Any
     edges: tuple[tuple[float, ...], ...]
-    """Begin (x, y) and end of every edge, and cross(begin, end), twice the area of its triangle."""
+    """Begin (x, y) and end (x, y) of every edge, and cross(begin, end), twice the area of its
+    triangle."""
     following: tuple[int, ...] = ()
     """Index of the edge that begins where each edge ends. A vertex has the index of the edge that
-    begins there.
-    """
+    begins there."""
 
 
 def outline_tables(
@@ -103,7 +102,7 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
 
 
 def _is_short(nu: Values) -> bool:
-    """Return whether a sum may be unrolled; a cube would compile in 3 s and run half as fast."""
+    """Return whether to unroll a sum; a cube would compile in 3 s and run half as fast."""
     return len(nu) < 3
 
 
@@ -119,11 +118,8 @@ def _dot(ops: Any, nu: Values, point: Values) -> Number:
 
 
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """Return (phase of the centre, nu in the frame)."""
+    """Return the phase of the centre in cycles, and nu in the frame."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
-
-
-# ---- bodies -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -138,16 +134,16 @@ class SolidTables:
 
     @property
     def terms(self) -> int:
-        """Number of terms, for the choice of the engine: a tetrahedron counts as eight edges."""
+        """Number of terms that determines the engine: a tetrahedron counts as eight edges."""
         return 8 * len(self.edges)
 
 
 @lru_cache(maxsize=64)
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
-    """Return the tables of a polyhedron; the same for either precision."""
+    """Return the tables of a polyhedron, which are the same for both precisions."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    # fans divide opposite faces of thin bodies in the same way, so that rounding errors cancel
+    # Fans divide opposite faces of thin bodies in the same way, so that rounding errors cancel.
     fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
     corners = inner[np.array(fans, np.intp)]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
@@ -157,16 +153,16 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 
 
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
-    """Return the centre of the body's box, and its axes times the power of two of its extents.
+    """Return the centre of a body's box, and its axes times powers of two of the extents.
 
     Needles and plates have their principal axes and a scale for each axis. All other bodies have
     the user's axes and one scale. The centre is the centre of the box along the chosen axes: the
     centre of another box could lie many thicknesses away from a plate.
     """
     mean = body.vertices.mean(axis=0)
-    # without full_matrices=False, NumPy makes a matrix (vertices, vertices)
+    # Without full_matrices=False, NumPy would allocate a matrix of (vertices, vertices).
     _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
-    # the axes form a right-handed system, so that volumes keep their sign
+    # The axes form a right-handed system, so that volumes keep their sign.
     principal = principal * np.sign(np.linalg.det(principal))
     axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T
@@ -192,29 +188,27 @@ def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 BODY = Kernel("fourier of a body", 3, solid_tables, enter_frequency, fan_sum, leave_wave)
 
 
-# ---- grids of frequencies --------------------------------------------------------------------
-
-# Rounding of the waves changes F by _ULP * perimeter/(2 pi |nu|). (F4) is not used where this error
-# exceeds _LOSS times the area.
+# Rounding of the waves changes F by _ULP * perimeter/(2 pi |nu|). Formula (F4) is not used if this
+# error exceeds _LOSS times the area.
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Largest ratio of perimeter times largest distance from the centre to the area. At this ratio,
-# rounding of the vertices changes F by 1e-14 of the area.
+# Largest ratio of the perimeter, times the largest distance from the centre, to the area for which
+# F is computed on grids. At this ratio, rounding of the vertices changes F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# For |q| below _NEAR cycles, sinc(q) is a series of _TERMS terms. The first omitted term is
+# For |q| below _NEAR cycles, sinc(q) is a series of _TERMS terms, whose first omitted term is
 # 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is a product of sines and cosines along both axes,
 # accurate to an ulp.
 _NEAR, _TERMS = 0.1, 5
-# Number of values of a temporary array that fit into the cache of a core.
+# Number of values in a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
 # Largest number of multiplications of one matrix product, and smallest number of rows. BLAS divides
 # larger products among threads, which on a busy machine takes up to a hundred times as long. A
-# stack of smaller products costs a tenth more.
+# stack of smaller products costs only a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
-# Number of edges whose waves are in memory at a time: about 40 MB for 512 x 512 points.
+# Largest number of edges whose waves are in memory at a time: about 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
-# Difference in the frame below which edge vectors count as equal, for example the edges of
-# congruent elements after rounding. The mean of such vectors replaces them. This changes F by no
-# more than the rounding itself.
+# Largest difference between edge vectors, in the frame, that count as equal, such as the edges of
+# congruent elements after rounding. Their mean replaces them, which changes F by no more than the
+# rounding itself.
 _EQUAL = 2.0**-51
 
 
@@ -227,8 +221,8 @@ class Family:
     midpoints: npt.NDArray[np.float64]
     """Midpoints of the edges, shape (n, 2)."""
     weights: npt.NDArray[np.complex128]
-    """Field on the element of each edge, shape (n,); with the opposite sign for edges along -(ex,
-    ey)."""
+    """Field on the element of each edge, shape (n,), with the opposite sign for edges along
+    -(ex, ey)."""
 
     @property
     def is_straight(self) -> bool:
@@ -255,9 +249,10 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 
 
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
-    """Return indices of vectors, grouped by components that are equal up to rounding."""
+    """Return the indices of vectors, in groups whose components are equal up to rounding."""
     clusters: list[list[int]] = []
-    near: list[list[int]] = []  # these clusters agree in x to within _EQUAL
+    # ``near``: clusters of vectors that agree in x to within _EQUAL.
+    near: list[list[int]] = []
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
         for cluster in near:
@@ -272,7 +267,7 @@ def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class GridTables:
-    """Tables of a polygon for the computation of F on grids."""
+    """Tables of a polygon for the computation of its transform F on grids."""
 
     frame: Frame
     families: tuple[Family, ...]
@@ -326,7 +321,7 @@ class _FamilyTerm:
     """pi (nu x e) sinc(nu.e) times the sum of the waves of one family, on a grid.
 
     ``x``, ``y``: frequencies along each axis in the frame, and the phase of the centre in cycles.
-    The sum over the waves of all midpoints is a matrix product, with cosine and sine parts in
+    The sum of the waves over all midpoints is a matrix product, with cosine and sine parts in
     separate columns.
     """
 
@@ -339,7 +334,8 @@ class _FamilyTerm:
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
         self.is_straight = family.is_straight
-        if self.is_straight:  # the factor is a product of a function of nu_x and a function of nu_y
+        # For edges along an axis, the factor is a product of functions of nu_x and of nu_y.
+        if self.is_straight:
             along_x = family.ey == 0.0
             factor_x = -family.ex * math.pi * sinc(ops, nu_x * family.ex) if along_x else nu_x
             factor_y = nu_y if along_x else family.ey * math.pi * sinc(ops, nu_y * family.ey)
@@ -347,7 +343,7 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # the parts of nu.e and cross(nu, e) from both axes, and sin(pi nu.e) as a matrix product
+        # nu.e and cross(nu, e) are sums of a part from each axis; sin(pi nu.e) is a matrix product.
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_cycles(ops, 0.5 * nu_x * family.ex)
@@ -397,7 +393,7 @@ def fourier_on_grid(
 ) -> tuple[Array, Array, Array]:
     """Return (real, imaginary) F at all (nu_x[i], nu_y[j]), and a mask of inaccurate values.
 
-    ``ops``: operations in float64. Values are inaccurate where |nu| is below `GridTables.floor`.
+    ``ops``: operations in float64. Values are inaccurate if |nu| is below `GridTables.floor`.
     Source: (F4).
     """
     x, y = (
@@ -430,7 +426,7 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Join the terms of all families along axes into one matrix product."""
+    """Join the terms of all families that are parallel to an axis into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)

@@ -3,7 +3,8 @@
 W is the sum over edges of ``(d + i beta_n)/2 int f ds`` in units of the coherence width. Each
 integral runs along a path in the complex plane (docs/theory.md, (I5)). With 10 to 36 nodes its
 error is below 1e-12 of the square of the largest lag. For complex weights, cancellation costs as
-many ulps as the ratio of the coherence width to the largest lag. For real weights it costs none.
+many ulps as the ratio of the coherence width to the largest lag. For real weights there is no
+cancellation.
 """
 
 from __future__ import annotations
@@ -22,27 +23,30 @@ from polywigner.numerics.phases import cos_sin_cycles
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Smallest parameter c of an arc, and largest ratio of the height of an arc to its length.
+# Shape of the arc of integration in the complex plane: smallest parameter c, and largest ratio of
+# the height of the arc to its length.
 _SPREAD, _LIFT = 10.0, 0.6
-# Number of nodes of an arc by its length c |x_end - x_start|, times beta_s/8 if beta_s exceeds 8.
-# The errors for random edges, relative to the squared length, and for random intervals, relative to
-# the length, are below 1e-12 in double and 1e-7 in single precision.
+# Number of quadrature nodes on an arc by its length c |x_end - x_start|, which is multiplied by
+# beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision, for
+# random edges relative to the squared length and for random intervals relative to the length.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# Waves with beta_s above _STEEP and a phase along the edge above _LONG are integrated along paths
-# of steepest descent, with _DESCENT nodes.
+# If beta_s exceeds _STEEP and the phase along the edge exceeds _LONG, the wave is integrated along
+# paths of steepest descent, with the number of nodes in _OF_DESCENTS.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# Where |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond _FAR, f
-# is as smooth as 1/Z, and the rule with index _SMOOTH suffices.
+# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond _FAR, f is
+# as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
 _FAR, _SMOOTH = 8.7, 3.0
-# |Re Z| below which exp(-beta^2/2) - |g| is computed by a series, and the number of terms. The
-# first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
+# The difference exp(-beta^2/2) - |g| is computed by a series of _TERMS terms if |Re Z| is below
+# _SMALL. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
+# precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# Exponents below this value give subnormal numbers, which slow processors down.
+# Smallest exponents of the exponential function in double and single precision. Smaller ones would
+# give subnormal numbers, which slow processors down.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# This number is small, but its square is a normal number.
+# Smallest divisors in double and single precision. Their squares are still normal numbers.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 
@@ -86,7 +90,8 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
     everywhere = rate == rate
     rule = arc.rule(everywhere)
     real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
-    undefined = 0.0 * (start + rate)  # the result is NaN for NaN arguments
+    # Adding ``undefined`` makes the result NaN for NaN arguments.
+    undefined = 0.0 * (start + rate)
     return real + undefined, imag + undefined
 
 
@@ -102,7 +107,7 @@ def _arc_rules(sizes: tuple[int, ...]) -> Rules:
 
 @lru_cache(maxsize=2)
 def _descent_rules(size: int) -> Rules:
-    """Return a table of node and weight; the weight lacks the factor exp(-node)."""
+    """Return a table of nodes and weights; the weights lack the factor exp(-node)."""
     t, weight = np.polynomial.laguerre.laggauss(size)
     return (np.stack([t, weight * np.exp(t)], axis=-1),)
 
@@ -124,7 +129,7 @@ class _Arc:
         self.samples = (size, 0.5 * (first + last), half, lift)
 
     def rule(self, is_needed: Any) -> Number:
-        """Return the index of the rule, or -1 for no rule."""
+        """Return the index of the quadrature rule, or -1 if the arc needs none."""
         ops, number = self.ops, 0.0
         for length in _LENGTHS:
             number = number + ops.select(self.length > length, 1.0, 0.0)
@@ -161,7 +166,7 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a node s = p + i r on the arc, and ds there."""
+    """Return a node s = p + i r on the arc, and ds at this node."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -171,14 +176,14 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a node s + t/(s + i beta_s) on a path of steepest descent, and ds there."""
+    """Return a node s + t/(s + i beta_s) on a path of steepest descent, and ds at this node."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
 
 
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
-    """Return f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``decay`` and beta^2/2 ``energy``."""
+    """Return f = (exp(-beta^2/2) - g)/Z; ``decay`` is exp(-beta^2/2) and ``energy`` is beta^2/2."""
     rate, square, energy, decay, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
@@ -193,7 +198,7 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
-    """Return g on a line through the origin."""
+    """Return the Gaussian g on a line through the origin."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
@@ -205,7 +210,7 @@ def _times(a: Any, b: Any) -> Values:
 
 
 def _one_less_exp(ops: Any, x: Any) -> Number:
-    """Return 1 - exp(-x) for small x, to rounding accuracy."""
+    """Return 1 - exp(-x) for small x, accurate to rounding."""
     small = ops.select(abs(x) < _SMALL, x, 0.0)
     series: Any = 0.0
     for k in range(_TERMS[ops.double], 0, -1):

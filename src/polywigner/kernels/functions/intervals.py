@@ -1,10 +1,10 @@
 """The transforms in one dimension: sums over intervals in closed form.
 
-The lag slice and the position slice of two intervals are intervals again. So every transform is a
-sum of means of plane waves over intervals (docs/theory.md, (S1) to (S3)).
+The lag slice and the position slice of two intervals are intervals as well. Every transform is
+therefore a sum of means of plane waves over intervals (docs/theory.md, (S1) to (S3)).
 
 For each pair of slits, only the distance of the centres depends on x or xi. It is computed without
-rounding, so that the length of the overlap is accurate to an ulp however narrow the slits are
+rounding, so that the length of the overlap is accurate to an ulp, however narrow the slits are
 compared with their distance.
 """
 
@@ -27,8 +27,8 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.outline.frame import power_of_two
-from polywigner.kernels.outline.wave_pairs import (
+from polywigner.kernels.outline import power_of_two
+from polywigner.kernels.wave_pairs import (
     Wave,
     WavePair,
     Waves,
@@ -39,8 +39,7 @@ from polywigner.kernels.outline.wave_pairs import (
     waves_in_frame,
 )
 from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair, unit_wave
-from polywigner.numerics.phases import Doubled, doubled, sinc
+from polywigner.numerics.phases import Doubled, Pair, doubled, sinc, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
@@ -49,10 +48,10 @@ Interval = tuple[Fraction, Fraction, Waves]
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
-    """Return u without the carrier in an interval that includes its begin, not its end."""
+    """Return u without the carrier in an interval that includes its start but not its end."""
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
-    # Comparisons with NaN are false. Without this line, NaN arguments would count as outside and
-    # give 0.
+    # Comparisons with NaN are false. Without the second term, NaN arguments would count as outside
+    # and give 0.
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
@@ -94,21 +93,21 @@ class SlitFrame:
 
 @dataclass(frozen=True)
 class SlitTables:
-    """The intervals of a source in their frame; sums run over ``edges``."""
+    """The intervals of a source in their frame. The transforms are sums over ``edges``."""
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """Each entry is an `Interval`; for F, it contains the begin and the length of the interval,
-    each as two floats."""
+    """Each entry is an `Interval`. For F it contains the start and the length of an interval, each
+    as two floats."""
 
 
 @dataclass(frozen=True)
 class PairTables:
     """Pairs of intervals, as rows of numbers.
 
-    A row contains: the distance of the centres at x = 0 or xi = 0, as two floats; both half-
-    lengths; the mean of the centres, which does not move, as two floats; and the mutual field
-    (real, imag). If fields are sums of waves, each pair of waves has its own row with two more
+    A row contains: the distance of the centres at x = 0 or xi = 0, as two floats; both
+    half-lengths; the mean of the centres, which does not move, as two floats; and the mutual field
+    (real, imag). If fields are sums of waves, each pair of waves has a separate row with two more
     numbers: the shift to subtract from the frequency, and the frequency of the mutual field along
     4x or xi.
     """
@@ -120,7 +119,7 @@ class PairTables:
 
     @property
     def terms(self) -> int:
-        """Number of terms, for the choice of the engine: a pair counts as half an edge of F."""
+        """Number of terms that determines the engine: a pair of slits counts as half an edge."""
         return -(-len(self.edges) // 2)
 
 
@@ -171,7 +170,7 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # in a lag slice, the waves (v, w) and (w, v) of one slit also have conjugate fields
+        # In a lag slice, the waves (v, w) and (w, v) of one slit also have conjugate fields.
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
@@ -190,7 +189,8 @@ def _overlap(
 
     The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap + gap_low -
     shift`` apart. The offset is relative to the mean of both centres. If the shorter interval lies
-    inside the other one, the centre is that of the shorter one; otherwise the offset is constant.
+    inside the longer interval, the overlap has the centre of the shorter interval; otherwise the
+    offset is constant.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
@@ -231,14 +231,14 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     return total
 
 
-# Frequencies count as equal if they agree to this tolerance, in cycles per unit of the frame or
+# Largest difference of frequencies that count as equal, in cycles per unit of the frame, or
 # relative to the largest frequency.
 _EQUAL = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
 class LineField:
-    """A field on the interval from -half to half."""
+    """A field on the interval from -half to half, as a sum of plane waves."""
 
     half: float
     waves: Waves
@@ -273,7 +273,7 @@ class LineField:
 
 
 def _length(ops: Any, overlap: Any, scale: float) -> Number:
-    """Return the length of an interval, at least 0; NaN for NaN positions."""
+    """Return the length of an overlap, at least 0; NaN for NaN positions."""
     return scale * ops.maximum(overlap, 0.0) + (overlap - overlap)
 
 
@@ -281,7 +281,7 @@ def _over_pairs(
     ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
-    """Return the sum over pairs of waves, by (I4), or (I6) for a finite coherence width."""
+    """Return the sum over pairs of waves, by (I4), or by (I6) for a finite coherence width."""
     largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
     tolerance = _EQUAL * max(1.0, largest)
     waves: dict[int, Pair] = {}
@@ -309,7 +309,7 @@ def _over_pairs(
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
     """Return 4x in the frame as two floats.
 
-    Moving x by dx moves the copies of two slits in the lag slice towards each other by 4 dx.
+    If x changes by dx, the copies of two slits in the lag slice move towards each other by 4 dx.
     """
     total, low = frame.exact_position(x)
     return phases.halves(ops, (4.0 * total, 4.0 * low))

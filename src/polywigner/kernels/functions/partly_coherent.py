@@ -1,7 +1,7 @@
 """Kernels of W in partly coherent light, which weight the lag slice by the degree of coherence.
 
-The degree of coherence exp(-xi^2/(2 width^2)) is a factor of the integrand. Edges are therefore
-cut, and waves paired, as for coherent light. Only the term of a part of an edge differs
+The degree of coherence exp(-xi^2/(2 width^2)) is a factor of the integrand over lags xi. Edges are
+therefore cut, and waves paired, as for coherent light. Only the term of a part of an edge differs
 (docs/theory.md, (I5)).
 """
 
@@ -21,9 +21,8 @@ from polywigner.kernels.functions.intervals import PairTables
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline.frame import Frame, Matrix, determinant
-from polywigner.kernels.outline.tables import Tables
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.kernels.outline import Frame, Matrix, Tables, determinant
+from polywigner.numerics.phases import Pair
 
 
 def coherence_of(frame: Frame, width: float) -> Matrix:
@@ -44,7 +43,7 @@ def term_of_lags(
 ) -> Values:
     """Return the contribution of a part of an edge to W, as (real, imaginary).
 
-    The part is given by its midpoint and its vector as lags of the frame; ``nu`` is in the frame.
+    The part is given by its midpoint and its vector, as lags in the frame; ``nu`` is in the frame.
     """
     (xx, xy), (yx, yy) = coherence
     size = determinant(coherence)
@@ -59,7 +58,6 @@ def term_of_lags(
     foot = ops.fma(xx, x, xy * y) * ux + ops.fma(yx, x, yy * y) * uy
     distance = ops.fma(x, dy, -(y * dx)) * (size * inverse)
     along = ops.fma(nu[0], dx, nu[1] * dy) * inverse
-    # cross(matrix^-T nu, u)
     across = nu[0] * (yy * uy + xy * ux) - nu[1] * (yx * uy + xx * ux)
     real, imag = wave_over_edge(ops, foot - half, foot + half, distance, along, across * (1 / size))
     return real * (1 / size), imag * (1 / size)
@@ -79,7 +77,8 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        # edges of the other copy are the mirror images, and their terms the complex conjugates
+        # The edges of the other copy are mirror images of the edges of this copy, and their terms
+        # the complex conjugates.
         return 2.0 * sums[0], 2.0 * sums[1]
 
 

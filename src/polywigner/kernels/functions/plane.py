@@ -1,4 +1,4 @@
-"""The transforms of apertures as kernels, in their plane and in any pose."""
+"""Kernels of the transforms of apertures, in their plane and in any pose."""
 
 from __future__ import annotations
 
@@ -27,11 +27,10 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.outline.frame import enter_position_and_frequency, frame_of
-from polywigner.kernels.outline.tables import Tables, build_tables
-from polywigner.kernels.outline.wave_pairs import field_of
+from polywigner.kernels.outline import Tables, build_tables, enter_position_and_frequency, frame_of
+from polywigner.kernels.wave_pairs import field_of
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import Pair
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
@@ -43,9 +42,9 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Build the tables of :func:`tables_of` without the cache, with the vertices of this source.
+    """Build the tables of :func:`tables_of` without the cache, from the vertices of this source.
 
-    Equal sources may begin their rings at other vertices.
+    A cached source that is equal may have rings that begin at other vertices.
     """
     return build_tables(normal_form(source), double=double)
 
@@ -80,7 +79,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of a plane in a pose (4, 4); the elements of the pose count as exact."""
+    """Return the frame of a plane in a pose (4, 4), whose entries count as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -130,10 +129,10 @@ def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
     """Return the (real, imaginary) field u at a point of the frame, without the carrier.
 
-    u is the sum of the weights of the elements around the point, times their waves. Edges that
-    cross the horizontal line to the right of the point count with the weight of their element if
-    they rise, and with its negative if they fall. An edge includes its lower end but not its upper
-    end. Therefore each point on an edge between two polygons belongs to exactly one of them.
+    The field u is the sum of the weights of the elements around the point, times their waves. Edges
+    that cross the horizontal line to the right of the point count with the weight of their element
+    if they rise, and with minus the weight if they fall. An edge includes its lower end but not its
+    upper end. Therefore each point on an edge between two polygons belongs to exactly one polygon.
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
@@ -148,14 +147,14 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
         rows = tables.edges[tables.names[:, 3] == group].tolist()
         weight = Pair(*ops.sum_over(rows, term, 2, like=x))
         total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
-    # Comparisons with NaN are false. Without this line, NaN arguments would count as outside and
-    # give 0.
+    # Comparisons with NaN are false. Without the term ``undefined``, NaN arguments would count as
+    # outside and give 0.
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return the sum of an autocorrelation: ``field(ops, tables, x, y)`` at both ends of a lag."""
+    """Return a kernel sum that evaluates ``field(ops, tables, x, y)`` at both ends of a lag."""
     return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[:2]),
         *field(ops, tables, *ends[2:]),

@@ -1,8 +1,9 @@
 """Product fields u(x, y) = f(x) g(y) on a rectangle, with x and y along its sides.
 
 All transforms are products of two transforms in one dimension, each of which is a sum over pairs of
-a few waves (docs/theory.md, (I4)). A Taylor taper along both axes has 49 waves with 1,225 pairs,
-but only 7 waves with 28 pairs along each axis. Products are recognised from the waves of a field.
+a few waves (docs/theory.md, (I4)). For example, a Taylor taper along both axes has 49 waves with
+1,225 pairs, but only 7 waves with 28 pairs along each axis. Products are recognised from the waves
+of a field.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from polywigner.geometry.rings import signed_area
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
-from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
-from polywigner.kernels.outline.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
-from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.kernels.outline import Frame, frame_along, power_of_two
+from polywigner.kernels.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
+from polywigner.numerics import Floats, Number, phases
+from polywigner.numerics.phases import Pair
 from polywigner.source.lattices import column_and_row
 
 # An outline counts as a rectangle if its corners deviate from a true rectangle by less than
@@ -36,14 +37,12 @@ _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
 
-Floats = npt.NDArray[np.float64]
-
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     """Return the corners (4, 2) of a rectangular aperture and their rounding, or None.
 
-    Corners are counter-clockwise, a longer side first. Vertices may lie on the sides. The rounding
-    is the largest distance between the corners and those of a true rectangle.
+    The corners are counter-clockwise and begin with a longer side. Vertices may lie on the sides.
+    The rounding is the largest distance between the corners and the corners of a true rectangle.
     """
     if len(aperture.rings) != 1:
         return None
@@ -61,14 +60,14 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     return (corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)), allowed
 
 
-# Amplitudes count as a product of two profiles if they deviate from it by less than _PRODUCT times
-# the largest amplitude, which changes W by less than 1e-13 of the energy. Frequencies along an axis
-# count as equal if they agree to _EQUAL, in cycles per side or relative to the largest frequency.
+# Largest deviation of amplitudes from a product of two profiles, relative to the largest amplitude,
+# and of frequencies that count as equal, in cycles per side or relative to the largest frequency.
+# Such deviations change W by less than 1e-13 of the energy.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Rounding increases both limits, because frequencies may be rotated and amplitudes contain phases
-# relative to the origin. The limit of frequencies grows by at most this value, in cycles per side.
+# Largest increase of the limit of frequencies by rounding, in cycles per side. Both limits increase
+# because frequencies may be rotated and amplitudes contain phases relative to the origin.
 _LARGEST_ROUNDING = 1e-6
-# Cost of a pair of waves, relative to the cost of cutting an edge with another edge.
+# Cost of a pair of waves, relative to the cost of cutting an edge by another edge.
 _CLIPS_PER_PAIR = 0.5
 
 
@@ -81,7 +80,7 @@ class SeparableTables:
     coherence_widths: tuple[float, float] = (math.inf, math.inf)
     """Coherence width along each axis, in units of the frame of that axis."""
     terms: ClassVar[int] = 1
-    """Number of terms, for the choice of the engine: there is no sum over edges."""
+    """Number of terms that determines the engine: there is no sum over edges."""
 
     @property
     def clips(self) -> int:
@@ -89,7 +88,7 @@ class SeparableTables:
 
 
 def is_separable(aperture: Aperture) -> bool:
-    """Return whether an aperture is a rectangle with a product of fields along its sides."""
+    """Return whether an aperture is a rectangle whose field is a product along its sides."""
     return separable_tables(aperture, True) is not None
 
 
@@ -107,16 +106,17 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     a, b, c, d = corners
     (length, width), direction = (high - low).tolist(), (1.0, 0.0)
     is_rotated = bool((b - a).all())
-    if is_rotated:  # the direction of the first axis is the mean of both longer sides
+    # The first axis has the mean direction of both longer sides.
+    if is_rotated:
         length, width = float(np.hypot(*(b - a))), float(np.hypot(*(d - a)))
         along = (b - a) + (c - d)
         direction = tuple((along / np.hypot(*along)).tolist())
     sizes = power_of_two(length), power_of_two(width)
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
-    # Rounding of frequencies: some ulps of the largest frequency. For a rotated rectangle, the
-    # error of its angle is added: the rounding of the corners divided by the length of the
-    # rectangle.
+    # The rounding of frequencies is some ulps of the largest frequency. For a rotated rectangle, it
+    # includes the error of the rotation angle: the rounding of the corners divided by the length of
+    # the rectangle.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
@@ -194,7 +194,7 @@ def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[An
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
     """Return the (real, imaginary) field u at a point of the frame, without the carrier.
 
-    Lower ends of either axis belong to the rectangle, upper ends do not.
+    The lower end of either axis belongs to the rectangle, the upper end does not.
     """
     along_x, along_y = tables.fields
     value = along_x.field(ops, x) * along_y.field(ops, y)

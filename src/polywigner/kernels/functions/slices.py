@@ -1,10 +1,10 @@
 """W and A as sums over the edges of slices (Stokes' theorem).
 
 The sums are (W1), (W2) and (A1) of docs/theory.md. They run over the cut edges of one copy for W,
-since the edges of the other copy are mirror images, and of both copies for A. Fields of several
-waves, and elements with different fields, give sums over pairs of waves. Each pair contributes the
-sum of a uniform source at a shifted frequency, times an amplitude that depends only on position or
-lag, (I2), (I3). Each edge is cut once for all pairs.
+since the edges of the other copy are mirror images, and over the cut edges of both copies for A.
+Fields of several waves, and elements with different fields, give sums over pairs of waves. Each
+pair contributes the sum of a uniform source at a shifted frequency, times an amplitude that depends
+only on position or lag, (I2), (I3). Each edge is cut only once for all pairs.
 
 On NumPy, edges are divided into last parts, which run from a crossing to the end of an edge. Their
 weights add up to the weight of the slice on each edge. Compiled code loops over edges and cuts.
@@ -28,15 +28,15 @@ from polywigner.kernels.functions.edge_terms import (
     scaled,
     wigner_terms,
 )
-from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.wave_pairs import (
+from polywigner.kernels.outline import Tables
+from polywigner.kernels.wave_pairs import (
     WavePair,
     difference_pairs,
     mean_pairs,
     pair_of_row,
     rows_of,
 )
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import Pair
 
 Values = tuple[Any, ...]
 Array = NDArray[Any]
@@ -45,16 +45,16 @@ Views = tuple[tuple[View, float], ...]
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group of edges, group of the other copy, views of the edges there, and pairs of waves."""
 
-# Samples times edges, and parts of edges times frequencies, that NumPy computes at a time: about 2
-# MB.
+# Largest number of samples times edges, and of parts of edges times frequencies, that NumPy
+# computes at a time: about 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which the lists of pairs that NumPy uses are optimised.
+# Number of samples for which the lists of pairs of edges on NumPy are optimised.
 _SAMPLES = 1 << 9
-# Largest number of pairs of waves that are compiled as code, in 20 ms per pair. More pairs are rows
-# of a table.
+# Largest number of pairs of waves that are compiled as code, which takes 20 ms per pair. More pairs
+# become rows of a table.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns of a row of this table (amplitude, shift and rate), padded to a multiple of
-# four.
+# Number of columns in this table of pairs of waves (amplitude, shift and rate), padded to a
+# multiple of four.
 _ROW = 8
 
 
@@ -65,19 +65,19 @@ class SliceSum:
     views: tuple[View, ...]
     """Views in which edges are cut: one view for W, two for A."""
     scale: float
-    """T, the offset between the two copies of the outline, is ``scale`` times the position or lag:
-    2x, or xi. A point p of an edge corresponds to the point ``scale (p + side T)`` of the slice."""
+    """Factor of the offset T between the two copies of the outline: T is ``scale`` times the
+    position or lag, that is 2x or xi. A point p of an edge corresponds to the point ``scale
+    (p + side T)`` of the slice."""
     position: slice
     """Indices of the position or lag among the arguments in the frame."""
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
-    """(ops, tables, frequency, is_even, is_real) -> terms of a pair of waves. ``is_even``: whether
-    weights are real and both elements have the same field. ``is_real``: whether only the real part
-    is needed.
-    """
+    """Function (ops, tables, frequency, is_even, is_real) -> terms of a pair of waves. ``is_even``:
+    whether weights are real and both elements have the same field. ``is_real``: whether only the
+    real part is needed."""
     values: int
-    """Number of values: 1 for a real sum; 2 for the cosine and sine part of cosine - i sine."""
+    """Number of results: 1 for a real sum; 2 for the cosine and sine part of cosine - i sine."""
     arguments: slice | None = None
     """Indices of the position or lag among the user's arguments. None if frequencies at one
     position cannot share a slice.
@@ -91,7 +91,8 @@ class SliceSum:
             if is_plain and np.shape(position[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
                 return self._as_waves(self._sums(ops, tables, position, nu))
             return self._in_blocks(ops, tables, inner)
-        # Dr.Jit cannot differentiate nested loops, so edges are code
+        # Dr.Jit cannot differentiate nested loops, so edges become code if derivatives are
+        # required.
         if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
             offset = (self.scale * c for c in inner[self.position])
             return self._summed(Clipper(ops, tables, *offset), inner)
@@ -100,7 +101,7 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """Return the sums by lists of pairs: ``pairs``, or the lists of the tables."""
+        """Return the sums from lists of pairs of edges: ``pairs``, or the lists of the tables."""
         tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
@@ -111,13 +112,11 @@ class SliceSum:
         return [(view, field, other) for view in views for field in fields for other in fields]
 
     def after(self, count: int) -> SliceSum:
-        """Return the same sum for arguments that follow ``count`` other arguments."""
+        """Return the same sum, for arguments that follow ``count`` other arguments."""
         position, frequency = (
             slice(s.start + count, s.stop + count) for s in (self.position, self.frequency)
         )
         return replace(self, position=position, frequency=frequency, arguments=None)
-
-    # ---- compiled code
 
     def _summed(self, clipper: Clipper, inner: Values) -> Values:
         nu = inner[self.frequency]
@@ -140,8 +139,8 @@ class SliceSum:
     ) -> Iterator[Sequence[Any]]:
         """Yield the sums over pairs of waves, with one pass over the edges for each pair of groups.
 
-        If there are many pairs of waves, they are rows of a table. Compiled code loops over this
-        table for each part of an edge.
+        Many pairs of waves are rows of a table, over which compiled code loops for each part of an
+        edge.
         """
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
@@ -158,8 +157,6 @@ class SliceSum:
             runs = [sum_of(views, pair, is_even) for views, pairs in wave_pairs for pair in pairs]
             for run, sums in clipper.sums_of_runs(runs, group, other):
                 yield run.value(sums, position)[:count]
-
-    # ---- NumPy
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
         """Return the sums for arguments that broadcast, computed in blocks of samples."""
@@ -182,8 +179,8 @@ class SliceSum:
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # Temporary arrays have (points, frequencies) entries, so blocks have fewer points for many
-        # frequencies.
+        # Temporary arrays have (points, frequencies) entries, so blocks with many frequencies have
+        # fewer points.
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -202,7 +199,7 @@ class SliceSum:
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # the start value is NaN for infinite and NaN arguments
+        # The sums of a slice start with NaN if an argument is infinite or NaN.
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
         for pairs, is_even, owner, part in self.parts(tables, position):
             for pair in pairs:
@@ -227,7 +224,7 @@ class SliceSum:
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
         """Yield pairs of waves, whether their terms are even, and the last parts of edges, (K1).
 
-        Parts are given by the index of their point (k,), and by centre and vector in the slice
+        The parts are given by the index of their point (k,), and by centre and vector in the slice
         (x, y, dx, dy) and weight (real, imag), in double precision.
         """
         t = np.empty(len(position[0]), np.complex128)
@@ -245,7 +242,8 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            if weight.dtype.kind == "c":  # the weight of the copy AHEAD is conjugated
+            # For the copy AHEAD, complex weights are conjugated.
+            if weight.dtype.kind == "c":
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
             yield pairs, is_even, owner, part
@@ -262,7 +260,7 @@ class SliceSum:
 
         The flag states whether weights are real. A part is a row (x, y, dx, dy) if all weights are
         1 or -1 and no frequency is shifted. A part of weight -1 is then stored reversed, because
-        terms are odd. Otherwise the row continues with (real, imag, shift_x, shift_y).
+        terms are odd. Otherwise the row also contains (real, imag, shift_x, shift_y).
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
@@ -284,7 +282,7 @@ class SliceSum:
     def of_listed(
         self, ops: Any, tables: Tables, columns: int, is_real: bool, nu: Values
     ) -> PartSum:
-        """Return the sum over the rows that ``listed`` has returned, at frequencies ``nu``."""
+        """Return the sum over the rows that :meth:`listed` has returned, at frequencies ``nu``."""
 
         def terms(shifted: Values) -> EdgeTerms:
             return self.terms(ops, tables, shifted, is_real, self.values == 1)
@@ -295,7 +293,7 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
-    """Return sums (count, columns) of parts at frequencies of shape (1 or count, columns)."""
+    """Return the sums (count, columns) of parts, for frequencies of shape (1 or count, columns)."""
     rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
@@ -399,7 +397,7 @@ class TermSum:
         return total
 
     def value(self, sums: Sequence[Any], position: Values) -> Values:
-        """Return the contribution of the pair to the result."""
+        """Return the contribution of the pair of waves to the result."""
         amplitude = self.pair.amplitude(self.ops, position)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
@@ -420,7 +418,7 @@ class PartSum:
             values: Values = self.terms.of_part(*row, 1.0, 0.0)
             return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # the row of the part contains the shift of the frequency
+        # A row of the list of edge parts may contain a shift of the frequency.
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total
@@ -431,14 +429,12 @@ class PartSum:
         return values
 
 
-# ---- pairs of waves --------------------------------------------------------------------------
-
 _MIRROR: Views = ((MIRRORED, -0.5),)
 _BOTH: Views = ((BEHIND, -0.5), (AHEAD, +0.5))
 
 
 def mean_pairings(tables: Tables) -> list[Pairing]:
-    """Return pairs of waves for W."""
+    """Return the pairs of waves that contribute to W."""
     groups = list(enumerate(tables.groups))
     return [
         (k, n, _MIRROR, mean_pairs(field, other, k == n))
@@ -448,7 +444,7 @@ def mean_pairings(tables: Tables) -> list[Pairing]:
 
 
 def difference_pairings(tables: Tables) -> list[Pairing]:
-    """Return pairs of waves for A.
+    """Return the pairs of waves that contribute to A.
 
     The field of the edges is the first factor for the view BEHIND, and the second for AHEAD.
     """

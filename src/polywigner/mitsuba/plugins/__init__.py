@@ -1,1 +1,1 @@
-"""The ``wigner`` emitter shape and the ``wigner_receiver`` sensor."""
+"""Mitsuba plugins: the ``wigner`` emitter shape and the ``wigner_receiver`` sensor."""

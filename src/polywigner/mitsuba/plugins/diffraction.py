@@ -1,9 +1,9 @@
-"""Shadows that diffract in scenes: the estimator ``exact`` with ``diffraction``. Source: (SB3).
+"""Shadows with diffraction in scenes: the estimator ``exact`` with ``diffraction``. Source: (SB3).
 
-The source is represented by radiating points. The field at an illuminated point is the sum of the
-waves of the radiating points that no obstacle hides, and of the boundary waves from the obstacles'
-edges. One compiled loop reads the edges from tables. Lengths are in wavelengths, in the source's
-frame.
+The source is represented by radiating points. The field at an illuminated point is the sum of two
+parts: the waves of the radiating points that no obstacle hides, and the boundary waves from the
+obstacles' edges. One compiled loop reads the edges from tables. Lengths are in wavelengths, in the
+source's frame.
 """
 
 from __future__ import annotations
@@ -40,50 +40,51 @@ from polywigner.mitsuba.plugins.shadow_tables import (
 )
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, reach_of
 from polywigner.mitsuba.scenes import surfaces
-from polywigner.numerics.complex_pairs import Pair, unit_wave
 from polywigner.numerics.jets import Jet, flattened, rebuilt
+from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation import equivalent_points, shadows
 from polywigner.propagation.source_nodes import SourceNodes, all_points, nodes_for
 
 Floats = NDArray[np.float64]
 Point = tuple[Drjit, Drjit, Drjit]
 Field = tuple[Drjit, Drjit]
-"""Real and imaginary part."""
+"""Real and imaginary part of a field."""
 
-# Error of |F|^2 relative to its peak; diffraction by one edge at a time is less accurate.
+# Allowed error of |F|^2 relative to its peak. Diffraction by one edge at a time is less accurate.
 _ERROR = 3e-4
-# Largest number of radiating points; each sample tests one ray per point for obstacles.
+# Largest number of radiating points; for each sample, one ray per point is tested for obstacles.
 _MOST_POINTS = 1024
-# Quadrature along edges. Measured relative errors for random edges: most 5e-7, at most 9e-6.
+# Quadrature rule along edges. Measured relative errors for random edges: mostly 5e-7, at most 9e-6.
 _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
-# Edges whose wave adds less than this to |U|^2 over its free peak are left out. Fields below
-# _WEAK times the peak count as equal to it.
+# Edges are omitted if their wave adds less than this fraction of the free peak to |U|^2. Fields
+# below _WEAK times the peak count as equal to _WEAK times the peak.
 _FAINT, _WEAK = 5e-5, 0.1
-# Waves behind a surface are left out if it transmits less than this fraction.
+# Waves behind a surface are omitted if the surface transmits less than this fraction.
 _OPAQUE = 2e-3
-# Illuminated points are shifted by this fraction of their distance, so that none lies on the
-# boundary of a shadow after rounding to single precision.
+# Illuminated points are shifted by this fraction of their distance, so that none of them lies on
+# the boundary of a shadow after rounding to single precision.
 _ASIDE = 1e-6
-# Rays end this fraction of their length before a surface, more than single precision rounds.
+# Rays end before a surface by this fraction of their length, which is more than the rounding error
+# of single precision.
 _ENDS = 1e-5
-# Relative error of fields in scalar variants.
+# Allowed relative error of fields in scalar variants.
 _HOST_ERROR = 1e-4
 
 _log = logging.getLogger("polywigner.mitsuba")
 
 
 class _Edge(NamedTuple):
-    """An edge and its shortest path from the centre of the source to a point."""
+    """An edge, and its shortest path from the centre of the source to a point."""
 
     row: Drjit
-    """Row of ``EdgeTables.edges``."""
+    """Row of the edge in ``EdgeTables.edges``."""
     detour: Drjit
     foot: Drjit
     """Position of the bend as a fraction of the edge."""
 
 
 class Shadows:
-    """The field of a source behind obstacles, for one variant's arrays."""
+    """The field of a source behind obstacles, for the arrays of one variant."""
 
     def __init__(
         self,
@@ -107,7 +108,7 @@ class Shadows:
             nodes, silhouettes = _nodes_and_silhouettes(obstacles, points)
             tables = edge_tables(obstacles, nodes, silhouettes, _ENDS)
         except ArgumentError as error:
-            raise SceneError(f"with diffraction: {error}") from None
+            raise SceneError(f"cannot compute diffraction: {error}") from None
         faces = sum(len(body.triangles) for body in bodies)
         numbers = faces, len(tables.edges), len(nodes.positions), len(points)
         _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
@@ -129,7 +130,10 @@ class Shadows:
             )
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
-        """Return |U|^2 at a point in front; close to the source ``free`` computes it unshadowed."""
+        """Return |U|^2 at a point in front of the source.
+
+        Close to the source, ``free`` computes it without shadows.
+        """
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
         if not self._jit:
@@ -140,12 +144,13 @@ class Shadows:
         """Return |U|^2 at a point in front in units of the scene, relative to |u|^2 = 1."""
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
-            # the point moves in front of its surface by more than rounding errors
+            # The point moves in front of its surface by more than rounding errors.
             change, free, _ = self._on_host(
                 positions=(1.0 - _ENDS) * np.array([at]), engine="numpy"
             )
             return float(np.abs(free + change)[0] ** 2)
-        # shifted off the boundaries of shadows and their corners by more than rounding errors
+        # The point is shifted off the boundaries of shadows and their corners by more than rounding
+        # errors.
         away = self._ops.sqrt(sum(c * c for c in at))
         x, y, z = (c + _ASIDE * u * away for c, u in zip(at, shadows.ASIDE.tolist(), strict=True))
         real, imag = self._field((x, y, z))
@@ -162,7 +167,7 @@ class Shadows:
         counts = len(nodes.positions), len(tables.groups)
         self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
         self._inverse_peak = opaque(m, 1.0 / nodes.peak)
-        self._has_edges = len(tables.edges) > 0  # a body around the source has no rim
+        self._has_edges = len(tables.edges) > 0  # A body around the source has no rim.
 
     def _field(self, at: Point) -> Field:
         m, ops = self._m, self._ops
@@ -183,7 +188,7 @@ class Shadows:
         if not self._has_edges:
             return field
         level = ops.sqrt((real * real + imag * imag) * dot(at, at)) * self._inverse_peak
-        # square of the least amplitude of an edge wave, relative to the largest free field
+        # Square of the smallest amplitude of an edge wave, relative to the largest free field.
         faint = (_FAINT / ops.maximum(level, _WEAK)) ** 2
 
         def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
@@ -209,7 +214,7 @@ class Shadows:
         return ops.fold(0, self._counts[1], field, add_group)
 
     def _node_wave(self, node: Drjit, at: Point) -> tuple[Drjit, ...]:
-        """Return the wave of a node at a point, and its part from dipoles if there are any."""
+        """Return the wave of a node at a point, and its part from dipoles, if any."""
         m, ops = self._m, self._ops
 
         def add_point(number: Drjit, *sums: Drjit) -> tuple[Drjit, ...]:
@@ -226,10 +231,10 @@ class Shadows:
         return ops.fold(*span, (m.Float(0.0),) * (4 if self._is_oblique else 2), add_point)
 
     def _edge_change(self, edge: _Edge, at: Point) -> Pair:
-        """Return the change of the field by an edge.
+        """Return the change of the field that an edge causes.
 
-        Close to the boundary of the shadow the boundary waves of the nodes have the weights of the
-        nodes' waves at the point, farther away those at the edge.
+        Close to the boundary of the shadow, the boundary waves of the nodes have the weights of the
+        nodes' waves at the point. Farther away, they have the weights at the edge.
         """
         m, row = self._m, edge.row
         span = m.UInt32(row[10]), m.UInt32(row[11])
@@ -255,7 +260,7 @@ class Shadows:
         at: Point,
         start: Field,
     ) -> Field:
-        """Return ``start`` plus the changes by an edge of the waves of a range of nodes."""
+        """Return ``start`` plus the changes of the waves of a range of nodes by an edge."""
 
         def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
             change = change_of(number, edge, at)
@@ -265,7 +270,7 @@ class Shadows:
         return total
 
     def _change_at(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change by an edge of the wave that a node has at the point."""
+        """Return the change that an edge causes to the wave of a node at the point."""
         ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
         parts = self._node_wave(node, at)
@@ -280,12 +285,12 @@ class Shadows:
         boundary, rate = edge_waves.edge_wave_and_rate(
             ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
         )
-        # (SB5): i/(2 pi) of the derivative, times -1/(2 pi) of the boundary wave
+        # The factor (SB5) is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
         bend = (Pair(*parts[2:]) * rate).scaled(0.25 / math.pi**2)
         return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change by an edge of the wave that a node has at the edge."""
+        """Return the change that an edge causes to the wave of a node at the edge."""
         m, ops, row = self._m, self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
@@ -307,7 +312,7 @@ class Shadows:
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
     ) -> tuple[Point, Point, Point, Any]:
-        """Return a node, both ends of an edge, and whether a surface is behind the edge."""
+        """Return a node, both ends of an edge, and whether a surface lies behind the edge."""
         m, ops, row = self._m, self._ops, edge.row
         step = m.UInt32(row[13])
         ends = ops.gather(self._tables["ends"], m.UInt32(row[12]) + number * step)
@@ -319,11 +324,11 @@ class Shadows:
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
-        """Return ``compute(*state)`` where the condition holds, and the state elsewhere."""
+        """Return ``compute(*state)`` where the condition is true, and the state elsewhere."""
         return dr.if_stmt(state, condition, compute, lambda *state: state, mode="symbolic")
 
     def _transmission(self, group: Drjit, at: Point) -> Pair:
-        """Return the amplitude of a group's waves at a point relative to free propagation."""
+        """Return the amplitude of the waves of a group at a point, relative to free propagation."""
         m, ops = self._m, self._ops
         free = m.Float(1.0), m.Float(0.0)
         if not self._is_blocked:
@@ -336,7 +341,7 @@ class Shadows:
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
             sign = dr.select(total < 0.0, -1.0, 1.0)
-            # the ray meets the triangle's plane clearly before the point
+            # The ray meets the plane of the triangle clearly before the point.
             hit = (row[9] * sign > 0.0) & (row[9] * sign < total * sign * (1.0 - _ENDS))
             for share in shares:
                 hit &= share * sign >= 0.0
@@ -368,7 +373,7 @@ class Shadows:
         return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
-        """Return whether an obstacle is between a point of the source and the end of a vector."""
+        """Return whether an obstacle lies between a point of the source and the end of a vector."""
         m = self._m
         path = m.Vector3f(*ahead)
         part = self._start / path.z
@@ -379,7 +384,7 @@ class Shadows:
         return self._obstacles.ray_test(ray)
 
     def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
-        """Return ``compute(*arguments)`` where the condition holds, and zero elsewhere."""
+        """Return ``compute(*arguments)`` where the condition is true, and zero elsewhere."""
         zeros = (self._m.Float(0.0),) * 2
         return dr.if_stmt(arguments, condition, compute, lambda *_: zeros, mode="symbolic")
 
@@ -400,7 +405,7 @@ class Shadows:
 def _nodes_and_silhouettes(
     obstacles: Obstacles, points: Sequence[equivalent_points.RadiatingPoint]
 ) -> tuple[SourceNodes, list[Silhouette]]:
-    """Return the nodes of a source, and one silhouette for all nodes or for each of them."""
+    """Return the nodes of a source, and one silhouette for all nodes or one for each node."""
     every = all_points(points)
     shared = obstacles.shared_silhouette(every.positions)
     if shared is not None:
@@ -411,9 +416,9 @@ def _nodes_and_silhouettes(
 
 
 def _spanned(body: Obstacle, source: Floats) -> Obstacle:
-    """Return a surface that hides what a convex body hides from near a source.
+    """Return a surface that hides the same points as a convex body, for positions near a source.
 
-    Its rim is the silhouette that all nodes of the source share, so that their shadows end at the
+    Its rim is a common silhouette for all nodes of the source, so that their shadows end at the
     edges of this silhouette.
     """
     if not (body.is_solid and body.is_simple):
@@ -427,7 +432,7 @@ def _spanned(body: Obstacle, source: Floats) -> Obstacle:
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
-    """Return a scene of the triangles of all bodies, without lights."""
+    """Return a scene that contains the triangles of all bodies, without lights."""
     counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     vertices = np.concatenate([body.vertices for body in bodies])
     faces = np.concatenate([body.triangles + n for body, n in zip(bodies, counts, strict=False)])
@@ -444,8 +449,7 @@ def cast_shadows(scene: mi.Scene) -> None:
     plugins = [plugin for plugin in plugins if plugin.spec.diffraction]
     if plugins and any(shape.is_medium_transition() for shape in scene.shapes()):
         raise SceneError(
-            "expected no fog in a scene with diffraction, got some; remove the fog or leave "
-            "diffraction out"
+            "diffraction is not supported in a scene with fog; remove the fog, or omit diffraction"
         )
     meshes_at = cache(lambda wavelength: list(surfaces.meshes_in(scene, wavelength)))
     for plugin in plugins:
@@ -475,6 +479,7 @@ def scene_known(scene: mi.Scene) -> Iterator[None]:
     scenes = [
         (sensor, "scene", scene) for sensor in scene.sensors() if surfaces.is_receiver(sensor)
     ]
-    # the process crashes if a scene is freed while Dr.Jit records a kernel
+    # The process crashes if a scene is freed while Dr.Jit records a kernel, so garbage collection
+    # is off.
     with without_collection(), changed([(ExactEstimator, "scene_is_known", True), *scenes]):
         yield

@@ -9,8 +9,8 @@ traced into Mitsuba's render kernel. If the waves of a source have different fac
 of terms; see `emissions`.
 
 Positions are relative to the centre of the source. Directions are computed in the source's frame,
-after the illuminated point has been transformed to it. The pattern of an aperture of some
-millimetres is therefore correct even a hundred metres from the origin of the scene, where single
+after the illuminated point has been transformed to this frame. Therefore the pattern of an aperture
+of some millimetres is correct even a hundred metres from the origin of the scene, where single
 precision resolves only hundredths of a millimetre. For the same reason, the texture coordinates of
 the mesh are positions relative to the centre.
 """
@@ -51,19 +51,18 @@ from polywigner.mitsuba.plugins.source_parameters import (
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end
+from polywigner.numerics import Floats
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT
-
-Floats = npt.NDArray[np.float64]
 
 ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "wigner": WignerEstimator,
     "exact": ExactEstimator,
 }
 
-# Finite stand-in for an infinite probability density. Its square, and its products with radiances,
-# are finite in float32.
+# Finite number that replaces an infinite probability density. Its square, and its products with
+# radiances, are finite in float32.
 _OVERWHELMING = 1e12
 
 
@@ -83,7 +82,7 @@ class WignerEmitter(VariantPlugin):
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # The value is opaque, because Dr.Jit cannot record loops over one sample that contain
+        # The value is opaque, because Dr.Jit cannot record loops over a single sample that contain
         # literals.
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
@@ -91,7 +90,7 @@ class WignerEmitter(VariantPlugin):
         self._update()
 
     def _adjustable(self, value: float) -> Drjit:
-        """Return a number that Mitsuba's ``traverse`` can modify."""
+        """Return a number that users can change through Mitsuba's ``traverse``."""
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
@@ -113,8 +112,9 @@ class WignerEmitter(VariantPlugin):
             "wavelength", self.wavelength, constant if self._is_constant else differentiable
         )
         callback.put("power", self.power, differentiable)
-        # Only `direct` gives complete gradients: with other integrators, samples do not move with
-        # the aperture, and the change of the receiver's cosine is missing (docs/gradients.md).
+        # Only the integrator `direct` returns complete gradients. With other integrators, samples
+        # do not move with the aperture, and the change of the receiver's cosine is missing
+        # (docs/gradients.md).
         callback.put("to_world", self.to_world, differentiable)
         if self._traced.vertices is not None:
             callback.put("vertices", self._traced.vertices, differentiable)
@@ -122,7 +122,7 @@ class WignerEmitter(VariantPlugin):
             callback.put("weights", self._traced.weights, differentiable)
 
     def parameters_changed(self, keys: list[str]) -> None:
-        """Use new values of the parameters; a new pose also moves the mesh."""
+        """Apply changed parameters; a new pose also moves the mesh."""
         if "wavelength" in keys or "power" in keys:
             self._check_numbers()
         shape = self.get_shape() if self.spec.visible else None
@@ -130,9 +130,9 @@ class WignerEmitter(VariantPlugin):
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
-            # The user's arrays remain in use, because their derivatives are enabled.
+            # The arrays of the user remain in use, because their derivatives are enabled.
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
-            if shape is not None:  # the mesh covers the region that radiates
+            if shape is not None:  # The mesh covers the region that radiates.
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
         if "wavelength" in keys and self._is_constant:
             traced = self._traced
@@ -148,13 +148,14 @@ class WignerEmitter(VariantPlugin):
         wavelength = single(self.wavelength, "wavelength")
         power = single(self.power, "power")
         if not wavelength > 0:
-            raise SceneError(f"expected a wavelength above zero, got {wavelength:.6g} m")
+            raise SceneError(f"wavelength must be above zero, got {wavelength:.6g} m")
         if not power >= 0:
-            raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
+            raise SceneError(f"power must be zero or more, got {power:.6g} W")
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        # opaque, because a new literal would cause the render kernel to be recompiled
+        # The parameters are opaque, because a new literal would cause the render kernel to be
+        # recompiled.
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
         self.frame = Frame(self.m, self.to_world, self.spec.centre)
@@ -163,7 +164,7 @@ class WignerEmitter(VariantPlugin):
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
     def stand_at(self, reach: float) -> None:
-        """Set ``reach``, the largest coordinate of the source and of surfaces that touch it."""
+        """Set ``reach``, the largest coordinate of the source and of the surfaces that touch it."""
         self._reach = opaque(self.m, reach)
 
     def has_gradients(self) -> bool:
@@ -171,7 +172,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the norm N with derivatives; NumPy computes its value."""
+        """Return the norm N with derivatives; its value is computed with NumPy."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -193,28 +194,28 @@ class WignerEmitter(VariantPlugin):
     # ---- the radiance --------------------------------------------------------------------
 
     def wave(self, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wave of the sample at x for a receiver at the point or direction ``end``."""
+        """Return the wave of the sample at x for a receiver at a point or direction ``end``."""
         return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, end)
 
     def _value(self, number: Drjit) -> Drjit:
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return the radiance L at positions and unit vectors along directions, in this frame."""
+        """Return the radiance L at positions x, along unit vectors in the source's frame."""
         traced = self._traced.wigner if self._is_traced() else None
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
     def watts_per_norm(self) -> Drjit:
-        """Return the ratio of the radiated power and the power of the unscaled field."""
+        """Return the ratio of the radiated power to the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
     def _is_traced(self) -> bool:
-        """Return whether the radiance has derivatives in vertices or weights."""
+        """Return whether the radiance has derivatives with respect to vertices or weights."""
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
-        if not self.spec.visible:  # `hide_emitters` clears `visible` of sources with a surface
+        if not self.spec.visible:  # `hide_emitters` clears `visible` of sources with a surface.
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
         direction = self.frame.to_own(along)
@@ -237,7 +238,8 @@ class WignerEmitter(VariantPlugin):
         ds.d = -self.frame.to_scene(direction)
         ds.dist = distance
         ds.pdf = self._density(direction.z, distance)
-        # The field includes the effect of obstacles, so the shadow ray ends before it can meet any.
+        # The field already includes the effect of obstacles, so the shadow ray ends before it can
+        # meet one.
         if self.spec.diffraction:
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
@@ -265,7 +267,7 @@ class WignerEmitter(VariantPlugin):
         Integrators weight a sample by this density and the density of BSDF samples. The density is
         practically infinite for sources without a surface, which no ray meets, and for the
         estimator ``exact``, whose field must not be counted twice. The flag ``delta`` is not used,
-        because ``direct`` makes such lights too bright if it takes several samples of lights.
+        because ``direct`` renders such lights too bright if it takes several samples of lights.
         Mirrors show the radiance in any case.
         """
         front = cosine > 0.0
@@ -309,8 +311,8 @@ def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     allowed = PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
     if not np.abs(actual - expected).max() <= allowed:
         raise SceneError(
-            "expected the mesh of a wigner shape at the position of its to_world, got other "
-            "vertex_positions; change emitter.to_world, which moves the mesh and the emitter"
+            "the vertex_positions of a wigner shape were moved away from the pose of its "
+            "emitter; change emitter.to_world instead, which moves both the mesh and the emitter"
         )
 
 
@@ -325,7 +327,8 @@ def checked_parameters(
 ) -> SourceParameters:
     """Return the checked parameters of a shape or sensor, from Mitsuba or from Python.
 
-    ``variant`` determines the default polarisation; None for an entry that any variant may load.
+    ``variant`` determines the default polarisation; None stands for an entry that any variant may
+    load.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)
@@ -333,7 +336,7 @@ def checked_parameters(
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Return the mesh for the parameters of one ``wigner`` element."""
+    """Return the mesh for the parameters of a ``wigner`` element."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
     points, triangles = triangulate(spec.outline)
@@ -386,8 +389,8 @@ def aperture(
         :func:`polywigner.amplitude`, or ``paper`` for the paper's radiance W/lambda^2.
     power : float or str, optional
         Power through the hemisphere in front, as defined by :func:`polywigner.radiated_power`, in
-        watts or as a text such as "10 dBm". Default: the power of the unscaled field, with |u|^2 in
-        W/m^2.
+        watts or as a string such as "10 dBm". Default: the power of the unscaled field, with |u|^2
+        in W/m^2.
     bsdf : mapping, optional
         Entry of the BSDF of the surface. Default: ``null``, which transmits light. The integrators
         ``direct``, ``path`` and ``prb`` let it shadow lights behind: docs/plugin.md.
@@ -402,12 +405,13 @@ def aperture(
         points receive the exact irradiance |U|^2, to 1e-4 of its peak at any distance, without
         noise if they see all of the source; docs/plugin.md.
     bandwidth : float or str, optional
-        Bandwidth of the radiation (not of noise) in Hz or as a text such as "4 GHz", with the
+        Bandwidth of the radiation (not of noise) in Hz or as a string such as "4 GHz", with the
         estimator ``wigner``. Each sample has one frequency of the band, docs/coherence.md. Default:
         one wavelength.
     aperture_power : float or str, optional
-        Integral of |u|^2 over the source in watts or as a text, instead of ``power``. Small sources
-        radiate only a small fraction of this power, because most of their field is evanescent.
+        Integral of |u|^2 over the source in watts or as a string, instead of ``power``. Small
+        sources radiate only a small fraction of this power, because most of their field is
+        evanescent.
     diffraction : bool, default False
         With the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one edge at
         a time, like shadows of black bodies; docs/shadows.md.

@@ -1,8 +1,9 @@
 """The estimator ``exact``: the exact field of a source, traced into a render kernel (B3).
 
 The boundary integrals of :func:`polywigner.amplitude` are evaluated in single precision, in a loop
-over pieces of edges. The number of nodes depends on the piece and the point. At distances of three
-wavelengths or more, a sum over equivalent points (B8) replaces the integrals if it is faster.
+over pieces of edges. The number of quadrature nodes depends on the piece and the point. At
+distances of three wavelengths or more, a sum over equivalent points (B8) replaces the integrals if
+it is faster.
 
 Lengths are in wavelengths, relative to the centre of the source.
 """
@@ -20,7 +21,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, NumpyOperations, ops_for
@@ -30,9 +30,8 @@ from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.samplers import cells_with_field, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
-from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics import Complex, Floats, phases
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
 from polywigner.propagation.equivalent_points import equivalent_grid
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -43,22 +42,21 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.diffraction import Shadows
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
-# Largest number of points on the shorter side of a grid. These points are unrolled in the kernel,
-# which runs twice as fast as a loop, but takes 5 ms to compile for each point.
+# Largest number of points on the shorter side of a grid. The kernel contains separate code for each
+# of these points, which is twice as fast as a loop, but takes 5 ms per point to compile.
 _MOST_POINTS = 64
-# Number of points that take as long as a panel (benchmarks/render_exact.py).
+# Number of equivalent points that take as long as one panel (benchmarks/render_exact.py).
 _POINTS_PER_PANEL = 33
 
 AWAY = 3.0
-"""Distance from the source's bounds, in wavelengths, at which equivalent points may be used. For
-squares, an L, chevrons, tapers and arrays of up to 10 wavelengths, the measured error of |U|^2 is
-7e-5 of its peak beyond this distance, and 1e-3 at a third of it."""
-# Error of |F|^2 relative to its peak, about a seventh of the specified error 1e-4 of |U|^2.
+"""Smallest distance from the source's bounds, in wavelengths, at which equivalent points may be
+used. For squares, an L, chevrons, tapers and arrays of up to 10 wavelengths, the measured error of
+|U|^2 is 7e-5 of its peak beyond this distance, and 1e-3 at a third of it.
+"""
+# Allowed error of |F|^2 relative to its peak, about a seventh of the specified error 1e-4 of |U|^2.
 _ERROR = 1.5e-5
-# Imaginary parts below this fraction of the largest weight are rounding errors.
+# Imaginary parts of weights below this fraction of the largest weight are rounding errors.
 _ROUNDING = 1e-9
 
 
@@ -69,11 +67,12 @@ class EquivalentSources:
     half: tuple[float, ...]
     """Half the width and height of the source's bounds in wavelengths."""
     along: tuple[float, ...]
-    """Positions of points on a line of the grid, divided by half the length of the line."""
+    """Positions of the points on a line of the grid, divided by half the length of the line."""
     lines: tuple[tuple[float, ...], ...]
-    """For each line of the grid: its position, then the weights of its points. A point has weights
-    for the field and for the normal derivative, as far as the boundary condition uses them; a
-    weight is a real number, or a real and an imaginary part."""
+    """For each line of the grid: its position, followed by the weights of its points. A point has
+    weights for the field and for the normal derivative, as far as the boundary condition uses them;
+    a weight is a real number, or a real and an imaginary part.
+    """
     is_real: bool
     has_field: bool
     is_swapped: bool
@@ -94,7 +93,7 @@ class EquivalentSources:
             total = Pair(0.0, 0.0)
             for k, (offset, point_shift) in enumerate(points):
                 radius = ops.sqrt(offset * offset + foot2)
-                # One division serves 1/radius and 1/(radius + distance).
+                # A single division yields both 1/radius and 1/(radius + distance).
                 sum_ = radius + distance
                 quotient = 1.0 / (radius * sum_)
                 inverse = sum_ * quotient
@@ -133,7 +132,8 @@ def equivalent_sources(
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
     if grid is None:
         return None
-    # Lines run along the shorter side, because the length of the code is proportional to that side.
+    # The lines of the grid run along the shorter side, because the length of the code is
+    # proportional to that side.
     half, nodes, table = grid.half, grid.nodes, np.stack(grid.weights, axis=-1)
     is_swapped = len(nodes[0]) < len(nodes[1])
     across, along = (1, 0) if is_swapped else (0, 1)
@@ -152,16 +152,17 @@ def equivalent_sources(
 
 
 FIXED = (
-    'expected derivatives only in the power and in reflectances with the estimator "exact", got '
-    'derivatives in a position, an outline, weights or the wavelength; use the estimator "wigner"'
+    'with the estimator "exact", derivatives are available only with respect to powers and '
+    "reflectances, but derivatives with respect to a position, an outline, weights or the "
+    'wavelength are enabled; use the estimator "wigner"'
 )
-# Largest number of panels; each takes some 50 ns of one core per sample.
+# Largest number of panels. Each panel takes some 50 ns per sample on one core.
 _MOST_PANELS = 8192
-# Logarithm of the inverse relative error of a panel's integral, which is a third of the specified
-# error 1e-4 of |U|^2. The measured error of |U|^2 is 3e-5 of its peak.
+# Natural logarithm of 1 over the relative error of a panel's integral, which is a third of the
+# specified error 1e-4 of |U|^2. The measured error of |U|^2 is 3e-5 of its peak.
 _DIGITS = math.log(3e4)
-# Longest panel in wavelengths. The cost is least for panels twice as long as the distance of the
-# point; closer points use graded rules.
+# Longest panel in wavelengths. Panels twice as long as the distance of the point are the fastest;
+# closer points use graded quadrature rules.
 _LONGEST = 12.0
 
 
@@ -173,14 +174,13 @@ class ExactEstimator:
     density: None = None
     """None, because each point is illuminated by the entire source."""
     scene_is_known: ClassVar[bool] = False
-    """True while a render of a known scene runs. Kernels also contain the sources of other
-    scenes."""
+    """True during the render of a known scene. Kernels also contain the sources of other scenes."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float, _: object) -> None:
         self._m, self._unit = m, spec.scene_unit
         source = spec.at_origin
         self.draw = cells_with_field(m, source, self._unit).sample
-        """Return a position with density |u|^2, from which a shadow ray starts."""
+        """Return a position with density |u|^2, at which a shadow ray starts."""
         self._fields = [
             (ExactField(m, field, wavelength, spec.obliquity), stokes)
             for field, stokes in spec.fields_of(source)
@@ -189,31 +189,33 @@ class ExactEstimator:
         self._diffracts = spec.diffraction
         self._shadows: Shadows | None = None
         self.shadows_key = ""
-        """Digest of the scene of `set_shadows`; empty before its first call."""
+        """Digest of the scene passed to `set_shadows`; empty before its first call."""
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
         """Raise SceneError for a source that this estimator does not support."""
         if not spec.mixture.is_plain:
             raise SceneError(
-                'expected coherent light of one wavelength with the estimator "exact", got '
+                'the estimator "exact" requires coherent light of a single wavelength, got '
                 f'{spec.mixture}; use the estimator "wigner"'
             )
         if spec.diffraction and spec.has_several:
             raise SceneError(
-                "expected one polarisation of all elements with diffraction, got several; leave "
-                "diffraction out"
+                "diffraction requires the same polarisation for all elements, got several "
+                "polarisations; omit diffraction"
             )
         if spec.obliquity not in CONDITIONS:
             raise SceneError(
-                f'expected a boundary condition as obliquity with the estimator "exact", got '
-                f'{spec.obliquity!r}; use one of {", ".join(CONDITIONS)}, or the estimator "wigner"'
+                'the estimator "exact" requires a boundary condition as obliquity, got '
+                f"{spec.obliquity!r}; use one of {', '.join(CONDITIONS)}, or the estimator "
+                '"wigner"'
             )
         count = panels_in(radiator_of(plane_waves_of(spec.source)), spec.wavelength, _LONGEST)
         if not count <= _MOST_PANELS:
             raise SceneError(
-                f'expected at most {_MOST_PANELS} pieces of edges with the estimator "exact", '
-                f'counted once for each wave, got {count:.0f}; use the estimator "wigner"'
+                f'the source has too many edges for the estimator "exact": {count:.0f} pieces of '
+                f"edges, counted once for each plane wave, at most {_MOST_PANELS} are allowed; "
+                'use the estimator "wigner"'
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
@@ -232,22 +234,24 @@ class ExactEstimator:
         return self._scale * (distance * distance) * self.intensity(point)
 
     def set_shadows(self, key: str, shadows: Shadows | None) -> None:
-        """Set the shadows in a scene with the digest ``key``; None without obstacles."""
+        """Set the shadows of a scene with the digest ``key``; None without obstacles."""
         self.shadows_key, self._shadows = key, shadows
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 for |u|^2 = 1 at a point in front, in scene units."""
+        """Return |U|^2 for |u|^2 = 1 at a point in front of the source, in scene units."""
         if self._diffracts and not self.shadows_key and not self.scene_is_known:
             message = (
-                "expected the scene of a source or a receiver with diffraction, got none from "
-                "Mitsuba; render with polywigner.mitsuba.render, or within `with "
+                "a source or a receiver with diffraction requires its scene, which Mitsuba does "
+                "not pass; render with polywigner.mitsuba.render, or within `with "
                 "polywigner.mitsuba.receiving(scene)`"
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # This is a warning, since Dr.Jit also traces the sources of scenes that are not
-            # rendered.
-            warnings.warn(f"{message}. Its light is NaN", RuntimeWarning, stacklevel=2)
+            # This is a warning instead of an error, because Dr.Jit also traces the sources of
+            # scenes that are not rendered.
+            warnings.warn(
+                f"{message}. The light of this source is NaN", RuntimeWarning, stacklevel=2
+            )
             return self._m.Float(math.nan)
         if self._shadows is not None:
             free = partial(self._fields[0][0].intensity, unit=self._unit)
@@ -257,13 +261,13 @@ class ExactEstimator:
 
 
 class ExactField:
-    """|U|^2 of a source in coherent light, for the arrays of one variant."""
+    """|U|^2 of a source of coherent light, for the arrays of one variant."""
 
     def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        # Scalar variants compute one sample at a time, so NumPy evaluates its panels and nodes at
-        # once.
+        # Scalar variants compute one sample at a time; NumPy then evaluates all panels and nodes of
+        # a sample at once.
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
         radiator = radiator_of(source)
         self._tables = boundary_tables(
@@ -278,7 +282,7 @@ class ExactField:
 
     def intensity(self, point: mi.Point3f, unit: float) -> Drjit:
         """Return |U|^2 for |u|^2 = 1 at a point in front, in units of ``unit`` metres."""
-        # Dr.Jit returns zero derivatives of nested loops, without an error
+        # Dr.Jit would return zero derivatives of nested loops without an error.
         if self._jit and dr.grad_enabled(point):
             raise SceneError(FIXED)
         x, y, z = (c * (unit * self._inverse) for c in (point.x, point.y, point.z))
@@ -320,16 +324,16 @@ class ExactField:
 
 # ---- curved waves as sums of plane waves ---------------------------------------------------------
 
-# Error of the sum of plane waves relative to the modulus of the curved wave.
+# Allowed error of the sum of plane waves, relative to the modulus of the curved wave.
 _CURVED_ERROR = 1e-5
-# Largest sum of the moduli of the plane waves; the rounding error is 6e-8 of this sum.
+# Largest sum of the moduli of the plane waves. The rounding error of the field is 6e-8 of this sum.
 _LARGEST_SUM = 30.0
-# Periods to try, relative to the size of an element. Shorter periods need more waves, and longer
-# periods result in larger amplitudes.
+# Periods of the plane waves to try, relative to the size of an element. Shorter periods need more
+# waves, and longer periods result in larger amplitudes.
 _PERIODS = (1.2, 1.5, 2.0, 3.0)
 # Singular values below this fraction of the largest one are rounding errors.
 _SINGULAR = 1e-9
-# Largest number of waves along an axis.
+# Largest number of plane waves along an axis.
 _MOST_WAVES = 64
 
 
@@ -357,16 +361,16 @@ def _curved(element: SourceElement, wave: Wavefront) -> SourceElement:
     return replace(element, amplitudes=amplitudes, frequencies=frequencies)
 
 
-def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
-    """Return amplitudes and frequencies of waves that add up to exp(i pi q y^2) on an interval."""
+def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
+    """Return amplitudes and frequencies of waves whose sum is exp(i pi q y^2) on an interval."""
     centre, size = (low + high) / 2, high - low
     cycles = abs(q) * size * size
-    waves: tuple[Complexes, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
+    waves: tuple[Complex, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
     if cycles >= _CURVED_ERROR:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
-        # The frequencies of the chirp span 1/size times the number of cycles.
+        # The frequencies of the plane waves span 1/size times the number of cycles of the chirp.
         fits = (
             _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
@@ -375,18 +379,18 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complexes, Floats]:
         waves = next((fit for fit in fits if fit is not None), None)
     if waves is None:
         raise SceneError(
-            'expected a wave with less curvature for the estimator "exact", got '
-            f"{cycles / 8:.3g} cycles of phase from the centre to the edge of an element; use the "
-            'estimator "wigner"'
+            f'the curvature of the wave is too large for the estimator "exact": {cycles / 8:.3g} '
+            "cycles of phase from the centre to the edge of an element; use the estimator "
+            '"wigner"'
         )
     amplitudes, frequencies = waves
-    # with y relative to the centre m: q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2
+    # Relative to the centre m of the interval, q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2.
     shifted = frequencies + q * centre
     phase = q * centre * centre / 2 - shifted * centre
     return amplitudes * np.exp(2j * math.pi * phase), shifted
 
 
-def _fit(y: Floats, values: Complexes, frequencies: Floats) -> tuple[Complexes, Floats] | None:
+def _fit(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
     """Return waves whose sum is ``values`` at y; None if the error or amplitudes are too large."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)

@@ -1,4 +1,4 @@
-"""Films and their strips, samples and seeds of renders, images on disk, and Mitsuba's log."""
+"""Films and their strips, samples and seeds of renders, image files, and Mitsuba's log."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
 
-# Start of a message of Mitsuba that is not shown: a colour film in a variant with one channel is
-# intended.
+# Start of a message of Mitsuba that is not shown: a colour film in a variant with a single channel
+# is intended.
 _EXPECTED = ("Monochrome mode enabled",)
 _DATE = len("2000-01-01 00:00:00 ")
 
 
 @contextmanager
 def to_list() -> Iterator[list[str]]:
-    """Collect Mitsuba's messages in a list while the block runs."""
+    """Collect Mitsuba's log messages in a list during the block."""
     messages: list[str] = []
-    # Mitsuba's threads can write messages to a file, but must not call Python code. An appender to
-    # a file also omits progress bars.
+    # The messages are written to a file, because Mitsuba's threads must not call Python code. An
+    # appender to a file also omits progress bars.
     with temporary_folder() as folder:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
@@ -47,7 +47,7 @@ def to_list() -> Iterator[list[str]]:
 
 @contextmanager
 def silent(*appenders: mi.Appender) -> Iterator[None]:
-    """Log only to these appenders while the block runs; without appenders, log nothing."""
+    """Log only to these appenders during the block; without appenders, log nothing."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -63,10 +63,10 @@ def silent(*appenders: mi.Appender) -> Iterator[None]:
 
 @contextmanager
 def threads_for_openexr() -> Iterator[None]:
-    """Ensure that Dr.Jit's pool has a second thread while the block runs.
+    """Ensure that Dr.Jit's thread pool has a second thread during the block.
 
-    Mitsuba's OpenEXR, which also reads textures, leaves all work to the pool, and would never
-    return if the calling thread were the only one.
+    Mitsuba's OpenEXR, which also reads textures, leaves all work to the pool. It would never return
+    if the calling thread were the only thread.
     """
     before = dr.thread_count()
     if before < 2:
@@ -79,14 +79,14 @@ def threads_for_openexr() -> Iterator[None]:
 
 
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return the only channel of an image, or the mean of its colours: (height, width)."""
+    """Return the only channel of an image, or the mean of its colours, shape (height, width)."""
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
     """Write an image as OpenEXR with 32-bit floats; negative values keep their sign."""
-    # Mitsuba does not change the values of float arrays by gamma correction
+    # For float arrays, Mitsuba applies no gamma correction.
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     with kernel_threads(), threads_for_openexr():
         bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
@@ -105,7 +105,7 @@ def fineness(camera: mi.Sensor, samples: int) -> int:
 
 @contextmanager
 def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
-    """Set attributes (object, name, value) while the block runs."""
+    """Set attributes (object, name, value) during the block."""
     before = [getattr(target, name) for target, name, _ in changes]
     try:
         for target, name, value in changes:
@@ -117,7 +117,7 @@ def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
 
 
 def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
-    """Return size, crop size and crop offset of a film, times a factor."""
+    """Return the size, the crop size and the crop offset of a film, multiplied by a factor."""
     film = camera.film()
     sizes = film.size(), film.crop_size(), film.crop_offset()
     return [[int(pair[0]) * factor, int(pair[1]) * factor] for pair in sizes]
@@ -125,7 +125,7 @@ def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
 
 @contextmanager
 def refined(camera: mi.Sensor, factor: int) -> Iterator[None]:
-    """Multiply the numbers of rows and columns of a film while the block runs."""
+    """Multiply the numbers of rows and columns of a film during the block."""
     finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
     with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
         yield
@@ -140,7 +140,7 @@ def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
 
 @contextmanager
 def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
-    """Use a narrower crop window while the block runs."""
+    """Use a narrower crop window during the block."""
     film = camera.film()
     (width, _), (x, y) = film.crop_size(), film.crop_offset()
     window = [width if columns is None else columns, rows]
@@ -150,7 +150,7 @@ def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) 
 
 @contextmanager
 def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
-    """Set the size of a film, and size and offset of its crop window, while the block runs."""
+    """Set the size of a film, and the size and offset of its crop window, during the block."""
     before, after = film_sizes(camera), [[int(n) for n in pair] for pair in sizes]
     if before == after:
         yield
@@ -167,8 +167,9 @@ def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
 # sample.
 WAVEFRONT = 2**24
 
-# Largest number of strips, and fewest rows of a strip, in scalar variants. These store no samples,
-# so strips only serve to report progress. Their threads render squares of 32 x 32 pixels.
+# Largest number of strips, and smallest number of rows of a strip, in scalar variants. Scalar
+# variants store no samples, so strips only serve to report progress. Their threads render squares
+# of 32 x 32 pixels.
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
 
@@ -178,16 +179,16 @@ CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 
 @dataclass(frozen=True)
 class Tiling:
-    """Tiling of a film into strips of whole rows, and of their samples into passes.
+    """Tiling of a film into strips of complete rows, and of their samples into passes.
 
     The tiling depends only on the scene, the variant and the number of samples. Therefore the image
-    does not depend on which processes render its parts.
+    does not depend on which processes render its strips.
     """
 
     width: int
     height: int
     rows: int
-    """Rows of a strip; the last one may have fewer."""
+    """Number of rows of a strip; the last strip may have fewer."""
     samples: int
     """Number of samples of a pixel."""
     passes: int
@@ -199,7 +200,7 @@ class Tiling:
 
     @property
     def steps(self) -> int:
-        """Number of passes of all strips, the steps of a progress bar."""
+        """Total number of passes of all strips, which are the steps of a progress bar."""
         return self.strips * self.passes
 
 
@@ -218,7 +219,7 @@ def tiling_of(camera: mi.Sensor, samples: int) -> Tiling:
     return Tiling(width, height, rows, samples, math.ceil(samples / longest))
 
 
-# Largest number of samples per pixel; noise falls only with the square root of this number.
+# Largest number of samples per pixel. Noise falls only with the square root of this number.
 _LARGEST_SPP = 2**30
 
 
@@ -230,7 +231,7 @@ def check_spp(spp: int) -> int:
 def check_seed(seed: int) -> int:
     """Return the seed; raise ArgumentError unless an integer of zero or more."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ArgumentError(f"expected a seed as a whole number of zero or more, got {seed!r}")
+        raise ArgumentError(f"expected seed as an integer of zero or more, got {seed!r}")
     return int(seed)
 
 
@@ -242,7 +243,7 @@ def seed_of(seed: int, *part: int) -> int:
 def accepted_samples(sampler: mi.Sampler, count: int) -> int:
     """Return the number of samples per pixel to which a sampler rounds ``count`` up.
 
-    Samplers log a warning in each render with another number.
+    Samplers log a warning in each render with a number that they round.
     """
     probe = sampler.fork()
     with silent():
@@ -252,24 +253,22 @@ def accepted_samples(sampler: mi.Sampler, count: int) -> int:
 
 @contextmanager
 def rendering_errors(integrator: str) -> Iterator[None]:
-    """Convert errors of a render to a SceneError with the cause that Dr.Jit reports."""
+    """Convert errors of a render to a SceneError that contains the cause reported by Dr.Jit."""
     try:
         yield
     except (RuntimeError, AssertionError) as error:
         cause = error.__cause__ or error
-        raise SceneError(
-            f"expected a scene that the integrator {integrator} can render: {cause}"
-        ) from error
+        raise SceneError(f"the integrator {integrator} cannot render the scene: {cause}") from error
 
 
-# Number by which Mitsuba represents a ``max_depth`` of -1, which means paths of any length.
+# Number by which Mitsuba represents a ``max_depth`` of -1 (paths of any length).
 _ENDLESS = 2**32 - 1
 
 
 def depths_of(integrator: mi.Integrator) -> dict[str, int]:
-    """Return ``max_depth``, -1 if unlimited, and ``rr_depth`` of an integrator."""
+    """Return ``max_depth`` (-1 if unlimited) and ``rr_depth`` of an integrator."""
     depths: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
-    # integrators in C++ report these values only as text
+    # Integrators written in C++ report these values only as text.
     values = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
     depths.update((name, int(value)) for name, value in values)
     depths.update((name, int(getattr(integrator, name, value))) for name, value in depths.items())

@@ -9,11 +9,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.mitsuba.plugins.registration import unsuitable_source
+from polywigner.numerics import Floats
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.propagation.irradiances import mixture_parts
 from polywigner.radiometry.directions import (
@@ -30,10 +30,9 @@ from polywigner.source.array import mutual_support
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import OBLIQUITIES, Forms, grazing_error
 from polywigner.transforms import fourier
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, tilts_of
 
-Floats = npt.NDArray[np.float64]
 SceneSource = Aperture | Array | Wavefront
 """A source that can radiate in a scene."""
 
@@ -47,7 +46,7 @@ def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
 def emissions(
     source: SceneSource, wavelength: float, obliquity: str
 ) -> list[tuple[SceneSource, Forms]]:
-    """Return terms (source, h) whose sum of h W is the radiance times wavelength^2."""
+    """Return terms (source, h) for which the sum of h W is the radiance times wavelength^2."""
     check_slopes(source, obliquity)
     terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)
     if not any(any(forms) for _, forms in terms):
@@ -57,11 +56,12 @@ def emissions(
     return terms
 
 
-# Relative error of the mean power. The power is an integral over lags of the correlation times a
-# function that oscillates and decays. The measured error is at most 2e-5, for two slits and squares
-# of 0.5 to 100 wavelengths and coherence widths of 0.3 to 30.
+# Relative error of the mean power over the waves of a mixture. The power is an integral over lags
+# of the correlation times a function that oscillates and decays. The measured error is at most
+# 2e-5, for two slits and squares of 0.5 to 100 wavelengths and coherence widths of 0.3 to 30
+# wavelengths.
 _POWER_ERROR = 1e-5
-# Largest lag of this integral in wavelengths.
+# Largest lag of the integral for the mean power, in wavelengths.
 _LONGEST_LAG = 4.0
 
 
@@ -72,7 +72,7 @@ class Mixture:
     coherence_width: float = math.inf
     """Coherence width in m; infinite for coherent light."""
     bandwidth: float | None = None
-    """Bandwidth of the light in Hz; None for one wavelength."""
+    """Bandwidth of the light in Hz; None for a single wavelength."""
 
     def __str__(self) -> str:
         parts = []
@@ -84,7 +84,7 @@ class Mixture:
 
     @property
     def is_plain(self) -> bool:
-        """Whether the light is coherent and has one wavelength."""
+        """Whether the light is coherent and has a single wavelength."""
         return self == Mixture()
 
     def parts(
@@ -92,7 +92,7 @@ class Mixture:
     ) -> Iterator[tuple[SceneSource, float, float]]:
         """Yield coherent sources, their wavelengths in m and their weights.
 
-        The weighted mean of their irradiances is the irradiance of the mixture, with an ``error``
+        The weighted mean of their irradiances is the irradiance of the mixture, up to ``error``
         relative to the largest irradiance.
         """
         return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
@@ -149,16 +149,16 @@ def mixture_of(
         bandwidth = checked_bandwidth(bandwidth, wavelength)
         if getattr(flat_source(source), "paths", None) is not None:
             raise SceneError(
-                "pistons and tilts of segments are not supported with a bandwidth in scenes; "
-                "compute wavelengths one by one, or use polywigner.irradiance(bandwidth=)"
+                "pistons and tilts of segments cannot be combined with a bandwidth in scenes; "
+                "compute the wavelengths one by one, or use polywigner.irradiance(bandwidth=)"
             )
     if not isinstance(source, Wavefront) or source.is_coherent:
         return source, Mixture(bandwidth=bandwidth)
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# Cached, because an entry needs the norm when it is made, when its scene is loaded and after each
-# change of a parameter.
+# The result is cached, because an entry needs the norm when it is created, when its scene is
+# loaded, and after each change of a parameter.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -170,7 +170,7 @@ def norm_of(
     """Return the power in W of a source's unscaled field, with |u|^2 in W/m^2.
 
     With the normalisation "radiated", this is the power through the hemisphere in front, which
-    depends on the obliquity; it is the mean over the waves of the mixture. With "aperture" it is
+    depends on the obliquity; it is the mean over the waves of the mixture. With "aperture", it is
     int |u|^2. Raises SceneError for a source that radiates nothing.
     """
     if normalise == "aperture":
@@ -186,14 +186,14 @@ def _energy(source: Aperture | Array) -> float:
     energy = energy_of(source)
     if not energy > 0:
         raise SceneError(
-            "expected a source with a field, got elements that cancel each other everywhere; "
-            "change their weights"
+            "the fields of the elements cancel each other everywhere, so the source radiates "
+            "nothing; change the weights of the elements"
         )
     return energy
 
 
 def support_of(source: Any, obliquity: str) -> Aperture:
-    """Return the region of the plane z = 0 where W of an aperture or array is not zero.
+    """Return the region of the plane z = 0 in which W of an aperture or array is not zero.
 
     Raises SceneError for a source that cannot radiate in a scene.
     """
@@ -206,8 +206,9 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         raise SceneError(str(error)) from None
 
 
-# Cached, because an entry needs the support when it is made and when its scene is loaded.
+# The result is cached, because an entry needs the support when it is created and when its scene is
+# loaded.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
-    _energy(source)  # raises SceneError for a source without a field
+    _energy(source)  # The call raises SceneError for a source without a field.
     return mutual_support(source)

@@ -9,27 +9,26 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
 from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT
 from polywigner.source.polarisation import Stokes, stokes_fields
-from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.public_transforms import energy_of
 
 if TYPE_CHECKING:
     from polywigner.mitsuba.scenes.reflectors import Mirror
 
-Floats = NDArray[np.float64]
 
 # Relative rounding error of parameters in single precision.
 _ROUNDING = 1e-6
-# Factors that turn the coordinates (x, y) of a source into those of its mirror image.
+# Factors that convert the coordinates (x, y) of a source to the coordinates of its mirror image.
 _MIRROR = np.array([-1.0, 1.0])
 
 
@@ -41,7 +40,9 @@ class PlacedSource(SourceParameters):
     medium: Any = None
     """Mitsuba medium (fog) around the receiver; None without fog."""
     reach: float = 0.0
-    """Largest coordinate of the source and of flat surfaces that touch it, in m: see `surfaces`."""
+    """Largest coordinate of the source and of the flat surfaces that touch it, in m; see
+    `surfaces`.
+    """
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
@@ -59,7 +60,7 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return the image in several mirrors, in the order of the reflections."""
+        """Return the image after several mirrors, in the order of the reflections."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
@@ -86,13 +87,13 @@ class PlacedSource(SourceParameters):
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Return the direction cosines, along x and y, from the centre to a point (3,) in m."""
+        """Return the direction cosines along x and y from the centre to a point (3,) in m."""
         away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
-        """Return the pose (4, 4) of another source or receiver in this frame, in m."""
+        """Return the pose (4, 4) of another source or receiver in the frame of this one, in m."""
         result = np.eye(4)
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
@@ -136,14 +137,14 @@ def placed_receiver(sensor: Any, number: int) -> PlacedSource:
 def check_match(
     emitter: PlacedSource, receiver: PlacedSource, bandwidth: float | None = None
 ) -> None:
-    """Raise SceneError if the receiver's band or unit does not match the emitter's."""
+    """Raise SceneError if the band or the scene unit of a receiver and an emitter do not match."""
     ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
     frequencies = [SPEED_OF_LIGHT / end.wavelength for end in (emitter, receiver)]
     difference = abs(frequencies[0] - frequencies[1])
     if difference > max((bandwidth or 0.0) / 2, _ROUNDING * frequencies[1]):
         band = "" if bandwidth is None else f" within a band of {bandwidth:.6g} Hz"
         raise SceneError(
-            f"expected equal wavelengths {ends}{band}, got {emitter.wavelength:.6g} m and "
+            f"the wavelengths {ends} must be equal{band}, got {emitter.wavelength:.6g} m and "
             f"{receiver.wavelength:.6g} m, {difference:.6g} Hz apart; set the same frequency for "
             "both, or a bandwidth of the receiver of at least twice the difference"
         )
@@ -151,12 +152,12 @@ def check_match(
 
 
 def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
-    """Raise SceneError if an emitter and a receiver have different lengths of the scene's unit."""
+    """Raise SceneError if an emitter and a receiver have different scene units."""
     if emitter.scene_unit != receiver.scene_unit:
         ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
         raise SceneError(
-            f"expected the same scene_unit {ends}, got {emitter.scene_unit:g} m and "
-            f"{receiver.scene_unit:g} m; set the scene's unit for both"
+            f"the scene_unit {ends} must be equal, got {emitter.scene_unit:g} m and "
+            f"{receiver.scene_unit:g} m; set the unit of the scene for both"
         )
 
 
@@ -169,16 +170,16 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    """Return a number of a plugin; in double precision, ``known``, unless a user has changed it."""
+    """Return a parameter in double precision, which is ``known`` unless a user has changed it."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
 
 
 def check_obliquity(link: str, first: str, second: str) -> None:
-    """Raise SceneError for a link whose ends do not share one boundary condition."""
+    """Raise SceneError unless both ends of a link have the same boundary condition."""
     if first != second:
         raise SceneError(
-            f"{link}: expected the same obliquity at both ends, got {first!r} and {second!r}; "
+            f"{link}: the obliquity must be the same at both ends, got {first!r} and {second!r}; "
             "set one boundary condition for both"
         )
     if first not in CONDITIONS:
@@ -190,12 +191,12 @@ def check_obliquity(link: str, first: str, second: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """The parts of an emitter and a receiver that lie in front of the other's plane."""
+    """The parts of an emitter and of a receiver that lie in front of each other's planes."""
 
     emitter: PlacedSource
     receiver: PlacedSource
     fraction: float
-    """Product of the fractions of int |u|^2 of both parts; 1 if nothing is cut off."""
+    """Product of the fractions of int |u|^2 in both parts; 1 if nothing is cut off."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
@@ -230,7 +231,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part of an outline with ``normal`` . x > ``least``; the outline if uncut."""
+    """Return the part of an outline with ``normal`` . x > ``least``, or the outline if uncut."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

@@ -1,12 +1,12 @@
 """Polarisation of sources and receivers, as Mueller matrices of Mitsuba's polarised variants.
 
-Mitsuba describes light that travels along d by four Stokes parameters, which refer to the axes
-b = stokes_basis(d) and d x b. A source emits a column of Stokes parameters, and a receiver weights
-the parameters by a row. Polarisations of this package refer to the axes of Ludwig's third
-definition; this module converts between the two.
+Mitsuba describes light that travels along d by four Stokes parameters, which refer to the axes b =
+stokes_basis(d) and d x b. A source emits a column vector of Stokes parameters, and a receiver
+weights the parameters by a row vector. Polarisations of this package refer to the axes of Ludwig's
+third definition; this module converts between both.
 
 The default polarisation of a source or receiver is along its y axis. Unpolarised sources and
-receivers treat all polarisations alike; see :func:`spectrum` of `samplers`.
+receivers treat all polarisations equally; see :func:`spectrum` of `samplers`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.arguments import checked_array
 from polywigner.mitsuba.plugins.samplers import Frame, opaque, spectrum
 from polywigner.mitsuba.plugins.source_parameters import UNPOLARISED, SourceParameters
+from polywigner.numerics import Complex, Floats
 from polywigner.source.polarisation import (
     checked_polarisation,
     ludwig_axes,
@@ -36,17 +36,15 @@ from polywigner.source.polarisation import (
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _FULL = "_polarized"
 
 DEFAULT_POLARISATION = "y"
-"""Polarisation of sources and receivers without one: along their y axes."""
+"""Polarisation of sources and receivers that specify none: along their y axes."""
 
 
 def is_polarised(variant: str | None = None) -> bool:
-    """Return whether a variant, by default the current one, supports polarised light."""
+    """Return whether a variant (by default the current one) supports polarised light."""
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
@@ -61,15 +59,15 @@ def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceP
         return replace(spec, polarisation=checked_polarisation(DEFAULT_POLARISATION))
     if spec.polarisation is not None:
         raise SceneError(
-            f"expected a polarised variant of Mitsuba for the polarisation of a {plugin} plugin, "
-            f"got {variant}; set the variant of polywigner.mitsuba.choose_variant(polarised=True), "
-            f"such as llvm_ad_mono{_FULL}, or leave polarisation out"
+            f"the polarisation of a {plugin} plugin requires a polarised variant of Mitsuba, got "
+            f"{variant}; set the variant of polywigner.mitsuba.choose_variant(polarised=True), "
+            f"such as llvm_ad_mono{_FULL}, or omit the polarisation"
         )
     return spec
 
 
 def polarisation_summary(
-    ends: Sequence[PlacedSource], interferes: bool, requested: Complexes | None = None
+    ends: Sequence[PlacedSource], interferes: bool, requested: Complex | None = None
 ) -> str:
     """Return the polarisations that a result includes, as text.
 
@@ -89,11 +87,9 @@ def polarisation_summary(
     if not is_polarised():
         if requested is not None:
             name = polarisation_name(requested)
-            return (
-                f"{name} at both ends of direct and reflected paths; scattered power: not counted"
-            )
+            return f"{name} at both ends of direct and reflected paths; ignored for scattered power"
         default = f"; {DEFAULT_POLARISATION} at both ends of reflected paths" if interferes else ""
-        return f"not counted, both ends match (unpolarised variant){default}"
+        return f"ignored, both ends match (unpolarised variant){default}"
     groups: dict[str, list[str]] = {}
     for end in ends:
         name = UNPOLARISED if end.polarisation is None else polarisation_name(end.polarisation)
@@ -102,7 +98,7 @@ def polarisation_summary(
     return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
-# Number of the last channels of an image, which are four Stokes parameters of three colours.
+# Number of the last channels of an image, which contain four Stokes parameters of three colours.
 _CHANNELS = 12
 
 
@@ -131,7 +127,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
     count = values.shape[-1] - _CHANNELS
     if not 1 <= count <= 4:
         raise ArgumentError(
-            'expected an image rendered with the integrator "stokes", got an image of '
+            'expected an image rendered with the integrator "stokes", got an image with '
             f"{values.shape[-1]} channels"
         )
     colours = values[..., count:].reshape(*values.shape[:2], 4, 3)
@@ -141,7 +137,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 class Polariser:
     """Converter from weights of a source or a receiver to spectra of one variant."""
 
-    def __init__(self, m: Any, polarisation: Complexes | None) -> None:
+    def __init__(self, m: Any, polarisation: Complex | None) -> None:
         self._m, self._is_plain = m, polarisation is None
         self._stokes_vector: list[Drjit] | None = None
         if polarisation is not None and polarisation.ndim == 1:
@@ -170,7 +166,8 @@ class Polariser:
 
     def _stokes(self, value: Drjit, active: Drjit) -> list[Drjit]:
         value = dr.select(active, value, 0.0)
-        if self._stokes_vector is None:  # The value itself has four components.
+        # Without a common Stokes vector, the value itself has four components.
+        if self._stokes_vector is None:
             return [value[k] for k in range(4)]
         return [value * number for number in self._stokes_vector]
 
@@ -191,7 +188,7 @@ def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) 
     """Convert a path's Mueller matrix from Mitsuba's axes to Ludwig's axes of both antennas.
 
     ``arrives`` and ``leaves`` are the ends of the path at the receiver and at the source;
-    ``leaves`` is None for unpolarised light, for which the axes do not matter.
+    ``leaves`` is None for unpolarised light, which does not depend on the axes.
     """
     ends = []
     for end, sign in ((arrives, -1.0), (leaves, 1.0)):

@@ -66,7 +66,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         length, is_null = dr.select(is_hit, surface.t, far), False
         bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
         if bsdf is not None:
-            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # Masks have additional flags.
+            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # BSDFs with masks have additional flags.
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
         step = length + _step(m, start + direction * length)
         length = dr.select(is_null, step, length)
@@ -109,13 +109,13 @@ def _root(value: Drjit) -> Drjit:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
-# Cosine that represents the horizon; its square is still a normal number of float32.
+# Cosine that represents the horizon. Its square is still a normal number of float32.
 _GRAZING = 1e-9
 # Distance of the point that represents a direction, relative to the larger of R^2/wavelength and R,
-# with R the largest coordinate of the receiver.
+# where R is the largest coordinate of the receiver.
 _FAR = 1e4
-# Largest number of surfaces that a ray of a receiver with diffraction passes before it starts. At
-# each surface, half of the rays pass.
+# Largest number of surfaces through which a ray of a receiver with diffraction passes before it
+# starts. At each surface, half of the rays pass.
 _MOST_PASSED = 4
 
 
@@ -133,7 +133,7 @@ class WignerReceiver(VariantPlugin):
         self.base.__init__(self, props)
         self.m_needs_sample_3 = True
         self.spec = spec
-        self.scene: Any = None  # This is set while the scene is rendered; see `scene_known`.
+        self.scene: Any = None  # The scene is set during a render; see `scene_known`.
         self.fineness = 1  # Number of film pixels along each side of a pixel of the map.
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         self._set_pose()
@@ -166,7 +166,7 @@ class WignerReceiver(VariantPlugin):
         callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
 
     def parameters_changed(self, keys: list[str]) -> None:
-        """Use a new pose."""
+        """Apply a changed pose."""
         self.base.parameters_changed(self, keys)
         if "to_world" in keys:
             self.spec = replace(self.spec, pose=rigid_pose(matrix_of(self.to_world)))
@@ -247,7 +247,7 @@ class WignerReceiver(VariantPlugin):
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            # Only rays that have passed no surface receive radiation of the sky.
+            # Only rays that have passed through no surface receive radiation of the sky.
             if number:
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
@@ -262,10 +262,9 @@ class WignerReceiver(VariantPlugin):
     def _known_scene(self) -> mi.Scene:
         if self.scene is None:
             raise SceneError(
-                "expected the scene of the wigner_receiver for its estimator "
-                f'"{self.spec.estimator}", got none from Mitsuba; render with '
-                "polywigner.mitsuba.render, or within `with "
-                'polywigner.mitsuba.receiving(scene)`, or use the estimator "wigner"'
+                f'the wigner_receiver with the estimator "{self.spec.estimator}" requires its '
+                "scene, which Mitsuba does not pass; render with polywigner.mitsuba.render, or "
+                'within `with polywigner.mitsuba.receiving(scene)`, or use the estimator "wigner"'
             )
         return self.scene
 
@@ -290,19 +289,20 @@ def _check_film(values: dict[str, Any]) -> None:
     ]
     if not films:
         raise SceneError(
-            "expected a film in the wigner_receiver sensor, got none; give it one of 1 x 1 pixel: "
-            '<film type="hdrfilm"> with width 1, height 1 and <rfilter type="box"/>'
+            "the wigner_receiver sensor has no film; add a film of 1 x 1 pixel: <film "
+            'type="hdrfilm"> with width 1, height 1 and <rfilter type="box"/>'
         )
     name = films[0].rfilter().class_name()
     if name != "BoxFilter":
         raise SceneError(
-            f"expected a film with a box filter in the wigner_receiver sensor, got {name}; give "
-            'the film <rfilter type="box"/>: other filters distribute a sample to several pixels'
+            f"the film of the wigner_receiver sensor must have a box filter, got {name}; give the "
+            'film <rfilter type="box"/>, because other filters distribute a sample to several '
+            "pixels"
         )
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Sensor:
-    """Return the sensor for the parameters of one ``wigner_receiver`` element."""
+    """Return the sensor for the parameters of a ``wigner_receiver`` element."""
     values = values_of(props)
     spec = checked_parameters(values, RECEIVER, variant)
     _check_film(values)
@@ -355,7 +355,7 @@ def receiver(
         -1 to 1. The sum of the pixels is the received power in W. A mapping is the entry of a film
         with a box filter. Default: one pixel, which contains the received power.
     bandwidth, temperature, noise_figure : float or str, optional
-        Parameters of the receiver's noise in Hz, K and dB, or texts such as "1 GHz", "290 K" and
+        Parameters of the receiver's noise in Hz, K and dB, or strings such as "1 GHz", "290 K" and
         "3 dB". They do not change the received power.
     scene_unit : float, default 1.0
         Length of one unit of the scene, and of the translation of ``to_world``, in metres.
@@ -416,13 +416,13 @@ def film_of(width: int, height: int) -> dict[str, Any]:
 
 
 def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the entry of a film from an entry or from numbers of pixels."""
+    """Return the entry of a film, from an entry or from numbers of pixels."""
     if isinstance(film, Mapping):
         return dict(film)
     pixels = np.array((1, 1) if film is None else film)
     if pixels.shape != (2,) or pixels.dtype.kind not in "iu" or pixels.min() < 1:
         raise ArgumentError(
-            "expected film as a pair (columns, rows) of whole numbers from 1, or None for one "
+            "expected film as a pair (columns, rows) of integers of at least 1, or None for one "
             f"pixel, got {film!r}"
         )
     return film_of(*pixels.tolist())

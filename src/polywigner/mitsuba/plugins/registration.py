@@ -28,21 +28,21 @@ from polywigner.source.source_files import source_json
 Logic = TypeVar("Logic")
 _Build = Callable[[str, mi.Properties], mi.Object]
 
-# Mitsuba turns an exception of a plugin into a RuntimeError whose text contains a traceback. The
-# loader of a scene finds the original exception in this list. It has several entries because
+# Mitsuba converts an exception of a plugin to a RuntimeError whose text contains a traceback. The
+# scene loader finds the original exception in this list. The list has several entries, because
 # loaders may run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
 # Mitsuba traces each kernel through all emitters and shapes in memory. Unfinished objects of
-# another thread would result in wrong values without an error.
+# another thread would cause wrong values without an error.
 _scene_lock = threading.RLock()
 _plugins: dict[tuple[str, str], _Build] = {}
 
 
 class VariantPlugin:
-    """Base of classes with the methods of a plugin; `variant_class` sets the attributes."""
+    """Base class of the methods of a plugin; `variant_class` sets the attributes."""
 
     m: Any
-    """Variant of Mitsuba."""
+    """Mitsuba module of the variant."""
     jit: bool
     """Whether the variant compiles kernels."""
     base: Any
@@ -105,7 +105,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin that ``build(variant, properties)`` makes to the plugins of :func:`register`."""
+    """Add a plugin, created by ``build(variant, properties)``, to those of :func:`register`."""
     _plugins[kind, name] = build
 
 
@@ -117,14 +117,14 @@ def register() -> None:
 
 
 def original_error(error: BaseException) -> PolywignerError | None:
-    """Return the package's error that caused an error of Mitsuba's loader, or None."""
+    """Return the error of this package that caused an error of Mitsuba's loader, or None."""
     text = str(error)
     return next((cause for cause in reversed(_recent_errors) if str(cause) in text), None)
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
-    # In every variant, Mitsuba looks up the kind of a plugin under scalar_rgb. If that entry were
-    # missing, Mitsuba would treat two equal shapes as one shared object and fail to load them.
+    # In every variant, Mitsuba looks up the kind of a plugin in scalar_rgb. Without an entry in
+    # scalar_rgb, Mitsuba would treat two equal shapes as one shared object and fail to load them.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
@@ -137,8 +137,8 @@ def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
             return build(variant, props)
     except PolywignerError as error:
         _recent_errors.append(error)
-        # Mitsuba prints the traceback before the message, and this package's frames do not help
-        # users
+        # The traceback is removed, because Mitsuba prints it before the message, and the frames of
+        # this package do not help users.
         raise error.with_traceback(None) from None
 
 
@@ -156,8 +156,8 @@ def set_mesh(mesh: mi.Mesh, **values: Any) -> None:
     params = mi.traverse(mesh)
     for name, value in values.items():
         # Values are passed as lists in all variants, because Dr.Jit does not copy NumPy arrays.
-        # Their alignment would become part of kernels, and the process would crash if a scene were
-        # freed during a recording.
+        # Otherwise the alignment of the arrays would become part of kernels, and the process would
+        # crash if a scene were freed during a recording.
         params[name] = value.ravel().tolist()
     params.update()
 
@@ -166,7 +166,7 @@ STL = "stl"
 
 
 def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Return the mesh of an STL file with flat faces, its coordinates in units of the scene."""
+    """Return the mesh of an STL file with flat faces, with coordinates in units of the scene."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)
@@ -175,10 +175,10 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
     vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     if not (np.abs(vertices) <= np.finfo(np.float32).max).all() or not len(triangles):
         raise SceneError(
-            f"expected finite triangles in {path}, got no triangles, or NaN or inf; "
-            "export the file again"
+            f"expected finite triangles in {path}, got no triangles, NaN or inf; export the file "
+            "again"
         )
-    # The triangles of mirrored bodies are reversed, so that normals point outwards.
+    # The triangles of mirrored bodies are reversed, so that their normals point outwards.
     if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
     name, sizes = props.id() or STL, (len(vertices), len(triangles))
@@ -190,11 +190,11 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
 add_plugin("shape", STL, _build_stl)
 
 
-# ---- sources in memory --------------------------------------------------------------------------
+# ---- sources in memory ---------------------------------------------------------------------------
 
 KEY_PREFIX = "memory:"
 
-# Largest number of registered sources. An optimiser may make thousands of apertures, but a scene
+# Largest number of registered sources. An optimiser may create thousands of apertures, but a scene
 # needs its key only while Mitsuba loads it.
 _CAPACITY = 1024
 
@@ -203,7 +203,7 @@ _lock = threading.Lock()
 
 
 def register_source(source: Aperture | Array | Wavefront) -> str:
-    """Register an aperture or an array with its wave, and return its key for scenes.
+    """Register a source in memory, and return its key for scenes.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def registered_source(key: str) -> Aperture | Array | Wavefront:
         source = _sources.get(key)
     if source is None:
         raise SceneError(
-            f"expected the key of a source in this process, got {key!r}; make the scene entry "
+            f"there is no source with the key {key!r} in this process; create the scene entry "
             "with polywigner.mitsuba.aperture(...) shortly before loading the scene"
         )
     return source
@@ -251,9 +251,9 @@ def registered_source(key: str) -> Aperture | Array | Wavefront:
 
 def unsuitable_source(source: object) -> SceneError:
     """Return the error for a source that cannot radiate in a scene."""
-    advice = "make one with polywigner.Aperture(vertices)"
+    advice = "create one with polywigner.Aperture(vertices)"
     if isinstance(source, PlacedAperture):
-        advice = "leave its pose out, and give it as the to_world of the shape"
+        advice = "omit its pose, and pass it as the to_world of the shape"
     elif isinstance(source, Slits):
         advice = "use rectangles instead of slits"
     return SceneError(f"expected an Aperture or an Array, got {type(source).__name__}; {advice}")

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
+from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import Forms
 from polywigner.source.polarisation import Stokes
@@ -26,39 +27,38 @@ from polywigner.transforms import fourier
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.mixtures import SceneSource
 
-Floats = npt.NDArray[np.float64]
 
-# For elements whose field is not uniform: largest number of strips across an element, and largest
-# number of pieces of all elements.
+# Elements with a non-uniform field are divided into pieces with a constant weight: at most this
+# number of strips across an element, and of pieces of all elements.
 _STRIPS, _PIECES = 32, 1 << 16
-# Number of points of the table of directions per lobe. A lobe is wavelength/size wide in direction
+# Number of points per lobe of the table of directions. A lobe is wavelength/size wide in direction
 # cosines.
 _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
-# Largest number of samples along each side of a cell of the table. The cell contains their mean,
-# which includes beams narrower than a cell.
+# Largest number of samples along each side of a cell of the table of directions. The cell contains
+# the mean of the samples, which includes beams narrower than a cell.
 _MOST_WITHIN = 4
-# Fractions of the samples that are drawn from three densities: the far pattern, for distant
+# Fractions of the samples that are drawn from three densities: the far-field pattern, for distant
 # surfaces; its square root, for W and near surfaces; and a uniform density.
 _FRACTIONS = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number of the variant ``m`` that is no literal, so new values compile nothing."""
+    """Return a number of the variant ``m`` that is not a literal: new values do not recompile."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
 def single(number: Any, name: str) -> float:
-    """Return one finite number; raise SceneError for anything else."""
+    """Return a single finite number; raise SceneError for anything else."""
     values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
     if values.size != 1 or not np.isfinite(values).all():
-        raise SceneError(f"expected one finite number as {name}, got {values.tolist()}")
+        raise SceneError(f"expected {name} as a single finite number, got {values.tolist()}")
     return float(values[0])
 
 
 def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
-    """Return a sampler of positions in proportion to |u|^2, in units of ``unit`` metres."""
-    elements = normal_form(source).in_plane.elements  # a curved wave does not change |u|
+    """Return a sampler of positions with density |u|^2, in units of ``unit`` metres."""
+    elements = normal_form(source).in_plane.elements  # A curved wave does not change |u|.
     pieces = _PIECES // len(elements)
     tables, weights = [], []
     for element in elements:
@@ -83,14 +83,15 @@ class Positions:
         areas = cells.areas if weights is None else cells.areas * weights
         self._choice = m.DiscreteDistribution((areas / np.max(areas)).tolist())
         self.density = 1.0 / float(cells.areas.sum())
-        """Density per area of uniform samples."""
+        """Density of uniform samples per area."""
 
     def sample(self, sample: mi.Point2f) -> mi.Point2f:
         """Return a position for a uniform point of the unit square."""
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
             index, u = self._choice.sample_reuse(sample.x)
-            # In narrow cells, rounding can move the remaining part of the sample outside of [0, 1].
+            # In narrow cells, rounding errors can move the remaining part of the sample out of [0,
+            # 1].
             u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         if dr.is_jit_v(m.Float):
             row = [dr.gather(m.Float, column, index) for column in self._columns]
@@ -128,7 +129,7 @@ def directions_of(
     bounds: Sequence[float],
     wavelength: float,
 ) -> Directions:
-    """Return a sampler of (alpha, psi) from the far pattern g |F|^2 and a uniform density.
+    """Return a sampler of (alpha, psi) from the far-field pattern g |F|^2 and a uniform density.
 
     Parameters
     ----------
@@ -148,8 +149,8 @@ def directions_of(
     low, high = np.reshape(bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
-    # powers of two, because each new size is a literal that causes the render kernel to be
-    # recompiled
+    # The counts are powers of two, because each new size is a literal that causes the render kernel
+    # to be recompiled.
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
@@ -186,7 +187,7 @@ def _mean_pattern(
 
 
 class Frame:
-    """Frame of a source, with its origin at the centre, for the arrays of one variant."""
+    """Frame of a source with its origin at the centre, for the arrays of one variant."""
 
     def __init__(self, m: Any, to_world: mi.Transform4f, centre: Floats) -> None:
         matrix = to_world.matrix
@@ -195,7 +196,7 @@ class Frame:
         self._m = m
         self.axes = columns[:3]
         self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-        # opaque, because a new literal would cause the render kernel to be recompiled
+        # The frame is opaque, because a new literal would cause the render kernel to be recompiled.
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
@@ -220,5 +221,5 @@ def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
 
 
 def times_stokes(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
-    """Return a value times a Stokes vector; the scalar value if ``stokes`` is None."""
+    """Return a value times a Stokes vector, or the scalar value if ``stokes`` is None."""
     return value if stokes is None else m.Vector4f(*stokes) * value

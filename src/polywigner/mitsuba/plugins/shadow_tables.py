@@ -19,49 +19,54 @@ from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNode
 
 Floats = NDArray[np.float64]
 
-# Phase in rad by which the wave of the source at an edge changes between two samples: the error of
-# linear interpolation is below phase^2/24 for uniform sources. Largest number of samples.
+# Phase in rad by which the wave of the source at an edge changes between two samples, and largest
+# number of samples. The error of linear interpolation is below phase^2/24 for uniform sources.
 _STEP, _MOST_SAMPLES = 0.25, 1024
 _NO_PLANE = (0.0, 0.0, 0.0, 1.0)
-# Detour that stands for infinity.
+# Detour that represents infinity.
 _ALWAYS = 1e30
 
 
 class NodeTables(NamedTuple):
-    """Nodes of a source and the points that radiate their waves."""
+    """Nodes of a source, and the points that radiate their waves."""
 
     nodes: Floats
-    """(k + 1, 4), a row per node, and the centre: x, y, first and end row of its points."""
+    """Rows (k + 1, 4) of the nodes, then of the centre: x, y, first and end row of its points."""
     points: Floats
-    """(r, 8), a row per radiating point: x, y, z, both weights (4), and 0."""
+    """Rows (r, 8) of the radiating points: x, y, z, both weights (4 numbers), and 0."""
 
 
 class EdgeTables(NamedTuple):
     """Edges of silhouettes in groups, with the surface that blocks the waves of each group."""
 
     groups: Floats
-    """(g, 13), a row per group: midpoint of its edges (3), plane of the face behind them (4), and
-    first and end row of its edges, its blocker's triangles and its blocker's rim (6)."""
+    """Rows (g, 13) of the groups: midpoint of its edges (3), plane of the face behind the edges
+    (4), and first and end row of its edges, of its blocker's triangles and of its blocker's rim
+    (6).
+    """
     edges: Floats
-    """(m, 20), a row per edge: its ends from the centre (6), plane of the face behind it (4), first
-    and end node whose waves it diffracts (2), its row in ``ends`` and the step between nodes (2),
-    its row in ``samples`` and the number of intervals (2), detour up to which the nodes' waves at
-    the point are used and detour from which on the centre is the only node (2), square of the
-    amplitude of its wave over the largest free field, times the root of the detour (1), and 0."""
+    """Rows (m, 20) of the edges: ends from the centre (6), plane of the face behind the edge (4),
+    first and end node whose waves it diffracts (2), row in ``ends`` and the step between nodes (2),
+    row in ``samples`` and the number of intervals (2), detour up to which the nodes' waves at the
+    point are used and detour from which on the centre is the only node (2), square of the amplitude
+    of its wave over the largest free field, times the square root of the detour (1), and 0.
+    """
     ends: Floats
-    """(e, 8), ends of an edge as a node sees it (6), and 0."""
+    """Rows (e, 8) of edges as a node sees them: both ends (6), and 0."""
     samples: Floats
-    """(s, 4), a row per interval and node, the last one for the centre: wave at the edge, at both
-    ends of the interval (4)."""
+    """Rows (s, 4) for each interval and node, and for the centre: wave at the edge, at both ends of
+    the interval (4).
+    """
     triangles: Floats
-    """(t, 10), a row per triangle of a blocker: normals of the planes through the group's midpoint
-    and each side (9), and the triple product of the corners (1)."""
+    """Rows (t, 10) of the triangles of blockers: normals of the planes through the group's midpoint
+    and each side (9), and the triple product of the corners (1).
+    """
     rims: Floats
-    """(m, 6), ends of each edge of the blockers' rims."""
+    """Rows (m, 6) of the edges of the blockers' rims: both ends (6)."""
 
 
 def node_tables(nodes: SourceNodes) -> NodeTables:
-    """Return the nodes of a source, with the points that have a fraction in their waves."""
+    """Return the nodes of a source, with the points that contribute to their waves."""
     points = np.array([[*point.row, 0.0] for point in nodes.points])
     owner, which = np.nonzero(nodes.fractions)
     rows = points[which]
@@ -74,7 +79,7 @@ def node_tables(nodes: SourceNodes) -> NodeTables:
 def edge_tables(
     obstacles: Obstacles, nodes: SourceNodes, silhouettes: Sequence[Silhouette], margin: float
 ) -> EdgeTables:
-    """Return the edges of silhouettes from nodes of the source, in groups of one blocker.
+    """Return the edges of silhouettes, as seen from nodes of the source, in groups by blocker.
 
     Parameters
     ----------
@@ -89,7 +94,7 @@ def edge_tables(
     """
     blocked = shadows.blocked_edges(obstacles, silhouettes, nodes.centre)
     is_shared = len(silhouettes) < len(nodes.positions)
-    # ends from each node, and from the centre; and first and end node
+    # Ends of edges as each node sees them, then as the centre sees them, and first and end node.
     parts: list[tuple[Floats, Floats, tuple[int, int]]] = []
     groups = []
     for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
@@ -107,7 +112,8 @@ def edge_tables(
     group = np.concatenate(groups)
     planes = edges[:, 6:10]
     planes[group == NO_SURFACE] = _NO_PLANE
-    # rounding to single precision moves points of a surface behind it; they count as in front
+    # Rounding to single precision moves points of a surface behind the surface; they count as in
+    # front.
     planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
     order = np.argsort(group, kind="stable")
     edges, group = edges[order], group[order]
@@ -155,7 +161,8 @@ def _edge_rows(
     )
     width = waves.shape[1]
     pairs = np.stack([waves[:-1], waves[1:]], axis=2)
-    pairs = np.delete(pairs, firsts[1:] - 1, axis=0)  # no interval between two edges
+    # There is no interval between the last sample of an edge and the first sample of the next one.
+    pairs = np.delete(pairs, firsts[1:] - 1, axis=0)
     samples = pairs.reshape(-1, 2).view(np.float64)
     intervals = counts - 1
     numbers = np.column_stack([width * (np.cumsum(intervals) - intervals), intervals])
@@ -170,9 +177,9 @@ def _edge_rows(
 
 
 def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
-    """Return places (n, 3) along an edge (6,), between which the wave of the source is linear.
+    """Return positions (n, 3) on an edge (6,), between which the wave of the source is linear.
 
-    ``reach``: half of the size of the source.
+    ``reach`` is half the size of the source.
     """
     start, end = edge[:3] - nodes.centre, edge[3:] - nodes.centre
     along = end - start

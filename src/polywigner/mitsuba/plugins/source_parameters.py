@@ -2,7 +2,7 @@
 
 `SourceParameters` contains the checked parameters of a ``wigner`` shape or of a ``wigner_receiver``
 sensor, in SI units. `read_parameters` reads them from Mitsuba's properties or from a dictionary
-entry. `scene_entry` makes such an entry from the arguments of a Python call.
+entry. `scene_entry` creates such an entry from the arguments of a Python call.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from polywigner import geometry
 from polywigner.errors import ArgumentError, GeometryError, SceneError
@@ -41,6 +40,7 @@ from polywigner.mitsuba.plugins.registration import (
     registered_source,
 )
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import (
     NOISE_PARSERS,
     parse_frequency,
@@ -61,8 +61,6 @@ from polywigner.source.polarisation import (
 )
 from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
-Floats = npt.NDArray[np.float64]
-Complexes = npt.NDArray[np.complex128]
 EMITTER, RECEIVER = "wigner", "wigner_receiver"
 """Names of the shape and of the sensor."""
 ESTIMATORS = ("wigner", "exact")
@@ -71,7 +69,7 @@ UNPOLARISED = "unpolarised"
 """Value of ``polarisation`` for unpolarised light, and for receivers of all polarisations."""
 
 
-# ---- the parameters -----------------------------------------------------------------------------
+# ---- checked parameters --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +88,7 @@ class SourceParameters:
     scene_unit: float
     """Length of one unit of the scene in metres."""
     support: Aperture
-    """Region of the plane where W of the source is not zero, in m."""
+    """Region of the plane in which W of the source is not zero, in m."""
     mixture: Mixture
     """Coherence width and bandwidth of the transmitted field."""
     normalise: str = NORMALISATIONS[0]
@@ -98,16 +96,16 @@ class SourceParameters:
     power: float = 1.0
     """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
     diffraction: bool = False
-    """Whether shadows of the scene's surfaces diffract."""
+    """Whether shadows of the scene's surfaces are computed with diffraction."""
     visible: bool = True
     """Whether rays meet the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
     """Bandwidth in Hz, temperature in K and noise figure in dB of a receiver, by name."""
-    polarisation: Complexes | None = None
+    polarisation: Complex | None = None
     """Unit Jones vector along the source's x and y, shape (2,), or one for each element, shape
     (n, 2); None: unpolarised."""
     states_polarisation: bool = False
-    """Whether the scene specifies ``polarisation``, "unpolarised" included."""
+    """Whether the scene specifies ``polarisation``, including "unpolarised"."""
 
     @property
     def at_origin(self) -> SceneSource:
@@ -131,7 +129,7 @@ class SourceParameters:
         return self.polarisation is not None and self.polarisation.ndim == 2
 
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
-        """Return scalar sources with Stokes vectors, which add up with the weights |U|^2."""
+        """Return scalar sources with Stokes vectors, whose sum weighted by |U|^2 is the light."""
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
@@ -154,7 +152,7 @@ class SourceParameters:
         return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / self.scene_unit)
 
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
-        """Return the parameters with another source."""
+        """Return these parameters with another source."""
         spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
@@ -207,8 +205,8 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     diffraction = element.flag("diffraction", False)
     if diffraction and estimator != "exact":
         raise SceneError(
-            f'expected the estimator "exact" with diffraction, got {estimator!r}; obstacles do not '
-            "change the Wigner function of the source"
+            f'diffraction requires the estimator "exact", got {estimator!r}; with the estimator '
+            '"wigner", obstacles do not change the Wigner function of the source'
         )
     obliquity = element.choice("an obliquity", OBLIQUITIES, DEFAULT)
     wavelength = element.wavelength()
@@ -243,8 +241,9 @@ def _power(element: _SceneValues, spec: SourceParameters) -> float:
     power, inside = element.number("power"), element.number("aperture_power")
     if power is not None and inside is not None:
         raise SceneError(
-            "expected power or aperture_power, got both; power is radiated to the hemisphere in "
-            "front, aperture_power is the integral of |u|^2 over the aperture: leave one out"
+            "expected only one of power and aperture_power, got both; power is radiated into the "
+            "hemisphere in front, and aperture_power is the integral of |u|^2 over the aperture: "
+            "omit one of them"
         )
     if inside is not None:
         return spec.norm * (inside / spec.norm_at(spec.wavelength, "aperture"))
@@ -272,7 +271,7 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
 def _number(name: str, value: Any, element: str) -> float:
     """Return the number of a parameter in SI units; raise SceneError for other values."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
-        raise SceneError(f"expected a number or a string as {name}, got {type(value).__name__}")
+        raise SceneError(f"expected {name} as a number or a string, got {type(value).__name__}")
     try:
         return float(_PARSERS[name](value))
     except ValueError as error:
@@ -304,7 +303,8 @@ def scene_entry(
     return entry
 
 
-# ---- values of an element -----------------------------------------------------------------------
+# ---- values of a scene element
+# --------------------------------------------------------------------
 
 
 def values_of(props: mi.Properties) -> dict[str, Any]:
@@ -326,11 +326,15 @@ class _SceneValues:
             is_nested = isinstance(value, mi.Object | Mapping) or name == "type"
             if not is_nested and name not in known:
                 raise SceneError(
-                    f"expected the parameters {', '.join(known)} of a {self.element}, got {name!r}"
+                    f"the {self.element} has no parameter {name!r}; its parameters are "
+                    f"{', '.join(known)}"
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return one of the known names, by default the first; ``kind``: such as "an estimator"."""
+        """Return one of the known names, by default the first.
+
+        ``kind`` describes the name in messages, such as "an estimator".
+        """
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
         if name not in known:
@@ -347,8 +351,8 @@ class _SceneValues:
         names = [name for name in ("aperture", "source") if name in self.values]
         if len(names) == 2:
             raise SceneError(
-                f"expected an aperture or a source of the {self.element}, got both; a source file "
-                "can take its outline from an aperture file"
+                f"expected only one of the parameters aperture and source of the {self.element}, "
+                "got both; a source file can take its outline from an aperture file"
             )
         name = self.text((names or ["aperture"])[0], None)
         in_file = names == ["aperture"] and not is_key(name)
@@ -356,8 +360,8 @@ class _SceneValues:
             if key in self.values and not in_file:
                 kind = "an aperture from memory" if is_key(name) else "a source file"
                 raise SceneError(
-                    f"expected no {key} with {kind}, got {self.values[key]!r}; its coordinates are "
-                    "in metres already"
+                    f"the parameter {key}={self.values[key]!r} cannot be combined with {kind}, "
+                    f"whose coordinates are already in metres; omit {key}"
                 )
         if is_key(name):
             return registered_source(name)
@@ -377,12 +381,12 @@ class _SceneValues:
             return wavelength
         got = "both" if frequency else "neither"
         raise SceneError(
-            f"expected a frequency or a wavelength of the {self.element}, got {got}; give one, "
-            'such as frequency "94 GHz"'
+            f"expected exactly one of frequency and wavelength of the {self.element}, got {got}; "
+            'specify one, such as frequency "94 GHz"'
         )
 
-    def polarisation(self, source: SceneSource) -> Complexes | None:
-        """Return a unit Jones vector (2,), or (n, 2) of an array; None for unpolarised light."""
+    def polarisation(self, source: SceneSource) -> Complex | None:
+        """Return a unit Jones vector (2,), or (n, 2) for an array; None for unpolarised light."""
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
@@ -409,15 +413,16 @@ class _SceneValues:
         return bool(value)
 
     def text(self, name: str, default: str | None) -> str:
-        """Return a text; raise SceneError if it is missing and has no default."""
+        """Return a string; raise SceneError if it is missing and has no default."""
         value = self.values.get(name, default)
         if value is None and name not in self.values:
             raise SceneError(
-                f"parameter {name!r} of a {self.element} is missing; set aperture to an aperture "
-                "file (such as GeoJSON or DXF), or set source to a source file (TOML or JSON)"
+                f"the parameter {name!r} of a {self.element} is missing; set aperture to an "
+                "aperture file (such as GeoJSON or DXF), or source to a source file (TOML or "
+                "JSON)"
             )
         if not isinstance(value, str):
-            raise self._wrong_type(name, "a text", "string")
+            raise self._wrong_type(name, "a string", "string")
         return value
 
     def _wrong_type(self, name: str, expected: str, tag: str) -> SceneError:
@@ -429,10 +434,10 @@ class _SceneValues:
 
 
 def rigid_pose(matrix: Any) -> Floats:
-    """Return a read-only (4, 4) pose from a matrix of NumPy or of any variant of Mitsuba."""
+    """Return a read-only (4, 4) pose, from a matrix of NumPy or of any variant of Mitsuba."""
     try:
         values = np.array(matrix)
-        # in compiled variants, the matrix has a last axis of length 1
+        # In compiled variants, the matrix has an additional last axis of length 1.
         return geometry.rigid_pose(values[..., 0] if values.shape == (4, 4, 1) else values)
     except (GeometryError, RuntimeError, ValueError) as error:
         raise SceneError(str(error)) from None
@@ -442,7 +447,7 @@ def pose_of(plugin: Any) -> Floats:
     """Return the pose (4, 4) of a source or receiver in its scene; the translation is in metres."""
     spec = plugin.spec
     matrix = np.array(matrix_of(plugin.to_world))
-    # The pose is in double precision, unless a user has changed the transform.
+    # The pose is known in double precision, unless a user has changed the transform.
     same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit

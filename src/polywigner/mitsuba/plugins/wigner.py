@@ -29,7 +29,7 @@ from polywigner.mitsuba.plugins.mixtures import (
 )
 from polywigner.mitsuba.plugins.samplers import Positions, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
-from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import Pair
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -42,8 +42,8 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-# Odd constants for hashing, whose multiples differ in all bits. The first is 2^32 over the golden
-# ratio.
+# Odd constants for hashing, whose multiples differ in all bits. The first constant is 2^32 over the
+# golden ratio.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
 
@@ -51,7 +51,7 @@ Point = tuple[Drjit, Drjit]
 
 
 class Wave(NamedTuple):
-    """The wave of a sample."""
+    """Wavelength and tilt of a sample's wave."""
 
     inverse: Drjit
     """Inverse wavelength in 1/m."""
@@ -68,7 +68,7 @@ class DrawnWaves:
         self._tilt = opaque(m, 1 / (2 * math.pi * mixture.coherence_width))
 
     def wave(self, inverse: Drjit, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wave of the sample at x for a receiver at the point or direction ``end``."""
+        """Return the wave of the sample at x for a receiver at a point or direction ``end``."""
         if self._mixture.is_plain:
             return Wave(inverse, None)
         start, end = self._hash(x.x, x.y), self._hash(end.x, end.y, end.z)
@@ -82,7 +82,7 @@ class DrawnWaves:
         return Wave(inverse, tilt)
 
     def _hash(self, *values: Drjit) -> Drjit:
-        """Return a hash of 32 bits of floats."""
+        """Return a 32-bit hash of floats."""
         key: Drjit = 0
         for value, factor in zip(values, _FACTORS, strict=False):
             if self._jit:
@@ -222,12 +222,12 @@ class WignerEstimator:
         disperses = mixture.bandwidth and depends_on_wavelength(spec.source, spec.obliquity)
         if oblique or disperses:
             raise SceneError(
-                f'expected the obliquity {DEFAULT!r} or "paper" with {mixture}, got '
+                f'{mixture} requires the obliquity {DEFAULT!r} or "paper", got '
                 f"{spec.obliquity!r}, whose factor differs between the waves of the mixture"
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return L cos/r^2 at the point ``it`` divided by the density of samples."""
+        """Return L cos/r^2 at the point ``it``, divided by the density of samples."""
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
         return value / (distance * distance * self.density)
@@ -235,14 +235,14 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return h W cos/N divided by the density of samples, both in units of the scene."""
+        """Return h W cos/N, divided by the density of samples, both in units of the scene."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
 
-# Overlaps below this fraction of the total area are rounding errors.
+# Overlaps of elements below this fraction of the total area are rounding errors.
 _OVERLAP = 1e-9
-# Largest number of pairs of edges of a source with derivatives. Each pair is code of the render
+# Largest number of pairs of edges of a source with derivatives. Each pair adds code to the render
 # kernel and takes 7 ms to compile. With 9,000 pairs the compiler fails.
 _MOST_CUTS = 4096
 
@@ -269,7 +269,7 @@ class TracedSource:
             self.weights = m.Float(_pairs(source.weights).ravel().tolist())
 
     def has_gradients(self) -> bool:
-        """Return whether derivatives in vertices or weights are enabled."""
+        """Return whether derivatives with respect to vertices or weights are enabled."""
         return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
 
     def changed(self) -> Aperture | Array | None:
@@ -287,7 +287,7 @@ class TracedSource:
             known = _pairs(source.weights).astype(np.float32)
             pairs = self._values("weights", self.weights, len(known))
             if not np.array_equal(pairs, known):
-                # A tensor of weights keeps the lattice of the array.
+                # If the weights are a tensor, the array keeps its lattice.
                 weights = self._m.TensorXf(pairs)
                 source, has_changed = differentiable_source(source, weights=weights).source, True
         return source if has_changed else None
@@ -302,7 +302,7 @@ class TracedSource:
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:
-        """Return W of the source moved to its centre, with derivatives."""
+        """Return W, with derivatives, of the source moved to its centre."""
         frame = self._tables.frame
         x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
         fields = None
@@ -315,7 +315,7 @@ class TracedSource:
         return value
 
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
-        """Return |F|^2 of the source moved to its centre, with derivatives."""
+        """Return |F|^2, with derivatives, of the source moved to its centre."""
         code = DrjitOperations(ops.float_type, most_as_code=math.inf)
         corners = iter(self._centred())
         weights = None if self.weights is None else self._gathered(self.weights)
@@ -329,7 +329,7 @@ class TracedSource:
         return total.real * total.real + total.imag * total.imag
 
     def _gathered(self, flat: Drjit) -> list[Point]:
-        """Return the numbers of a flat array in pairs."""
+        """Return the numbers of a flat array as pairs."""
         m = self._m
         numbers = [dr.gather(m.Float, flat, m.UInt32(k)) for k in range(dr.width(flat))]
         return list(zip(numbers[::2], numbers[1::2], strict=True))

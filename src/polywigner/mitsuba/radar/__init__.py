@@ -1,1 +1,1 @@
-"""Received power sorted by range, and scenes as clouds of scatterers."""
+"""Received power sorted by range, clouds of scatterers, and data cubes of radars."""

@@ -9,21 +9,20 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
 from polywigner.source import Array
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-
-# Number of scatterers per step; the responses of all elements to them take tens of megabytes.
+# Number of scatterers that are computed at once. The responses of all elements to this many
+# scatterers take tens of megabytes.
 _CHUNK = 1 << 16
 # Relative tolerance of the fields at the scatterers.
 _TOLERANCE = 1e-6
@@ -34,7 +33,7 @@ def element_responses(
     elements: Array | Aperture | Sequence[Aperture],
     *,
     to_world: ArrayLike | None = None,
-) -> Complexes:
+) -> Complex:
     """Return the complex response of each element of a receiving array to each scatterer.
 
     The response is e_kn = lambda U_k(y_n)/sqrt(N_k). U_k is the exact field
@@ -78,7 +77,7 @@ def covariance(
     *,
     to_world: ArrayLike | None = None,
     ranges: ArrayLike | None = None,
-) -> Complexes:
+) -> Complex:
     """Return the covariance matrix of the signals of an array's elements, for each range gate.
 
     R_kl = sum_n intensity_n e_kn conj(e_ln), with the responses e of :func:`element_responses`.
@@ -113,7 +112,7 @@ def covariance(
     if ranges is not None:
         edges = _edges(ranges)
         count = len(edges) - 1
-        # the last gate includes both of its edges
+        # The last gate includes both of its edges.
         half = np.asarray(cloud["path_length"].values) / 2
         gates = np.searchsorted(edges, half, side="right") - 1
         gates[half == edges[-1]] = count - 1
@@ -133,8 +132,8 @@ def covariance(
 
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
-) -> Complexes:
-    """Return responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
+) -> Complex:
+    """Return the responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
     pose = _pose(attrs["to_world"] if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
     front = local[:, 2] > 0.0
@@ -143,14 +142,14 @@ def _responses(
         return result
     wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
     for row, source in zip(result, sources, strict=True):
-        support_of(source, obliquity)  # raises SceneError for sources that cannot radiate
+        support_of(source, obliquity)  # The call raises SceneError for sources that cannot radiate.
         norm = norm_of(source, wavelength, obliquity, normalise=attrs["normalise"])
         field = amplitude(source, local[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))
     return result
 
 
-def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complexes:
+def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
     """Return the responses (ends, scatterers) of placed sources or receivers."""
     positions, _, attrs = _checked(cloud)
     rows = []
@@ -162,7 +161,7 @@ def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complexes:
 
 
 def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
-    """Return positions, intensities and attributes of a cloud."""
+    """Return the positions, intensities and attributes of a cloud."""
     try:
         positions, intensity = (
             np.asarray(cloud[name].values, np.float64) for name in ("position", "intensity")
@@ -171,8 +170,8 @@ def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
         return positions, intensity, {name: cloud.attrs[name] for name in names}
     except (AttributeError, KeyError, TypeError, IndexError, ValueError):
         raise ArgumentError(
-            f"expected a cloud made by polywigner.mitsuba.scatterers, got {type(cloud).__name__}, "
-            "which lacks the variables and attributes of a cloud"
+            "expected a cloud returned by polywigner.mitsuba.scatterers, got "
+            f"{type(cloud).__name__} without the variables and attributes of a cloud"
         ) from None
 
 
@@ -186,7 +185,7 @@ def _sources(elements: Any) -> list[Aperture]:
         or not all(isinstance(element, Aperture) for element in parts)
     ):
         raise ArgumentError(
-            f"expected elements as an Array or a sequence of apertures, got {elements!r}"
+            f"expected elements as an Array or a sequence of Apertures, got {elements!r}"
         )
     return list(parts)
 
@@ -204,7 +203,7 @@ def _pose(value: Any) -> Floats:
 
 
 def _edges(ranges: Any) -> Floats:
-    expected = "expected ranges as two or more ascending edges in m"
+    expected = "expected ranges as at least two ascending edges in m"
     edges = checked_row(ranges, expected)
     if len(edges) < 2 or not (np.diff(edges) > 0.0).all():
         raise ArgumentError(f"{expected}, got {ranges!r}")
@@ -212,7 +211,7 @@ def _edges(ranges: Any) -> Floats:
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
-    """Write a cloud of scatterers to a file; no file remains after an error.
+    """Write a cloud of scatterers to a file; after an error, no file remains.
 
     Parameters
     ----------

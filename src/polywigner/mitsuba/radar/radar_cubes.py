@@ -30,6 +30,7 @@ from polywigner.mitsuba.receive.received_power import matched
 from polywigner.mitsuba.scenes.reflectors import Chain, Echo, Route, routes_in
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radar import CUBE_DIMS, FMCW, parse_waveform, waveform_attrs
 from polywigner.source import Array
@@ -38,19 +39,18 @@ from polywigner.transforms.xarray_arguments import labelled_array
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Velocities = dict[str, Floats]
 
 # Relative error of the sums over scatterers.
 _OF_SUMS = 1e-7
-# Largest growth of a delay during the repetitions of a block, times the bandwidth. The phase that
-# the series of the motion expands is then at most 2 rad.
+# Largest increase of a delay during the repetitions of a block, times the bandwidth. The phase that
+# is expanded in a series is then at most 2 rad.
 _MOST_CYCLES = 1.25
-# Largest motion in range bins within a repetition; the relative error of sums is then 5e-5.
+# Largest motion of a scatterer within a repetition, in range bins. The relative error of sums is
+# then 5e-5.
 _MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
-# Size in bytes of the largest signal that is not lazy.
+# Size in bytes of the largest signal that is computed at once; larger signals are lazy.
 _MOST_BYTES = 1 << 30
 # Relative rounding error of frequencies.
 _ROUNDING = 1e-9
@@ -75,22 +75,22 @@ class _Radar:
 
     @property
     def period(self) -> float:
-        """Time in s between repetitions of one emitter."""
+        """Time in s between two repetitions of an emitter."""
         return float(self.chirp_times[0, 1] - self.chirp_times[0, 0])
 
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Scatterers of a receiver of the scene, common to the elements of the receiver."""
+    """Scatterers of a receiver of the scene, which are the same for all of its elements."""
 
-    responses: Complexes
+    responses: Complex
     """Responses (element, scatterer); their product with ``emitted`` is in sqrt(W)."""
-    emitted: Complexes
+    emitted: Complex
     """Square roots (emitter, scatterer) of intensities, with phases."""
     delays: Floats
     """Delays (emitter, scatterer) in s at the time 0."""
     rates: Floats
-    """Rates (scatterer,) at which delays grow, in s/s."""
+    """Rates (scatterer,) at which delays increase, in s/s."""
     excess: Floats
     """Delays (element, scatterer) in s relative to the mean over the elements."""
 
@@ -112,7 +112,7 @@ def radar_cube(
     multiplexing: str = "time",
     polarisation: Any = None,
 ) -> xarray.Dataset:
-    """Compute the samples that the receivers of a radar record in a scene.
+    """Return the samples that the receivers of a radar record in a scene.
 
     The samples are a sum of three parts. Coherent paths are the line of sight (leakage), specular
     paths by flat mirrors, and echoes of conducting bodies, with their complex couplings over the
@@ -126,7 +126,7 @@ def radar_cube(
         Scene with ``wigner`` shapes and ``wigner_receiver`` sensors, all with the same frequency
         within the waveform's band. Load it with :func:`load_scene`, which keeps the ids of shapes.
     waveform : polywigner.radar.FMCW or str
-        Waveform, or a text as in :func:`polywigner.radar.parse_waveform`.
+        Waveform, or a string as in :func:`polywigner.radar.parse_waveform`.
     velocities : mapping of str to array_like, shape (3,), optional
         Velocities in m/s of shapes, bodies, emitters and receivers by id. Default: zero.
     bodies : mapping, optional
@@ -190,7 +190,7 @@ def radar_cube(
             for number in numbers:
                 clouds[number] = _cloud(scene, radar, number, size, rays, speeds, options)
 
-    def block(number: int, draw: int) -> Complexes:
+    def block(number: int, draw: int) -> Complex:
         return _samples(
             radar, coherent[number], clouds[number], with_noise, (options.seed, number, draw)
         )[None]
@@ -210,7 +210,7 @@ def radar_cube(
 
 
 def _lazy(
-    block: Callable[[int, int], Complexes], elements: list[int], draws: int, shape: tuple[int, ...]
+    block: Callable[[int, int], Complex], elements: list[int], draws: int, shape: tuple[int, ...]
 ) -> Any:
     """Return the signal as a dask array with a chunk for each draw and receiver of the scene."""
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
@@ -229,13 +229,13 @@ def _radar(
 ) -> _Radar:
     parties = matched(scene, list(range(len(receivers_of(scene)))), options)
     if not parties.emitters:
-        raise SceneError("the scene has no wigner emitter; add one")
+        raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
     for end in (*parties.emitters, *parties.receivers):
         frequency = SPEED_OF_LIGHT / end.wavelength
         first, last = wave.start * (1 - _ROUNDING), (wave.start + wave.bandwidth) * (1 + _ROUNDING)
         if not first <= frequency <= last:
             raise SceneError(
-                f"expected the frequency of {end.name!r} within the waveform's band, {first:.6g} "
+                f"the frequency of {end.name!r} must be in the band of the waveform, {first:.6g} "
                 f"to {last:.6g} Hz, got {frequency:.6g} Hz"
             )
     receivers, powers = [], []
@@ -262,8 +262,8 @@ def _samples(
     cloud: _Cloud | None,
     with_noise: bool,
     seed: tuple[int, int, int],
-) -> Complexes:
-    """Return samples (element, emitter, chirp, sample) of a receiver in a draw."""
+) -> Complex:
+    """Return the samples (element, emitter, chirp, sample) of a receiver in one draw."""
     wave, random = radar.waveform, np.random.default_rng(seed)
     spectra = np.zeros((len(links), len(radar.emitters), wave.chirps, wave.samples), np.complex128)
     for k, of_element in enumerate(links):
@@ -288,10 +288,10 @@ def _samples(
 class _Link(NamedTuple):
     """Coherent paths between an emitter and a receiver, or an element of a receiver."""
 
-    amplitudes: Complexes
+    amplitudes: Complex
     """Amplitudes (path, sample) in sqrt(W)."""
     rates: Floats
-    """Rates (path,) at which delays grow, in s/s."""
+    """Rates (path,) at which delays increase, in s/s."""
 
 
 def _coherent(
@@ -324,7 +324,7 @@ def _coherent(
 def _rate_of(
     route: Route, emitter: PlacedSource, receiver: PlacedSource, speeds: Velocities
 ) -> float:
-    """Return the rate at which the length of a path grows, in m/s."""
+    """Return the rate at which the length of a path increases, in m/s."""
     still = np.zeros(3)
     emitted, received = (speeds.get(_owner(end.name), still) for end in (emitter, receiver))
     if not isinstance(route, Echo):
@@ -357,7 +357,7 @@ def _moving_image(
 def _distance_rate(
     first: Floats, first_velocity: Floats, second: Floats, second_velocity: Floats
 ) -> float:
-    """Return the rate in m/s at which the distance between two moving points grows."""
+    """Return the rate in m/s at which the distance between two moving points increases."""
     offset = first - second
     return float(offset @ (first_velocity - second_velocity) / np.linalg.norm(offset))
 
@@ -391,8 +391,8 @@ def _cloud(
     within = np.abs(rates).max(initial=0.0) * wave.bandwidth * wave.samples * wave.time_step
     if within > _MOST_WITHIN:
         raise ArgumentError(
-            f"expected scatterers that move by at most {_MOST_WITHIN:g} range bins within a "
-            f"repetition, got {within:.3g} bins; use slower objects or a shorter waveform"
+            f"scatterers may move by at most {_MOST_WITHIN:g} range bins within a repetition, got "
+            f"{within:.3g} bins; use slower objects or a shorter waveform"
         )
     return _Cloud(
         responses[:, near], emitted[:, near], lengths[:, near] / SPEED_OF_LIGHT, rates,
@@ -400,17 +400,17 @@ def _cloud(
     )  # fmt: skip
 
 
-def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complexes, Floats]:
+def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
     """Return responses, and excess lengths in m, both with the axes (receiver, scatterer).
 
-    A response squared is received power over intensity. A receiver that is not divided into
-    elements has the ratio of the cloud's power and intensity.
+    The square of a response is the received power over the intensity. For a receiver that is not
+    divided into elements, it is the ratio of the cloud's power and intensity.
     """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
         raise SceneError(
-            "scatterers with negative power have no amplitude; set the estimator of the receiver "
-            'and of the emitters to "exact"'
+            'scatterers with negative power have no amplitude; use the estimator "exact" for the '
+            "receiver and for the emitters"
         )
     if len(receivers) == 1:
         ratio = np.divide(power, intensity, out=np.zeros_like(power), where=intensity > 0)
@@ -422,13 +422,13 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
 
 def _sending(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
-) -> tuple[Complexes, Floats]:
+) -> tuple[Complex, Floats]:
     """Return square roots of intensities, and path lengths in m, with axes (emitter, scatterer).
 
-    Scatterers of single reflections are common to all emitters, so that the signals of emitters are
-    coherent. A scatterer with the intensity I may be sampled for any of the emitters, whose
-    irradiances there are E_j. Its intensity for emitter j is I E_j / sum_i E_i, and the sum of
-    these intensities over scatterers is unbiased.
+    The same scatterers of single reflections are used for all emitters, so that the signals of the
+    emitters are coherent. A scatterer with the intensity I may be sampled for any of the emitters,
+    whose irradiances at the scatterer are E_j. Its intensity for emitter j is I E_j / sum_i E_i,
+    and the sum of these intensities over scatterers is unbiased.
     """
     intensity, paths = cloud["intensity"].values, cloud["path_length"].values
     names = cloud["emitter"].values
@@ -458,7 +458,7 @@ def _sending(
 
 
 def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
-    """Return whether points (n, 3) in m have a line of sight to the centre of an emitter."""
+    """Return which points (n, 3) in m have a line of sight to the centre of an emitter."""
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _CLOSE) / unit).astype(np.float32)
     start = ((position + _CLOSE * offset) / unit).astype(np.float32)
@@ -467,7 +467,7 @@ def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
     return ~np.atleast_1d(np.array(scene.ray_test(ray)))
 
 
-def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -> Complexes:
+def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
     """Return the sum (RC1) over scatterers with the axes (element, chirp, sample).
 
     If no scatterer moves, all chirps are equal, and the axis ``chirp`` has the length 1.
@@ -490,11 +490,11 @@ def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complexes, emitter: int) -
 def _frame(
     radar: _Radar,
     cloud: _Cloud,
-    signals: Complexes,
+    signals: Complex,
     emitter: int,
     chosen: NDArray[np.bool_],
     starts: Floats,
-) -> Complexes:
+) -> Complex:
     """Return the sum (RC1) over the ``chosen`` scatterers for successive repetitions.
 
     The numbers m and n of repetition and sample are counted from the centre of the frame. The phase
@@ -543,8 +543,8 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
     return plan
 
 
-def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complexes, Floats]]:
-    """Yield pairs of arrays whose products add up to exp(2 pi i amounts along)."""
+def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
+    """Yield pairs of arrays; the sum of their products is exp(2 pi i amounts along)."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))
@@ -557,8 +557,8 @@ def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[
         size *= largest / power
 
 
-def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complexes:
-    """Return independent circular Gaussian numbers of variance 1."""
+def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex:
+    """Return independent circular Gaussian random numbers of variance 1."""
     pairs = random.standard_normal((*shape, 2)) * math.sqrt(0.5)
     return np.asarray(pairs.view(np.complex128)[..., 0])
 

@@ -1,4 +1,4 @@
-"""A film that sorts light by the length of its path, and a sensor that uses this film."""
+"""A film that sorts light by path length, and a sensor that uses this film."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, EngineError, SceneError, require
 from polywigner.execution import Drjit
@@ -30,17 +29,20 @@ from polywigner.mitsuba.plugins.films import (
 from polywigner.mitsuba.plugins.registration import VariantPlugin, variant_class
 from polywigner.mitsuba.scenes.scenes import checked_scene, translate_error
 from polywigner.mitsuba.scenes.surfaces import is_receiver
+from polywigner.numerics import Floats
 
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
-"""Integrators that support receivers and cameras; ``transient_nlos_path`` needs a special sensor.
+"""Integrators that support receivers and cameras; ``transient_nlos_path`` requires a special
+sensor.
 """
 
 _PYTHON_CLASSES = ("TransientPath", "TransientPRBVolpathIntegrator")
 
-# Integrators of mitransient with the same paths as Mitsuba's integrators, by their class names.
+# Integrators of mitransient that trace the same paths as Mitsuba's integrators, by the class names
+# of the latter.
 _COUNTERPARTS = {
     "PathIntegrator": _PATH,
     "DirectIntegrator": _PATH,
@@ -51,7 +53,7 @@ _COUNTERPARTS = {
     "PRBVolpathIntegrator": _VOLUME,
 }
 # Value of ``max_depth`` that corresponds to Mitsuba's `direct`, which has no such parameter: paths
-# by at most one surface.
+# via at most one surface.
 _DEPTH_OF_DIRECT = 2
 
 
@@ -66,7 +68,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
             return loaded
         for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
             del sys.modules[name]  # The module was imported for another variant.
-    # mitransient sets this variable on import, which would change the variant of child processes
+    # mitransient sets this variable on import, which would change the variant of child processes.
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
         return require(_NAME, "radar", "measures ranges")
@@ -91,30 +93,31 @@ def is_transient(integrator: Any) -> bool:
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
-    """Return an integrator that measures lengths of the same paths as another integrator."""
+    """Return an integrator that measures the path lengths of another integrator."""
     require_transients()
     checked_scene(scene)
     # Mitsuba places infinite lights on a sphere, so the lengths of their paths have no meaning.
     for emitter in scene.emitters():
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
-                "expected lights at finite distances for ranges, got a light at infinity "
-                f"({emitter.class_name()}); remove it"
+                "ranges require lights at finite distances, got a light at infinity "
+                f"({emitter.class_name()}); remove the light"
             )
     counterpart = _counterpart(integrator)
     if type(counterpart).__name__ != _PYTHON_CLASSES[1]:
         return counterpart
-    # mitransient ignores fog around the sensor, and underestimates paths in heterogeneous fog
+    # mitransient ignores fog around the sensor, and underestimates path lengths in heterogeneous
+    # fog.
     if sensor.get_medium() is not None:
         raise SceneError(
-            "expected a sensor outside of fog for ranges, got a sensor with a medium; remove the "
-            "medium of the sensor, and let the fog begin in front of it"
+            "ranges require a sensor outside of fog, got a sensor inside a medium; remove the "
+            "medium of the sensor, and let the fog begin in front of the sensor"
         )
     media = [m for s in scene.shapes() for m in (s.interior_medium(), s.exterior_medium())]
     if not all(medium is None or medium.is_homogeneous() for medium in media):
         raise SceneError(
-            "expected homogeneous fog for ranges, got a heterogeneous medium, in which mitransient "
-            "underestimates lengths; use homogeneous media"
+            "ranges require homogeneous fog, got a heterogeneous medium, in which mitransient "
+            "underestimates path lengths; use homogeneous media"
         )
     return counterpart
 
@@ -124,21 +127,21 @@ def _counterpart(integrator: Any) -> mi.Integrator:
     if is_transient(integrator):
         if python_name not in _PYTHON_CLASSES:
             raise SceneError(
-                f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} of mitransient, "
-                "which needs a special sensor"
+                f"expected the integrator {' or '.join(TRANSIENT_INTEGRATORS)}, got {python_name} "
+                "of mitransient, which requires a special sensor"
             )
         if integrator.camera_unwarp:
             raise SceneError(
-                "expected an integrator without camera_unwarp, which omits the last leg of a path "
-                "from its length; remove camera_unwarp"
+                "the integrator has camera_unwarp, which omits the last leg of a path from its "
+                "length; remove camera_unwarp"
             )
         return integrator
-    # The C++ class name is the same for all integrators written in Python.
+    # All integrators written in Python have the same C++ class name.
     class_name = integrator.class_name()
     name = class_name if class_name in _COUNTERPARTS else python_name
     if name not in _COUNTERPARTS:
         raise SceneError(
-            f"expected an integrator whose paths have lengths, got {name}; use path, direct, prb, "
+            f"the integrator {name} does not measure path lengths; use path, direct, prb, "
             f"volpath, volpathmis, prbvolpath or {' or '.join(TRANSIENT_INTEGRATORS)}"
         )
     is_direct = name == "DirectIntegrator"
@@ -150,19 +153,17 @@ def _counterpart(integrator: Any) -> mi.Integrator:
         raise translate_error(error) from None
 
 
-Floats = npt.NDArray[np.float64]
-
-# Largest number of bins of all pixels; in float64, these take 2 GiB.
+# Largest number of bins of all pixels together. In float64, this many bins take 2 GiB.
 _MOST_SUMS = 2**28
 
 
 def sorted_by_range(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render a sensor by lengths of paths: (height, width, bins + 2), in the sensor's unit.
+    """Render a sensor by path length: (height, width, bins + 2), in the unit of the sensor.
 
-    ``edges``: edges of bins in scene units. The first value of a pixel is for shorter paths, the
-    last for longer paths. All pixels of a receiver are added to one pixel.
+    ``edges`` are the edges of bins in scene units. The first value of a pixel is for shorter paths,
+    the last value for longer paths. All pixels of a receiver are added to a single pixel.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -174,8 +175,8 @@ def sorted_by_range(
     bad = int(np.count_nonzero(~np.isfinite(total)))
     if bad:
         raise SceneError(
-            f"the power of {bad} bins is not finite; check frequency, power and radiances of the "
-            "scene, and their units"
+            f"the power in {bad} range bins is not finite; check the frequency, the powers and "
+            "the radiances of the scene, and their units"
         )
     return np.asarray(total)
 
@@ -183,7 +184,7 @@ def sorted_by_range(
 def _rendered(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render in one pass, with the samples of :func:`polywigner.mitsuba.render`."""
+    """Render in a single pass, with the samples of :func:`polywigner.mitsuba.render`."""
     factor = fineness(sensor, spp)
     ranged = _ranged(sensor, edges, factor)
     try:
@@ -219,13 +220,13 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
-            f"expected at most {_MOST_SUMS} bins of all pixels, got {count}; use fewer bins or "
-            "pixels"
+            f"the pixels have {count} range bins together, at most {_MOST_SUMS} are allowed; use "
+            "fewer bins or fewer pixels"
         )
 
 
 class RangeFilm(VariantPlugin):
-    """Film that adds up the power of bins, and of shorter and longer paths, in double precision."""
+    """Film that sums the power of bins, and of shorter and longer paths, in double precision."""
 
     crop_size: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -327,5 +328,5 @@ class RangeSensor(VariantPlugin):
         return self._sensor.bbox()
 
     def release(self) -> None:
-        """Delete the references to the sensor and its film."""
+        """Delete the references to the sensor and its film, so that they can be freed."""
         del self._sensor, self._film

@@ -1,4 +1,4 @@
-"""Received power and radiance by range, half the length of the path from a source."""
+"""Received power and radiance by range, which is half the length of the path from a source."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ from polywigner.mitsuba.receive.received_power import (
 from polywigner.mitsuba.receive.scattered import by_source, standard_error
 from polywigner.mitsuba.scenes.rendering import default_spp, exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -45,10 +46,8 @@ if TYPE_CHECKING:
     import xarray
 
 
-Floats = npt.NDArray[np.float64]
-
-# Largest number of bins. In 16 batches, these take 0.1 GB for each light and receiver, and a few
-# times as much while they are computed.
+# Largest number of range bins. In 16 batches, this many bins take 0.1 GB for each light and
+# receiver, and a few times as much during the computation.
 _MOST_BINS = 2**20
 
 
@@ -165,19 +164,19 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
         edges = real_numbers(ranges)
     except ValueError:
         raise ArgumentError(
-            f"expected ranges as numbers in m, got {ranges!r}; give edges of bins such as "
+            f"expected ranges as numbers in m, got {ranges!r}; pass edges of range bins such as "
             "np.linspace(0, 60, 513)"
         ) from None
     if edges.ndim != 1 or not 2 <= len(edges) <= _MOST_BINS + 1:
         raise ArgumentError(
-            f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give two to "
-            f"{_MOST_BINS + 1} edges"
+            f"expected ranges as the edges of n bins, shape (n + 1,), got shape {edges.shape}; "
+            f"pass 2 to {_MOST_BINS + 1} edges"
         )
-    with np.errstate(over="ignore"):  # lengths of paths are in single precision
+    with np.errstate(over="ignore"):  # Path lengths are in single precision.
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
-            "expected ranges as finite, ascending edges in m, of zero or more and different in "
+            "expected ranges as finite, ascending edges in m, zero or more and different in "
             f"single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
         )
     return edges
@@ -213,7 +212,7 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
 
 
 def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
-    """Return direct power in W (bins + 2,): below all bins, in each bin, and above all bins.
+    """Return the direct power in W, (bins + 2,): below all bins, in each bin, and above all bins.
 
     In each bin, the amplitudes of paths that interfere add.
     """
@@ -231,9 +230,9 @@ Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
 
 
 def _bins_of(by_light: Floats, direct: Floats) -> Values:
-    """Return variables of bins from scattered power (receivers, lights, batches, values) in W.
+    """Return variables of bins, from scattered power (receivers, lights, batches, values) in W.
 
-    ``direct``: direct power (receivers, lights, values) in W.
+    ``direct`` is the direct power (receivers, lights, values) in W.
     """
     each = by_light.sum(axis=1)
     scattered, error = each.mean(axis=1), standard_error(each, axis=1)
@@ -297,7 +296,7 @@ def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
-    """Return centres and edges of bins as coordinates."""
+    """Return the centres and edges of bins as coordinates."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
     return {
         "range": labelled_array((edges[1:] + edges[:-1]) / 2, ("range",), length),
@@ -307,7 +306,7 @@ def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
 
 Progress = Callable[[int, int], None]
 
-# Number of renders whose mean is an image; progress is reported after each.
+# Number of renders whose mean is an image. Progress is reported after each render.
 _PARTS = 4
 
 
@@ -375,13 +374,13 @@ def prepared_frames(
     camera = exposure.camera
     if is_receiver(camera):
         raise ArgumentError(
-            f"expected a camera, got sensor {sensor}, which is a receiver; use range_profile"
+            f"expected a camera, but sensor {sensor} is a receiver; use range_profile for receivers"
         )
     total = check_spp(default_spp(scene, sensor) if spp is None else spp)
     method = transient_integrator(exposure.integrator, scene, camera)
     units = {emitter.spec.scene_unit for emitter in wigner_emitters(scene)} or {1.0}
     if len(units) > 1:
-        raise ArgumentError(f"expected one scene_unit of all sources, got {sorted(units)} m")
+        raise ArgumentError(f"all sources must have the same scene_unit, got {sorted(units)} m")
     lengths = 2.0 * edges / units.pop()
     check_sums(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)

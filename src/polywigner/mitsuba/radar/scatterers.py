@@ -34,6 +34,7 @@ from polywigner.mitsuba.scenes.surfaces import (
     sorted_shapes,
     wigner_emitters,
 )
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
 from polywigner.transforms.xarray_arguments import labelled_array
@@ -42,9 +43,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-Floats = NDArray[np.float64]
-
-# Number of rays that are traced at once; each takes a few hundred bytes.
+# Number of rays that are traced at once; each ray takes a few hundred bytes.
 _WAVEFRONT = 2**17
 
 
@@ -93,7 +92,7 @@ def cloud_of(
     rng: np.random.Generator,
     motion: Motion | None,
 ) -> Cloud:
-    """Return the events of ``count`` rays, or a few more, in a scene of hidden sources."""
+    """Return the events of ``count`` rays, or slightly more, in a scene with hidden sources."""
     size = -(-count // BATCHES)
     parts = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
     sums = [float(power.sum()) for _, power, _ in parts]
@@ -112,7 +111,7 @@ def _batch(
     """Return the events of a batch, with powers and intensities whose sums estimate the totals."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    # the seventh dimension is not used, but without it the clouds of all seeds would change
+    # The seventh dimension is not used, but without it the clouds of all seeds would change.
     draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
@@ -123,7 +122,7 @@ def _batch(
             value = events.radiance * (solid_angle / count)[events.ray]
             power = value * watts[events.ray]
             if not np.isfinite(power).all():
-                raise SceneError("expected finite radiance, got NaN or inf; check the materials")
+                raise SceneError("the scene has radiances of NaN or inf; check its materials")
             parts.append((events, power, value * (unit * events.distance) ** 2))
     events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
     return events.view(np.recarray), power, intensity
@@ -142,10 +141,11 @@ def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
-    """Return probabilities, proportional to a measure but at most 1, that add up to ``count``."""
+    """Return probabilities of sum ``count``, proportional to a measure but at most 1."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
-    # if the probability of the k largest is 1, the sum of the others is count - k
+    # If the probability of the k largest values is 1, the sum of the other probabilities is count -
+    # k.
     certain = np.arange(count)
     remainder = sums[len(sums) - 1 - certain]
     scale = (count - certain) / np.where(remainder > 0.0, remainder, 1.0)
@@ -162,12 +162,12 @@ def _thinning_error(power: Floats, probabilities: Floats) -> float:
     return math.sqrt(float((missing * (power - mean) ** 2).sum()))
 
 
-# Default number of rays per scatterer; the scatterers are selected from the events of all rays.
+# Default number of rays per scatterer. The scatterers are selected from the events of all rays.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# Speed in m/s below which the Doppler shift is proportional to the speed to within 1e-3.
+# Speed in m/s below which the Doppler shift is proportional to the speed, with an error below 1e-3.
 _FASTEST = 1e5
-# Largest number of scatterers, and of rays. Their events take one or two gigabytes.
+# Largest number of scatterers, and of rays. The events of this many rays take one or two gigabytes.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -251,7 +251,7 @@ def scatterers(
     if rays is not None:
         launched = checked_count(rays, "rays", 1, _MOST_RAYS)
     depth = max_depth
-    if depth is not None:  # -1 means no limit
+    if depth is not None:  # A depth of -1 means no limit.
         is_endless = isinstance(depth, int) and depth == -1
         depth = _NO_LIMIT if is_endless else checked_count(depth, "max_depth", 1, _NO_LIMIT)
     options = ReceiveOptions(seed=seed)
@@ -263,13 +263,13 @@ def scatterers(
     (placed,) = parties.receivers
     if sensor.spec.has_several:
         raise SceneError(
-            "scatterers require the same polarisation for all elements of a receiver; set one "
-            "polarisation"
+            "scatterers require the same polarisation for all elements of a receiver; set a "
+            "single polarisation"
         )
     if sensor.get_medium() is not None or any(s.is_medium_transition() for s in scene.shapes()):
         raise SceneError(
-            "expected a scene without fog, got a medium, which scatterers do not support; remove "
-            "it, or use received_power"
+            "scatterers are not supported in a scene with fog; remove the medium, or use "
+            "received_power"
         )
     names = _Names.of(scene, placed.name)
     motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
@@ -325,9 +325,9 @@ class _Names:
         for name in speeds:
             if name not in names:
                 raise ArgumentError(
-                    f"expected velocities of ids among {', '.join(map(repr, sorted(names)))}, got "
-                    f"{name!r}; if mi.load_dict merged its mesh with others, load the scene with "
-                    "polywigner.mitsuba.load_scene, which keeps ids"
+                    f"there is no object with the id {name!r} for a velocity; ids are "
+                    f"{', '.join(map(repr, sorted(names)))}; if mi.load_dict merged its mesh with "
+                    "others, load the scene with polywigner.mitsuba.load_scene, which keeps ids"
                 )
         return Motion(
             {number: speeds[name] for number, name in self.shapes.items() if name in speeds},
@@ -341,10 +341,10 @@ def _number(kind: str, thing: Any) -> int:
 
 
 def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
-    """Return velocities (3,) in m/s by ids, or raise ArgumentError."""
+    """Return velocities (3,) in m/s by id; raise ArgumentError for other values."""
     if not isinstance(velocities, Mapping):
         raise ArgumentError(
-            f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
+            f"expected velocities as a mapping from ids to (vx, vy, vz), got {velocities!r}"
         )
     return {name: _checked_velocity(name, value) for name, value in velocities.items()}
 
@@ -356,7 +356,7 @@ def _checked_velocity(name: str, value: ArrayLike) -> Floats:
         velocity = np.empty(0)
     if velocity.shape != (3,) or not np.linalg.norm(velocity) < _FASTEST:
         raise ArgumentError(
-            f"expected the velocity of {name!r} as three numbers in m/s, with a speed below "
+            f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
             f"{_FASTEST:.0e} m/s, got {value!r}"
         )
     return velocity

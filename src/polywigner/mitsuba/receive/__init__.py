@@ -1,1 +1,1 @@
-"""Power and complex amplitudes that receivers get from a scene."""
+"""Power and complex amplitudes that receivers of a scene receive."""

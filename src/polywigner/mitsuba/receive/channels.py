@@ -1,11 +1,12 @@
-"""Complex amplitudes and delays of the paths between two ends, by flat mirrors and bodies.
+"""Complex amplitudes and delays of the paths between two ends, via flat mirrors and bodies.
 
 `paths_between` returns the paths, and `amplitudes_of` their amplitudes at frequencies. The
-amplitude of a path is a product of three factors: the coupling b of the emitter's image with the
-receiver (docs/links.md, (RX1)); the polarisation factor e_r . E, for a unit field of the emitter
-that mirrors reflect along the central path and that is projected on the receiver's unit vector; and
-the mean over rays of the square root of the transmission of obstacles, masks and fog. With
-diffraction, the ratio b/b_0 over the edges of obstacles replaces this mean.
+amplitude of a path is a product of three factors. The first factor is the coupling b of the
+emitter's image with the receiver (docs/links.md, (RX1)). The second factor is the polarisation
+factor e_r . E: E is a unit field of the emitter that mirrors reflect along the central path, and
+e_r is the receiver's unit vector. The third factor is the mean over rays of the square root of the
+transmission of obstacles, masks and fog. With diffraction, the ratio b/b_0 over the edges of
+obstacles replaces this mean.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.execution.progress import with_progress
@@ -56,7 +58,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 )
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
-from polywigner.numerics.band_limited import in_band
+from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo
@@ -65,10 +67,12 @@ from polywigner.source.polarisation import checked_polarisation, components
 if TYPE_CHECKING:
     import xarray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 _MOST_FREQUENCIES = 1 << 16
-# Fraction of the power below which a note reports that two default polarisations do not match.
+# Numbers of Chebyshev nodes that are tried in turn. Each rule contains the nodes of the rule before
+# it.
+_RULES = (5, 9, 17, 33, 65)
+# Fraction of the power below which a note reports that the default polarisations of both ends do
+# not match.
 _MATCHED = 0.99
 
 
@@ -96,7 +100,7 @@ def channel(
     scene : mi.Scene
         Scene with ``wigner`` shapes and ``wigner_receiver`` sensors.
     frequencies : array_like, shape (n,), or float, optional
-        Frequencies in Hz, or texts with a unit. Default: the frequencies of the emitters.
+        Frequencies in Hz, or strings with a unit. Default: the frequencies of the emitters.
         Apertures, fields, weights and refractive indices are independent of the frequency.
     reflections : int, default 2
         Maximum number of specular reflections per path, 0 to 3.
@@ -145,7 +149,7 @@ def channel(
             placed_emitter(e, n).touching(scene) for n, e in enumerate(wigner_emitters(scene))
         ]
     if not emitters:
-        raise SceneError("the scene has no wigner emitter; add one")
+        raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
     if requested is None:
         requested = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
     chains, echoes, notes = routes_in(scene, receivers[0].scene_unit, count, options.bodies)
@@ -165,7 +169,7 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Return frequencies (n,) in Hz from numbers or texts; raise ArgumentError for others."""
+    """Return frequencies (n,) in Hz from numbers or strings; raise ArgumentError otherwise."""
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
@@ -183,21 +187,24 @@ class CoherentPath:
     """Path between two ends, with all factors of its amplitude except the couplings."""
 
     route: Route
-    """Mirrors and body of the path."""
+    """Mirrors and body along the path."""
     distance: float
     """Length in m between the centres of both ends along the path."""
     transmission: float
     """Mean over rays of the square root of the transmitted fraction of the power."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """For each pair of polarised parts: the factor e_r . E, and the facing parts of the emitter's
-    image and the receiver."""
+    """For each pair of polarised parts: the factor e_r . E, and the parts of the emitter's image
+    and of the receiver that face each other.
+    """
     ends: Ends
     edges: Callable[[float], complex] | None = None
-    """Ratio b/b_0 of couplings with and without obstacles as a function of the wavelength in m;
-    None: rays only."""
+    """Function of the wavelength in m that returns the ratio b/b_0 of couplings with and without
+    obstacles; None: rays only.
+    """
     echo: Callable[[float], complex] | None = None
-    """Coupling b of a body as a function of the wavelength in m, which replaces the links; None: no
-    body."""
+    """Function of the wavelength in m that returns the coupling b of a body, which replaces the
+    links; None: no body.
+    """
 
     def transmission_at(self, wavelength: float) -> complex:
         """Return the amplitude transmission at a wavelength in m, with diffraction."""
@@ -209,13 +216,13 @@ class NormalisedSource:
     """A placed source with normalised power, and its parts by polarisation."""
 
     source: PlacedSource
-    parts: tuple[tuple[PlacedSource, Complexes], ...]
+    parts: tuple[tuple[PlacedSource, Complex], ...]
     """Parts of the source with one polarisation each, and their Jones vectors (2,)."""
     is_polarised: bool = True
     """False if neither the scene nor the caller specifies a polarisation."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the square root of the power of a part relative to the power of the source."""
+        """Return the square root of the power of a part over the power of the source."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -229,14 +236,14 @@ Ends = tuple[NormalisedSource, NormalisedSource]
 def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
     if not placed.mixture.is_plain:
         raise SceneError(
-            f"expected coherent light of one wavelength at {placed.name!r} for paths that "
-            f"interfere, got {placed.mixture}; leave coherence and bandwidth of light out"
+            "paths that interfere require coherent light of a single wavelength, got "
+            f"{placed.mixture} at {placed.name!r}; omit the coherence and bandwidth of the light"
         )
     jones = placed.polarisation
     if jones is None and placed.states_polarisation:
         raise SceneError(
-            f"expected polarised ends for paths that interfere, got {placed.name!r}, which is "
-            "unpolarised; give it a polarisation, or add powers with received_power(scene)"
+            f"paths that interfere require polarised ends, but {placed.name!r} is unpolarised; "
+            "specify its polarisation, or add powers with received_power(scene)"
         )
     jones = polarisation if jones is None else jones
     is_polarised = jones is not None
@@ -253,16 +260,17 @@ def paths_between(
     polarisation: Any,
     shortest: float,
 ) -> tuple[list[CoherentPath], list[str]]:
-    """Return the paths that transmit power in a scene whose sources are hidden, and notes.
+    """Return the paths that transmit power in a scene with hidden sources, and notes.
 
-    ``shortest``: the shortest wavelength in m, which determines the obstacles that diffract.
+    ``shortest`` is the shortest wavelength in m, which determines the obstacles that diffract.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    leg_to = cache(partial(_leg_to, scene, receiver))  # cached, because several paths share a leg
+    # Legs are cached, because several paths contain the same leg.
+    leg_to = cache(partial(_leg_to, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
         if isinstance(route, Echo):
@@ -275,9 +283,9 @@ def paths_between(
         match = abs(_polarised(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
         if match < _MATCHED:
             notes.append(
-                f"{link}: the polarisations along both y axes match by {match:.1%} in power; the "
-                "line-of-sight path is computed as matched, other paths as polarised along y; "
-                "specify a polarisation"
+                f"{link}: only {match:.1%} of the power matches if both ends are polarised along "
+                "their y axes; the line-of-sight path is computed as matched, other paths as "
+                "polarised along y; specify a polarisation"
             )
     return paths, notes
 
@@ -290,7 +298,7 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # unpolarised ends: the amplitude of the line-of-sight path is the scalar coupling
+    # For unpolarised ends, the amplitude of the line-of-sight path is the scalar coupling.
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
@@ -304,9 +312,9 @@ def _path(
 
 
 def _polarised(
-    emitted: Complexes, received: Complexes, ends: Ends, chain: Chain, legs: CentralPath
+    emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return e_r . E from the Jones vectors of both ends, without a conjugate."""
+    """Return e_r . E from the Jones vectors of both ends, without a complex conjugate."""
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
@@ -319,13 +327,13 @@ def _edges(
     return diffracted_ratio(meshes, emitted, received, chain)
 
 
-# ---- bodies -------------------------------------------------------------------------------------
+# ---- bodies --------------------------------------------------------------------------------------
 
 
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
-    """Return the path from an end to a body's centre by mirrors, and its amplitude transmission.
+    """Return the path from an end to a body's centre via mirrors, and its amplitude transmission.
 
     The result is None if part of the body lies in the plane of the end or behind it.
     """
@@ -342,22 +350,25 @@ def _leg_to(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path by a body; by reciprocity, both ends transmit towards the body."""
+    """Return the path via a body. By reciprocity, both ends transmit towards the body."""
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
         result = leg_to(route.body, end.source, chain)
         if result is None:
-            return "no echo: part of the body lies in the plane of one end or behind it"
+            return (
+                "the echo is not computed: part of the body lies in the plane of one end or "
+                "behind it"
+            )
         legs.append(result[0])
         transmission *= result[1]
     if transmission == 0.0:
-        return "obstacles block the echo (ray test, without diffraction)"
+        return "the echo is zero: obstacles block it (ray test, without diffraction)"
     notes = route.body.doubts(ends[1].source.wavelength, [leg.points for leg in legs])
     if transmission < 1:
         notes.append(
-            f"{transmission:.1%} of the echo's amplitude passes obstacles (ray test, without "
-            "diffraction)"
+            f"{transmission:.1%} of the amplitude of the echo passes the obstacles (ray test, "
+            "without diffraction)"
         )
     distance = math.fsum(leg.length for leg in legs)
     echo = cache(partial(_echo, ends, route.body, chains, legs))
@@ -367,7 +378,7 @@ def _echo_path(
 def _echo(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return b of a body, the sum over the polarised parts of both ends."""
+    """Return the coupling b of a body, summed over the polarised parts of both ends."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -381,18 +392,16 @@ def _echo(
         try:
             b = echo(body.facets, emitted, received, (q, p), OF_ECHO, body.bounces)
         except PolywignerError as error:
-            raise SceneError(f"the echo of {body.name!r}: {error}") from None
+            raise SceneError(f"cannot compute the echo of {body.name!r}: {error}") from None
         total += first * second * b
     return total
 
 
-# ---- amplitudes at frequencies ------------------------------------------------------------------
+# ---- amplitudes at frequencies -------------------------------------------------------------------
 
 
-def amplitudes_of(
-    paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float
-) -> Complexes:
-    """Return amplitudes (n, paths) at frequencies (n,) in Hz."""
+def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
+    """Return the amplitudes (n, paths) at frequencies (n,) in Hz."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
     delays = np.array([path.distance for path in paths]) / SPEED_OF_LIGHT
@@ -401,14 +410,51 @@ def amplitudes_of(
         indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
         if indices:
             find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
-            envelopes[:, indices] = in_band(find, frequencies, allowed)
+            envelopes[:, indices] = _in_band(find, frequencies, allowed)
     return np.asarray(envelopes * np.exp(2j * math.pi * frequencies[:, None] * delays))
+
+
+def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
+    """Return a smooth function (n, k) at frequencies (n,), by interpolation if that saves calls.
+
+    The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
+    nodes to ``tolerance`` of the largest value. ``compute`` returns the values (k,) at a frequency.
+    """
+    low, high = float(frequencies.min()), float(frequencies.max())
+    steps = _RULES[-1] - 1
+    nodes_in_band = (low + high) / 2 - (high - low) / 2 * np.cos(
+        np.pi * np.arange(steps + 1) / steps
+    )
+    known: dict[int, Complex] = {}
+    nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
+    for count in _RULES:
+        if count >= len(frequencies):
+            break
+        numbers = range(0, steps + 1, steps // (count - 1))
+        known |= {k: compute(float(nodes_in_band[k])) for k in numbers if k not in known}
+        predicted = _interpolated(nodes, values, nodes_in_band[numbers]) if len(nodes) else None
+        nodes, values = nodes_in_band[numbers], np.array([known[k] for k in numbers])
+        if predicted is not None:
+            errors = np.abs(predicted - values).max(axis=0)
+            if (errors <= tolerance * np.abs(values).max(axis=0)).all():
+                return _interpolated(nodes, values, frequencies)
+    return np.array([compute(float(frequency)) for frequency in frequencies])
+
+
+def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
+    """Return the polynomial through values at Chebyshev nodes, at frequencies (n,)."""
+    low, high = nodes[[0, -1]]
+    if low == high:
+        return np.repeat(values[:1], len(frequencies), axis=0)
+    scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
+    coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
+    return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
 def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
-) -> Complexes:
-    """Return amplitudes (paths,) at a frequency in Hz, without the phases of the delays."""
+) -> Complex:
+    """Return the amplitudes (paths,) at a frequency in Hz, without the phases of the delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -426,8 +472,8 @@ def _without_delays(
     return values * np.exp(-2j * math.pi * frequency * delays)
 
 
-def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complexes:
-    """Return b (links,), computed by one call for each pair of sources."""
+def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
+    """Return the couplings b (links,), with a single call for each pair of sources."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
@@ -445,7 +491,8 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
     return values
 
 
-# ---- results ------------------------------------------------------------------------------------
+# ---- results
+# --------------------------------------------------------------------------------------
 
 
 def _dataset(
@@ -453,7 +500,7 @@ def _dataset(
     receivers: list[PlacedSource],
     emitters: list[PlacedSource],
     routes: Sequence[Route],
-    links: list[tuple[list[CoherentPath], Complexes]],
+    links: list[tuple[list[CoherentPath], Complex]],
     notes: list[str],
     polarisation: str,
 ) -> xarray.Dataset:

@@ -1,14 +1,15 @@
-"""Direct light at a receiver: line-of-sight paths, and specular paths by flat mirrors.
+"""Direct light at a receiver: line-of-sight paths, and specular paths via flat mirrors.
 
-Rays from a receiver do not meet point, spot, projector and directional lights. The power that is
+Rays from a receiver cannot meet point, spot, projector and directional lights. The power that is
 received from a light of radiant intensity I at the point y, and from a plane wave of irradiance E
 from the direction s, is
 
     P = (lambda^2/N) |U(y)|^2 I                   P = (g |F(s)|^2/N) E = D(s) lambda^2/(4 pi) E
 
-with U the field that the receiver would transmit to y, F its spectrum, N the power that it would
-radiate and D its directivity. This is (RX8) at a point. A mirror produces an image of the light.
-The transmission is the mean over rays from positions on the receiver, drawn with the density |u|^2.
+U is the field that the receiver would transmit to y, F its spectrum, N the power that the receiver
+would radiate, and D its directivity. This is (RX8) at a point. A mirror produces an image of the
+light. The transmission is the mean over rays from positions on the receiver, drawn with the density
+|u|^2.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import Drjit
@@ -49,24 +49,24 @@ from polywigner.mitsuba.scenes.reflectors import (
     paths_by,
 )
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
+from polywigner.numerics import Floats
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.reception import coupling
 from polywigner.source.obliquities import CONDITIONS
 from polywigner.source.polarisation import Stokes
 
-Floats = NDArray[np.float64]
-
 
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
-    """Return received over radiated power in free space, with the receiver's normalisation."""
+    """Return received over radiated power in free space, in the receiver's normalisation."""
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
     check_obliquity(link, emitter.obliquity, receiver.obliquity)
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     total = 0.0
-    # For some obliquities coupling() and norm_of() scale u differently. The ratio of radiated
-    # powers does not depend on this scale. The waves of a mixture need a common scale, int |u|^2.
+    # For some obliquities, coupling() and norm_of() scale u differently. The ratio of radiated
+    # powers does not depend on this scale. The waves of a mixture need a common scale, which is int
+    # |u|^2.
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
     try:
@@ -100,7 +100,7 @@ class DirectLight:
 
 
 Term = tuple[float, Stokes, Stokes]
-"""|b|^2 of a pair of fields, and their Stokes parameters at the emitter and at the receiver."""
+"""|b|^2 of a pair of fields, and the Stokes parameters at the emitter and at the receiver."""
 
 
 def direct_light(
@@ -110,7 +110,7 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Return the paths that transmit power in a scene whose sources are hidden."""
+    """Return the paths that transmit power in a scene with hidden sources."""
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
@@ -139,7 +139,7 @@ def direct_light(
 
     paths, notes = paths_by(chains, f"from {emitter.name!r} to {receiver.name!r}", find)
     if paths and paths[0].mirrors:
-        notes[0] += "; its direct power arrives by reflections"
+        notes[0] += "; its direct power arrives via reflections"
     return DirectLight(tuple(paths), tuple(notes))
 
 
@@ -148,7 +148,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
-        assert parts is not None  # open_path has checked that the ends face each other
+        assert parts is not None  # open_path has checked that both ends face each other.
         terms.append((free_space_coupling(parts, tolerance), stokes_sent, stokes_taken))
     return terms
 
@@ -156,7 +156,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
 def _received(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the sum of |b|^2, and the fraction of the transmitted power that is received."""
+    """Return the sum of |b|^2, and the received fraction of the transmitted power."""
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -171,8 +171,8 @@ def _received(
 
 # ---- point, spot, projector and directional lights -----------------------------------------------
 
-# Distance of the point that represents a direction, relative to the far-field distance or the size
-# of the receiver.
+# Distance of the point that represents a direction, relative to the far-field distance or to the
+# size of the receiver.
 _FAR = 1e6
 _TOLERANCE = 1e-6
 
@@ -197,8 +197,9 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
             continue
         if not (has_position or is_infinite):
             raise SceneError(
-                f"expected lights that receivers support, got {name!r} ({emitter.class_name()}), "
-                "which radiates from a surface in a single direction; use a spot or an area light"
+                f"the light {name!r} ({emitter.class_name()}) is not supported by receivers, "
+                "because it radiates from a surface in a single direction; use a spot or an area "
+                "light"
             )
         lights.append(DeltaLight(name, emitter, is_infinite))
     return lights
@@ -209,18 +210,19 @@ def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> 
     paths, notes = delta_paths(scene, receiver, chains), []
     if paths and receiver.diffraction:
         notes.append(
-            f"obstacles shadow the direct light of {paths[0].light!r} by rays, without diffraction"
+            f"obstacles cast shadows of the light {paths[0].light!r}, computed along rays, "
+            "without diffraction"
         )
     return DirectLight(tuple(paths), tuple(notes))
 
 
 def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
-    """Return the paths of delta lights to a receiver, along the line of sight or by mirrors."""
+    """Return the paths from delta lights to a receiver, along the line of sight or via mirrors."""
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
-            f"receiver {receiver.name!r}: the obliquity {receiver.obliquity!r} is not available "
-            f"for the light {lights[0].name!r}; use one of {', '.join(CONDITIONS)}"
+            f"receiver {receiver.name!r} has the obliquity {receiver.obliquity!r}, which is not "
+            f"available for the light {lights[0].name!r}; use one of {', '.join(CONDITIONS)}"
         )
     paths = (_delta_path(scene, receiver, *pair) for pair in product(lights, chains))
     return [path for path in paths if path is not None and path.power > 0.0]
@@ -263,7 +265,7 @@ def _starts(
 ) -> tuple[Floats, Floats]:
     """Return points (n, 3) in m where rays to ``end`` start, and the image (3,) of the light.
 
-    A point at 1 m from the receiver's centre represents the image of a directional light.
+    The image of a directional light is represented by a point 1 m from the receiver's centre.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
@@ -271,7 +273,7 @@ def _starts(
     if not light.is_infinite:
         point = _row(sample.p) * unit
         return np.broadcast_to(point, end.shape), _image(point, chain)
-    # Rays start outside of the scene and of all its mirror images.
+    # The rays of a directional light start outside of the scene and of all its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
     direction = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
@@ -280,7 +282,7 @@ def _starts(
 
 
 def _row(point: Drjit) -> Floats:
-    """Return the coordinates (3,) of a point, or of the first point of an array."""
+    """Return the coordinates (3,) of a point, or of the first point of an array of points."""
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
@@ -319,7 +321,7 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
     return np.broadcast_to(total / white, len(points))
 
 
-# Number of sets of wavelengths that represent smooth spectra.
+# Number of sets of wavelengths that represent a smooth spectrum.
 _SETS = 24
 
 
@@ -337,7 +339,7 @@ def _colours() -> list[Drjit]:
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
     """Return the effective area in m^2 for each field, which replaces |b|^2.
 
-    The area is the received power over 4 pi times the intensity, or over the irradiance.
+    The area is the received power over 4 pi times the radiant intensity, or over the irradiance.
     """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
@@ -356,5 +358,7 @@ def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Ter
                 area += weight * wavelength**2 * abs(complex(field)) ** 2
             terms.append((area * scale / receiver.norm, (1.0, 0.0, 0.0, 0.0), stokes))
     except PolywignerError as error:
-        raise SceneError(f"the receiver {receiver.name!r}: {error}") from None
+        raise SceneError(
+            f"cannot compute the direct light at receiver {receiver.name!r}: {error}"
+        ) from None
     return terms

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     import xarray
 
 BOLTZMANN = 1.380649e-23
-"""J/K, exact in the SI of 2019."""
+"""Boltzmann constant in J/K, exact since the SI of 2019."""
 
 OTHER_LIGHTS = "other lights"
 
 
 def dbm_of(watts: float) -> float | None:
-    """Return a power in dBm; None for zero, and for negative powers, which noise can cause."""
+    """Return a power in dBm; None for zero and for negative powers, which noise can cause."""
     return 10 * math.log10(watts / 1e-3) if watts > 0 else None
 
 
@@ -44,24 +44,26 @@ class DirectPath:
     """Line-of-sight or specular path from an emitter to a receiver."""
 
     mirrors: tuple[str, ...]
-    """Names of shapes and bodies in the order of their reflections; empty: line of sight."""
+    """Names of shapes and bodies in the order of the reflections; empty for the line of sight."""
     power: float
     """Received power in W."""
     coupling: float
-    """|b|^2, the ratio of received and emitted power in free space."""
+    """Ratio |b|^2 of received and emitted power in free space."""
     transmission: float
-    """Fraction of the power that obstacles and mirrors transmit; the mean over rays."""
+    """Fraction of the power that obstacles and mirrors transmit, as a mean over rays."""
     arrives_from: tuple[float, float]
-    """Direction cosines to the centre of the emitter or its image, in the receiver's frame."""
+    """Direction cosines to the centre of the emitter or of its image, in the receiver's frame."""
     polarisation: float = 1.0
     """Fraction of the transmitted power in the receiver's polarisation."""
     amplitude: complex | None = None
-    """Amplitude of the path if paths interfere, otherwise None."""
+    """Complex amplitude of the path if paths interfere, otherwise None."""
     length: float = math.nan
     """Length in m between the centres of both ends; infinite for a directional light."""
     light: str = ""
-    """Id of the point, spot, projector or directional light. In this case ``coupling`` is the
-    received power over 4 pi times the intensity, or over the irradiance, in m^2."""
+    """Id of the point, spot, projector or directional light; empty for other emitters. With an id,
+    ``coupling`` is the received power over 4 pi times the radiant intensity, or over the
+    irradiance, in m^2.
+    """
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Contribution:
 
     name: str
     direct: float
-    """Power in W of line-of-sight and specular paths; only their transmission has noise."""
+    """Power in W of line-of-sight and specular paths; only their transmission is sampled."""
     scattered: float
     """Power in W scattered by surfaces and fog."""
     standard_error: float
@@ -95,16 +97,16 @@ class ReceivedPower:
     """Wavelength in m."""
     contributions: tuple[Contribution, ...]
     standard_error: float
-    """Standard error in W of ``scattered``; direct light is computed without noise."""
+    """Standard error in W of ``scattered``; direct light has no sampling noise."""
     samples: int
-    """Number of samples of scattered light from each emitter."""
+    """Number of samples of scattered light for each emitter."""
     seed: int
     bandwidth: float | None = None
     """Bandwidth in Hz."""
     temperature: float | None = None
     """Noise temperature in K."""
     noise_figure: float | None = None
-    """Noise figure in dB; None: 0."""
+    """Noise figure in dB; None stands for 0."""
     notes: tuple[str, ...] = ()
     """Effects in this scene that are not included, as sentences."""
     polarisation: str = ""
@@ -127,7 +129,7 @@ class ReceivedPower:
 
     @property
     def dbm(self) -> float | None:
-        """The power in dBm; None for zero or less."""
+        """Power in dBm; None for zero or less."""
         return dbm_of(self.power)
 
     @property
@@ -137,7 +139,7 @@ class ReceivedPower:
 
     @property
     def snr(self) -> float | None:
-        """Ratio of power to noise power, not in dB; None without noise."""
+        """Signal-to-noise ratio as a ratio of powers, not in dB; None without noise."""
         noise = self.noise_power
         return None if noise is None else self.power / noise
 
@@ -145,7 +147,7 @@ class ReceivedPower:
         return self.power
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as numbers and texts, for JSON."""
+        """Return all values as numbers and strings, for JSON."""
         return {
             "receiver": self.receiver,
             "wavelength_m": self.wavelength,
@@ -201,14 +203,19 @@ class ReceivedPower:
         if (noise := self.noise_power) is not None:
             ratio = self.power / noise
             shown = f"{10 * math.log10(ratio):.2f} dB" if ratio > 0 else "below zero"
-            lines.append(f"noise {_watts(noise)} ({dbm_text(noise)}), signal to noise {shown}")
+            lines.append(
+                f"noise {_watts(noise)} ({dbm_text(noise)}), signal-to-noise ratio {shown}"
+            )
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 
 def noise_power_of(
     bandwidth: float | None, temperature: float | None, noise_figure: float | None
 ) -> float | None:
-    """Return k T B F in W from Hz, K and dB; None without a temperature and a bandwidth."""
+    """Return the noise power k T B F in W; None without a temperature and a bandwidth.
+
+    The bandwidth is in Hz, the temperature in K and the noise figure in dB.
+    """
     if temperature is None or bandwidth is None:
         return None
     return BOLTZMANN * temperature * bandwidth * 10 ** ((noise_figure or 0.0) / 10)
@@ -233,7 +240,7 @@ def _watts(value: float) -> str:
     return f"{value:.4g} W"
 
 
-# Largest number of reflections for which paths are searched.
+# Largest number of specular reflections of a path.
 MOST_REFLECTIONS = 3
 
 
@@ -242,7 +249,7 @@ class ReceiveOptions:
     """Checked arguments of :func:`polywigner.mitsuba.received_power`."""
 
     spp: int | None = None
-    """None: the value of the scene."""
+    """Number of samples; None: the value of the scene."""
     seed: int = 0
     integrator: Any = None
     reflections: int = 0
@@ -276,14 +283,14 @@ class ReceiveOptions:
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Return the noise parameters of a receiver, which these options override."""
+        """Return the noise parameters of a receiver, with those of these options replaced."""
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
         noise = {n: spec.noise[n] if value is None else value for n, value in noise.items()}
         power = noise_power_of(**noise)
         if power is not None and not 0 < power < math.inf:
             raise ArgumentError(
-                f"expected a positive, finite noise power k T B F, got {power} W from {noise}; "
-                "check the units of bandwidth (Hz) and temperature (K)"
+                f"the noise power k T B F must be positive and finite, got {power} W from "
+                f"{noise}; check the units of bandwidth (Hz) and temperature (K)"
             )
         return noise
 
@@ -293,7 +300,7 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset of variables: array, dimensions, unit ("" for texts) and meaning of each."""
+    """Return a dataset of variables: array, dimensions, unit ("" for text) and meaning of each."""
     from polywigner import __version__
 
     return labelled_arrays(

@@ -1,4 +1,4 @@
-"""Transmission of power and polarisation along paths, by rays through a scene.
+"""Transmission of power and polarisation along paths, computed with rays through a scene.
 
 Rays run from the receiver to the emitter. Null surfaces, fog, masks and thin panes transmit them,
 and the flat mirrors of the path reflect them.
@@ -25,16 +25,15 @@ from polywigner.execution import Drjit
 from polywigner.mitsuba.plugins.polariser import mueller_matrix
 from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
+from polywigner.numerics import Floats
 
-Floats = NDArray[np.float64]
-
-# Largest number of null surfaces on a path; a path through more surfaces counts as blocked.
+# Largest number of null surfaces on a path. A path through more surfaces counts as blocked.
 _MOST_PASSED = 64
 # Number of points between two surfaces at which the density of fog is sampled.
 _IN_FOG = 32
-# Tolerance of the direction of a reflection in rad.
+# Largest difference in rad between two directions of a reflection that count as equal.
 _SAME_DIRECTION = 1e-3
-# Wavelengths of colours in nm, for spectral variants.
+# Wavelengths in nm at which spectral variants are sampled.
 _COLOURS = (450.0, 520.0, 590.0, 660.0)
 # BSDFs that change the polarisation of transmitted light.
 _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
@@ -68,7 +67,7 @@ class Plane(NamedTuple):
     rounding: float
     """Largest distance of a hit on the mirror from its plane."""
     surfaces: tuple[Surface, Surface] | None
-    """Surfaces for waves from the side of the normal and from behind; None: Mitsuba's BSDF."""
+    """Surfaces for waves from the side of the normal and from behind; None: use Mitsuba's BSDF."""
 
 
 class Transmission(NamedTuple):
@@ -86,7 +85,7 @@ class Transmission(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Pane:
-    """Shape of thin glass, perhaps with masks."""
+    """Shape of thin glass, possibly with masks."""
 
     shape: Any
     surface: Surface
@@ -95,17 +94,18 @@ class _Pane:
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
         """Return the transmittances of fields normal to the plane of incidence and in it.
 
-        ``total``: transmittance of the BSDF in Mitsuba.
+        ``total`` is the transmittance of the BSDF in Mitsuba.
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
         mean, across, along = _on_host(self._without_masks, cosine)
-        # factor for the texture, and for the fraction of the surface that the masks do not remove
+        # The factor accounts for the texture, and for the fraction of the surface that the masks do
+        # not remove.
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
 
     def _without_masks(self, cosine: Floats) -> list[Floats]:
-        """Return three transmittances: Mitsuba's, for fields normal to the plane and in it."""
+        """Return three transmittances: Mitsuba's, and for fields normal to the plane and in it."""
         fields = self.surface.coefficients(cosine)
         mean = 1.0 - self.surface.reflectance_in_mitsuba(cosine)
         return [mean, *(1.0 - np.abs(field) ** 2 for field in fields)]
@@ -146,8 +146,8 @@ class RayTracer:
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
         """Return the transmission from the last to the first of the points.
 
-        ``medium``: fog at the first point. ``planes``: planes of the mirrors at all points except
-        the first and the last.
+        ``medium`` is the fog at the first point. ``planes`` are the planes of the mirrors at all
+        points except the first and the last.
         """
         fraction, panes = self._all(), []
         first = direction = dr.normalize(points[1] - points[0])
@@ -179,13 +179,13 @@ class RayTracer:
         return dr.select(it.is_valid(), 0.0, passed)
 
     def _all(self) -> Drjit:
-        """Return full transmission: 1, or for polarised rays the unit Mueller matrix."""
+        """Return full transmission: 1, or the unit Mueller matrix for polarised rays."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """Trace rays to the first surface that is not null or lies in the plane of a mirror.
+        """Trace rays to the first surface that is not null, or that lies in the plane of a mirror.
 
         Returns the interaction, the transmission up to it, the fog behind it, and the fields after
         thin panes for incident fields along x, y and z.
@@ -223,8 +223,9 @@ class RayTracer:
         for shape in self._filters if self._coherent else ():
             if dr.any(active & _is(si.shape, shape)):
                 raise SceneError(
-                    f"paths that interfere pass the polarising filter {shape.id()!r}, which is not "
-                    "supported; use received_power without coherent in a polarised variant"
+                    f"paths that interfere pass through the polarising filter {shape.id()!r}, "
+                    "which is not supported; omit coherent=True in received_power, and use a "
+                    "polarised variant"
                 )
         for pane in self._panes:
             here = active & _is(si.shape, pane.shape)
@@ -263,8 +264,8 @@ class RayTracer:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
-        # The ratio of Mitsuba's reflectance and Fresnel's is due to textures and factors of the
-        # BSDF.
+        # Textures and factors of the BSDF cause the ratio of Mitsuba's reflectance and Fresnel's
+        # reflectance.
         inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
         scale = covered * _mean(weight, False) * inverse
         if self._coherent:
@@ -277,7 +278,7 @@ class RayTracer:
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
     """Return the inverse reflectance in Mitsuba, and the real coefficients of both polarisations.
 
-    The surface is ``before`` for positive cosines and ``behind`` for negative ones.
+    The surface is ``before`` for positive cosines, and ``behind`` for negative cosines.
     """
 
     def values(surface: Surface) -> list[Floats]:
@@ -290,7 +291,7 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
 
 
 def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
-    """Evaluate a function of NumPy arrays for arrays of Mitsuba."""
+    """Evaluate a function of NumPy arrays for Mitsuba arrays."""
     results = function(np.array(value, np.float64))
     if dr.is_jit_v(mi.Float):
         return [mi.Float(result.tolist()) for result in results]
@@ -316,8 +317,8 @@ def _across(normal: Any, direction: Any) -> Drjit:
     )
 
 
-# Value of |n x k| below which the incidence counts as normal, due to rounding errors of single
-# precision.
+# If |n x k| is below this value, the incidence counts as normal, because of rounding errors of
+# single precision.
 _ALONG = 1e-6
 
 
@@ -361,7 +362,7 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
         scale = dr.opaque(mi.Float, along) if is_jit else along
         interaction.p = ray.o + ray.d * (length * scale)
         depth = depth + medium.get_scattering_coefficients(interaction, is_foggy)[2]
-        dr.eval(depth)  # evaluated in each step, so that all steps share a small kernel
+        dr.eval(depth)  # Each step is evaluated, so that all steps use the same small kernel.
     return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
 
 

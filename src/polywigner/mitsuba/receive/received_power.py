@@ -1,4 +1,4 @@
-"""Power at the receivers of a scene: exact links, and scattered light by samples."""
+"""Power at the receivers of a scene: exact links, and scattered light from samples."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ from polywigner.mitsuba.scenes.rendering import (
     polarised_by_default,
 )
 from polywigner.mitsuba.scenes.surfaces import receivers_of, sorted_shapes, wigner_emitters
+from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
 
 Progress = Callable[[int, int], None]
-Floats = NDArray[np.float64]
 Sampled = Callable[[list[Scattering]], Floats]
-"""Power in W (receivers, batches, lights, ...) of the batches of each receiver."""
+"""Function that returns the power in W (receivers, batches, lights, ...) of the batches."""
 
 
 @one_at_a_time
@@ -113,7 +113,7 @@ def received_power(
     tolerance : float, default 1e-6
         Tolerance of couplings, as in :func:`polywigner.coupling`.
     bandwidth, temperature, noise_figure : float or str, optional
-        Parameters of the noise k T B F in Hz, K and dB, or texts such as "1 GHz", instead of the
+        Parameters of the noise k T B F in Hz, K and dB, or strings such as "1 GHz", instead of the
         receiver's parameters. Without a noise figure, F is 1. The bandwidth also determines which
         emitters are received.
     coherent : bool, default False
@@ -146,7 +146,7 @@ def received_power(
         If ``scene`` is not a scene, if there are several receivers and none is chosen, or if an
         argument is out of range.
     QuantityError
-        If a text is not a quantity.
+        If a string is not a quantity.
     """
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
@@ -172,7 +172,7 @@ def received_powers(
     bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
-    """Return the power of each receiver of a scene, sorted by id; see :func:`received_power`."""
+    """Return the power at each receiver of a scene, sorted by id; see :func:`received_power`."""
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
@@ -192,16 +192,16 @@ def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
         return int(receiver)  # type: ignore[arg-type]
     listed = ", ".join(f"{number} ({name!r})" for number, name in enumerate(names))
     raise ArgumentError(
-        f"expected receiver as one of {listed}, got {receiver!r}; name one, or take all with "
-        "received_powers"
+        f"expected receiver as one of {listed}, got {receiver!r}; specify one of them, or call "
+        "received_powers for all receivers"
     )
 
 
 class Parties(NamedTuple):
-    """Receivers of a scene, and the coherent sources of the scene."""
+    """Receivers and coherent sources of a scene."""
 
     sensors: list[int]
-    """Indices of the receivers among the scene's sensors."""
+    """Indices of the receivers among the sensors of the scene."""
     receivers: list[PlacedSource]
     noises: list[dict[str, Any]]
     """Bandwidth, temperature and noise figure of each receiver."""
@@ -214,7 +214,9 @@ class Received(NamedTuple):
     powers: list[ReceivedPower]
     receivers: list[PlacedSource]
     batches: Floats
-    """Power in W, shape (receivers, batches, lights, values); values: range bins, or one sum."""
+    """Power in W, shape (receivers, batches, lights, values). The values are range bins, or a
+    single sum.
+    """
 
 
 def received(
@@ -226,13 +228,14 @@ def received(
 ) -> Received:
     """Return the power at the receivers with these indices; see :func:`received_power`.
 
-    ``edges``: edges in m of the range bins by which scattered light is sorted; None: one bin.
+    ``edges`` are the edges in m of the range bins into which scattered light is sorted; None: one
+    bin.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
-        # Direct light comes first, because its errors should be raised before the slow renders.
+        # Direct light is computed first, so that its errors are raised before the slow renders.
         direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
@@ -246,7 +249,7 @@ def received(
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     """Return the receivers with these indices, and the sources; check their bands and units."""
     if not scene.emitters():
-        raise SceneError("expected a scene with light, got no emitters; add one")
+        raise SceneError("the scene has no emitters; add an emitter")
     sensors = [receivers_of(scene)[number] for number in numbers]
     emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
     receivers = [
@@ -262,12 +265,12 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return the sampling of light that is scattered to the sensor with this index."""
+    """Return the sampling of the light that is scattered to the sensor with this index."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
-            "expected an integrator that computes the radiance along rays from the receiver, got "
-            f'{name}; use "path" or, with fog, "volpath"'
+            "scattered light requires an integrator that computes the radiance along rays from "
+            f'the receiver, got {name}; use "path" or, with fog, "volpath"'
         )
     spp = default_spp(scene, sensor) if options.spp is None else options.spp
     lengths = None if edges is None else tuple((2.0 * edges / unit).tolist())
@@ -277,7 +280,7 @@ def _scattering(
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Return powers in W (receivers, batches, lights, ...) of all batches, rendered one by one."""
+    """Return the powers in W (receivers, batches, lights, ...) of all batches, rendered in turn."""
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
     with slow_bar("renders", total) as advance:
@@ -292,7 +295,7 @@ def _direct(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter and of other lights, in a scene of hidden sources."""
+    """Return the direct light of each emitter and of other lights; sources are hidden."""
     chains, echoes, notes = routes_in(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
@@ -349,7 +352,7 @@ def _result(
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
-    """Return the power at a receiver from its direct light and its batches in W."""
+    """Return the power at a receiver, from its direct light and its batches in W."""
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
@@ -374,8 +377,8 @@ def _result(
     )
 
 
-# Pixels along a side of the map, and samples per pixel: for compiled and for scalar variants.
-# Renders with either pair take a few seconds.
+# Pixels along a side of an arrival map, and samples per pixel: for compiled and for scalar
+# variants. Both take a few seconds.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 
@@ -396,24 +399,25 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
             how = {"integrator": integrator, "spp": spp, "seed": seed_of(seed)}
             image = np.array(mi.render(scene, sensor=sensor, **how), dtype=np.float64)
     finally:
-        sensor.scene = None  # No reference remains, so that the scene can be freed.
+        sensor.scene = None  # No reference to the scene remains, so that its memory can be freed.
     return mean_of_colours(image)
 
 
-# Largest number of shapes that are labelled in a map, and least fraction of the power of a label.
+# Largest number of shapes that are labelled in a map, and smallest fraction of the power of a
+# labelled shape.
 _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 
 
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return mean direction cosines of the shapes that cause most power in :func:`arrival_map`."""
+    """Return the mean direction cosines of the shapes that cause most power in a map."""
     placed = placed_receiver(receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, image.ravel(), 0.0).clip(min=0)
     bright = np.flatnonzero(power)
-    if not len(bright):  # arrays without elements crash Dr.Jit
+    if not len(bright):  # Arrays without elements crash Dr.Jit.
         return {}
     x, y, power = x[bright], y[bright], power[bright]
     directions = placed.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
@@ -429,7 +433,7 @@ def shapes_in(
 
 
 def _first_shapes(scene: Any, origin: Floats, directions: Floats) -> NDArray[np.uint32]:
-    """Return the numbers (n,) of the shapes that rays of directions (3, n) meet first."""
+    """Return the numbers (n,) of the shapes that rays along directions (3, n) meet first."""
     start, numbers = mi.Point3f(*origin.tolist()), []
     for (direction,) in point_batches(directions.T):
         hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(direction)))

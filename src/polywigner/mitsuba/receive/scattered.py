@@ -5,14 +5,15 @@ the batches. Paths do not depend on the power of a source. Therefore, for the sa
 contribution of a source is the render with this source and incoherent lights, minus the render with
 incoherent lights only, sample by sample.
 
-Samples of the far pattern rarely meet shapes that are small or off the beam. A fraction S of the
-samples is aimed at boxes around such shapes, in the receiver's angles (alpha, psi), whose area
-dalpha dpsi is a solid angle. All samples are weighted by the density of the mixture,
+Samples of the receiver's far-field pattern rarely meet shapes that are small or outside the beam. A
+fraction S of the samples is aimed at boxes around such shapes, in the receiver's angles (alpha,
+psi), whose area dalpha dpsi is a solid angle. All samples are weighted by the density of the
+mixture,
 
     S sum_k p_k [in box k]/Omega_k + (1 - S) p(alpha, psi),
 
-the balance heuristic, which does not change means. Source: E. Veach and L. J. Guibas,
-"Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH 1995.
+the balance heuristic, which does not change means. Source: E. Veach and L. J. Guibas, "Optimally
+combining sampling techniques for Monte Carlo rendering", SIGGRAPH 1995.
 """
 
 from __future__ import annotations
@@ -42,28 +43,29 @@ from polywigner.mitsuba.scenes.surfaces import (
     vertices_of,
     wigner_emitters,
 )
+from polywigner.numerics import Floats
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+# ---- rays towards small shapes -------------------------------------------------------------------
 
-# ---- rays towards small shapes ------------------------------------------------------------------
-
-# Fraction S of the samples that are aimed at boxes. Errors outside of boxes increase, because fewer
-# samples remain there: by a factor of 1.07 if errors fall with the square root of the number of
-# samples, and by 1/(1 - S), 1.14, if they fall with the number itself, as for stratified samples.
+# Fraction S of the samples that are aimed at boxes. Errors outside the boxes increase, because
+# fewer samples remain there: by a factor of 1.07 if errors fall with the square root of the number
+# of samples, and by 1/(1 - S) = 1.14 if they fall with the number of samples, as for stratified
+# samples.
 _AIMED = 1 / 8
-# Fraction of the aimed samples that all boxes share equally: range profiles need samples of each
-# box.
+# Fraction of the aimed samples that is divided equally among all boxes, because range profiles need
+# samples of each box.
 _EQUAL = 0.5
-# Largest number of boxes of a receiver, since each sample is tested against all boxes.
+# Largest number of boxes of a receiver, because each sample is tested against all boxes.
 _MOST_BOXES = 64
-# Pieces of a mesh are searched only if it has at most this number of separate pieces, and of faces.
+# Separate pieces of a mesh get separate boxes if the mesh has at most this number of pieces and of
+# faces.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
-# Largest fraction of unaimed samples in a box for which samples are aimed at the box.
+# Samples are aimed at a box if at most this fraction of the unaimed samples meets the box.
 _COMMON = 1 / 16
-# Smallest width of a box in rad; single precision does not resolve smaller angles well.
+# Smallest width of a box in rad; single precision hardly resolves smaller angles.
 _NARROWEST = 1e-5
-# Margin around a box relative to its width, since straight sides become curved lines in angles.
+# Margin around a box of angles relative to its width, because straight sides of a box in space
+# become curved lines in angles.
 _MARGIN = 0.02
 # Number of points along each side of a box in space, and along each axis of a box of angles.
 _POINTS = 3
@@ -71,7 +73,7 @@ _PROBES = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
-    """Aim samples of receivers at small shapes while the block runs."""
+    """Aim samples of receivers at small shapes during the block."""
     sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
@@ -85,13 +87,13 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
 
 
 def _boxes(shape: Any) -> list[Floats]:
-    """Return the bounds (2, 3) of a shape, or of each of the pieces of a mesh."""
+    """Return the bounds (2, 3) of a shape, or of each piece of a mesh."""
     shape_box = [bounds_of(shape)]
     if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    if "faces" not in mi.traverse(shape):  # rectangles have no parameter ``faces``
+    if "faces" not in mi.traverse(shape):  # Rectangles have no parameter "faces".
         return shape_box
-    # Meshes with normals contain the same vertex several times.
+    # Meshes with normals contain several copies of a vertex.
     points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
     faces = numbers.ravel()[faces_of(shape)]
     first, second, third = faces.T
@@ -104,7 +106,7 @@ def _boxes(shape: Any) -> list[Floats]:
 
 
 def _vectors(sensor: Any, boxes: Floats) -> Floats:
-    """Return vectors (n, m, 3) from a receiver, in its frame, to m points of n boxes in front."""
+    """Return vectors (n, m, 3), in a receiver's frame, from the receiver to m points of n boxes."""
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     points = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
@@ -118,7 +120,7 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _targets(sensor: Any, boxes: Floats) -> Floats:
-    """Return rows (n, 5) of boxes: least and largest (alpha, psi), fraction of aimed samples."""
+    """Return rows (n, 5) of boxes: smallest and largest (alpha, psi), fraction of aimed samples."""
     vectors = _vectors(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
@@ -142,7 +144,7 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
-    """Return the fraction (n,) of unaimed samples in each box."""
+    """Return the fraction (n,) of the unaimed samples in each box."""
     steps = (np.arange(_PROBES) + 0.5) / _PROBES
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
@@ -156,7 +158,7 @@ class AimedDirections:
     """Sampler of directions in boxes of angles and of other ``directions``, for one variant."""
 
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
-        """``rows`` (n, 5): least and largest (alpha, psi), and fraction of each box."""
+        """Store ``rows`` (n, 5): smallest and largest (alpha, psi), and fraction of each box."""
         self._m, self._jit, self._others = m, dr.is_jit_v(m.Float), directions
         self._ops = ops_for(m.Float)
         low, high, fractions = rows[:, :2], rows[:, 2:4], rows[:, 4]
@@ -189,19 +191,19 @@ class AimedDirections:
         return angles, self._mixed(angles, density)
 
     def density(self, angles: Any) -> Drjit:
-        """Return the density per solid angle."""
+        """Return the density of samples per solid angle."""
         return self._mixed(angles, self._others.density(angles))
 
     def _mixed(self, angles: Any, others: Any) -> Drjit:
         return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
 
     def _between(self, number: Any, axis: int, u: Any) -> Drjit:
-        """Return an angle in a box; rounding cannot move it outside."""
+        """Return an angle in a box; rounding errors cannot move it out of the box."""
         low, high = self._at(axis, number), self._at(axis + 2, number)
         return dr.clip(low + (high - low) * u, low, high)
 
     def _inside(self, angles: Any, number: Any) -> Drjit:
-        """Return the density of samples in a box at angles; zero outside of the box."""
+        """Return the density of samples in a box at given angles; zero outside the box."""
         in_alpha, in_psi = (
             (angle >= self._at(axis, number)) & (angle <= self._at(axis + 2, number))
             for axis, angle in enumerate((angles.x, angles.y))
@@ -214,42 +216,42 @@ class AimedDirections:
         return self._columns[column][number]
 
     def _sum(self, term: Callable[[Any], Any]) -> Drjit:
-        """Return the sum of a term over all boxes, in a loop of the kernel."""
+        """Return the sum of a term over all boxes, computed by a loop in the kernel."""
         return self._ops.fold(0, self._count, (0.0,), lambda k, total: (total + term(k),))[0]
 
 
-# ---- batches ------------------------------------------------------------------------------------
+# ---- batches of samples --------------------------------------------------------------------------
 
-# Number of batches; with 16, the standard error is accurate to 18 %.
+# Number of batches of samples. With 16 batches, the standard error is accurate to 18 %.
 BATCHES = 16
 
 
 def batches_of(spp: int) -> int:
-    """Return the number of samples in each of 16 batches, for ``spp`` or a few more in total."""
+    """Return the number of samples in each of 16 batches, for ``spp`` or slightly more in total."""
     return -(-check_spp(spp) // BATCHES)
 
 
 @dataclass(frozen=True)
 class Scattering:
-    """Sampling of the light that is scattered to a receiver, in a scene of hidden sources."""
+    """Sampling of the light that is scattered to a receiver, in a scene with hidden sources."""
 
     sensor: int
     integrator: Any
     spp: int
-    """Requested number of samples of all batches."""
+    """Requested total number of samples."""
     seed: int
     edges: tuple[float, ...] | None = None
     """Edges of range bins, as path lengths in scene units; None: no bins."""
 
     @property
     def values(self) -> tuple[int, ...]:
-        """Shape of the power of a light in a batch: (), or (bins + 2,) with shorter and longer."""
+        """Shape of a light's power in a batch: (), or (bins + 2,) with shorter and longer paths."""
         return () if self.edges is None else (len(self.edges) + 1,)
 
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """Return the power in W (lights, values) in a batch from each of :func:`lights_of`."""
+        """Return the power in W (lights, values) from each of :func:`lights_of` in a batch."""
         seed, samples = seed_of(self.seed, number), batches_of(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
@@ -278,7 +280,7 @@ def lights_of(scene: Any) -> list[mi.Emitter | None]:
 
 
 def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """Return powers in W of coherent sources (emitters, batches) and other lights (batches,)."""
+    """Return the powers in W of sources (emitters, batches) and of other lights (batches,)."""
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])
     return np.moveaxis(powers[:, 1:] - powers[:, :1], 1, 0), powers[:, 0]

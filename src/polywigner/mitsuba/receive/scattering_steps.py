@@ -1,4 +1,4 @@
-"""Paths from a receiver through a scene, step by step, and the events at which light is added."""
+"""Paths from a receiver through a scene, step by step, and the events that add light."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from numpy.typing import NDArray
 from polywigner.execution import Drjit
 from polywigner.mitsuba.receive.ray_transmission import RayTracer
 from polywigner.mitsuba.scenes.surfaces import Reaches
+from polywigner.numerics import Floats
 
-Floats = NDArray[np.float64]
-
-# Number of uniform random numbers per step: two for a light, three for a direction, one for the
+# Number of uniform random numbers per step: two for a light, three for a direction, and one for the
 # random end of a path.
 _SAMPLES = 6
-# Number of bounces after which paths continue with a probability equal to their throughput, but at
-# most _SURVIVORS, as in Mitsuba.
+# Number of bounces after which paths continue with a probability equal to their throughput, at most
+# _SURVIVORS, as in Mitsuba.
 _ROULETTE = 5
 _SURVIVORS = 0.95
-# Integral over wavelengths, in nm, of the sensitivity of the eye, as in Mitsuba's films.
+# Integral over wavelengths, in nm, of the eye's luminosity function, as in Mitsuba's films.
 _CIE_Y = 106.7502593994140625
-# Largest number of steps of a path, null surfaces included; longer paths are lost, as in Mitsuba.
+# Largest number of steps of a path, including null surfaces. Longer paths are lost, as in Mitsuba.
 _MOST_STEPS = 1024
 
 
 def number_of(kind: str, thing: Any) -> Drjit:
-    """Return the number that Mitsuba's arrays have for a "Shape" or an "Emitter"; 0: none."""
+    """Return the number of a "Shape" or an "Emitter" in Mitsuba's arrays; 0 for none."""
     if not dr.is_jit_v(mi.Float):
         return 0 if thing is None else id(thing)
     return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
@@ -44,18 +43,18 @@ class Paths:
     ray: Drjit
     active: Drjit
     throughput: Drjit
-    """Spectrum: radiance at the receiver over radiance at the next surface."""
+    """Spectrum of the radiance at the receiver over the radiance at the next surface."""
     bounces: Drjit
     last: Drjit
     """Surface interaction of the last bounce."""
     density: Drjit
     """Probability density of the direction per solid angle."""
     is_smooth: Drjit
-    """Whether samples of lights cannot have this direction."""
+    """Whether the direction cannot result from sampling a light."""
 
     @classmethod
     def along(cls, ray: Drjit, weight: Drjit, zero: Drjit) -> Paths:
-        """Return paths that start with rays of a receiver; ``weight``: a spectrum."""
+        """Return paths that start along rays of a receiver; ``weight`` is a spectrum."""
         active = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
         throughput = mi.Spectrum(weight) + zero
@@ -63,7 +62,7 @@ class Paths:
 
 
 class Steps:
-    """Function that moves all paths by one step, in a scene whose coherent sources are hidden."""
+    """Function that moves all paths by one step, in a scene with hidden coherent sources."""
 
     def __init__(self, scene: Any, most_bounces: int, meets_lights: bool) -> None:
         self._scene, self._most = scene, most_bounces
@@ -86,7 +85,7 @@ class Steps:
         return paths, values
 
     def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the radiance at the receiver, and the number, of the lights that rays meet."""
+        """Return the radiance at the receiver from the lights that rays meet, and their numbers."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -103,7 +102,7 @@ class Steps:
     def _sampled(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light: its radiance at the receiver, number, distance and direction."""
+        """Sample a light; return its radiance at the receiver, number, distance and direction."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)
@@ -162,7 +161,7 @@ def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
 
-# ---- events -------------------------------------------------------------------------------------
+# ---- events: contributions of lights -------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -177,13 +176,13 @@ class Motion:
 EVENT = np.dtype(
     [
         ("ray", np.int64),  # number of the ray that left the receiver
-        ("radiance", np.float64),  # radiance along that ray
+        ("radiance", np.float64),  # radiance along the ray
         ("position", np.float64, 3),  # position on the first surface
         ("normal", np.float64, 3),  # normal of the first surface, on the receiver's side
-        ("first_shape", np.int64),  # number of the first surface's shape
+        ("first_shape", np.int64),  # number of the shape of the first surface
         ("distance", np.float64),  # distance to the first surface
         ("length", np.float64),  # length of the complete path
-        ("rate", np.float64),  # growth of the path length, per second
+        ("rate", np.float64),  # rate of change of the path length, per second
         ("bounces", np.int64),
         ("light", np.int64),  # number of the light
     ]
@@ -193,7 +192,7 @@ EVENT = np.dtype(
 Events = Any
 """Record array (n,) of `EVENT`."""
 _Step = dict[str, NDArray[Any]]
-"""Values of a step of all rays, by name."""
+"""Values of all rays in a step, by name."""
 
 
 def events_of(
@@ -205,12 +204,12 @@ def events_of(
     meets_lights: bool,
     motion: Motion | None,
 ) -> Iterator[Events]:
-    """Yield the events of paths step by step.
+    """Yield the events of paths, step by step.
 
-    ``first`` : (n, 2) uniform numbers for the lights at the first surface.
+    ``first`` (n, 2) are uniform random numbers for the lights at the first surface.
     """
     count, steps = len(first), Steps(scene, most_bounces, meets_lights)
-    state: Events = np.zeros(count, EVENT).view(np.recarray)  # the next event of each ray
+    state: Events = np.zeros(count, EVENT).view(np.recarray)  # state of the next event of each ray
     state.ray = np.arange(count)
     speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (count, 1))
     yield state[:0]
@@ -228,7 +227,7 @@ def events_of(
             here.rate += _dot(velocity - speeds, step["d"])
         yield from _lights(here, step, velocity, motion)
         bounced = step["is_bounce"]
-        # null surfaces only add to the length of the path
+        # Null surfaces only add to the length of a path.
         state.length = here.length
         here.bounces += 1
         state[bounced] = here[bounced]
@@ -238,7 +237,7 @@ def events_of(
 
 
 def _arrived(here: Events, step: _Step) -> Events:
-    """Move events to the next surface, the first surface of paths that have not bounced."""
+    """Move events to the next surface, and set the first surface of paths without a bounce."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(_dot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
@@ -262,7 +261,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
         yield event
     if "met" in step:
         far = step["is_met_far"]
-        # the sky has no position if the receiver sees it directly
+        # The sky has no position if the receiver sees it directly.
         met = (step["met"] != 0.0) & ~(far & (here.bounces == 0))
         event = here[met]
         event.radiance, event.light = step["met"][met], step["met_light"][met]
@@ -271,7 +270,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
 
 
 def _column(value: Drjit, count: int) -> NDArray[Any]:
-    """Convert an array of Mitsuba to an array (n,) or (n, 3)."""
+    """Convert a Mitsuba array to a NumPy array (n,) or (n, 3)."""
     array = np.array(value)
     if array.dtype.kind in "fiu":
         array = array.astype(np.float64 if array.dtype.kind == "f" else np.int64)

@@ -40,12 +40,11 @@ from polywigner.mitsuba.scenes.surfaces import (
     in_frame,
     meshes_in,
 )
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
 from polywigner.propagation.shadows import diffracted
 from polywigner.source.polarisation import ludwig_axes
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Mesh = tuple[Floats, NDArray[np.intp]]
 """Corners (n, 3) and triangles (t, 3)."""
 
@@ -54,7 +53,7 @@ _IN_PLANE = 4 * ROUNDING
 
 
 def _ray_count() -> int:
-    """Return the number of rays per path; scalar variants trace them one by one."""
+    """Return the number of rays per path, which is smaller for scalar variants."""
     return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
@@ -64,22 +63,23 @@ class PassingRays(NamedTuple):
     points: list[Floats]
     """Points (n, 3) in m on the receiver, on the mirrors in reverse order, and on the emitter."""
     fractions: Floats
-    """Transmission (n, 1, 1) of each ray; in polarised variants Mueller matrices (n, 4, 4) for the
-    axes x and y of both ends."""
+    """Transmission (n, 1, 1) of each ray; in polarised variants, Mueller matrices (n, 4, 4) for the
+    x and y axes of both ends.
+    """
     panes: list[Floats]
-    """Mean matrix (3, 3) that thin panes apply to the field, for each leg from the emitter."""
+    """Mean matrix (3, 3) by which thin panes multiply the field, for each leg from the emitter."""
 
     @property
     def power(self) -> Floats:
-        """Mean transmission (k, k) of all rays, including those that do not pass."""
+        """Mean transmission (k, k) of all rays, including rays that are blocked."""
         return np.asarray(self.fractions.sum(axis=0) / _ray_count())
 
     @property
     def amplitude(self) -> float:
         """Mean over all rays of the square root of the transmission.
 
-        In a corner of mirrors, each ray belongs to one order of the mirrors. Therefore the sum of
-        the means of all orders is the mean of all rays.
+        In a corner of mirrors, each ray reflects off the mirrors in a particular order. Therefore
+        the sum of the means of all orders is the mean of all rays.
         """
         return float(np.sqrt(self.fractions[:, 0, 0]).sum() / _ray_count())
 
@@ -91,16 +91,16 @@ def passing_rays(
     chain: Sequence[Mirror] = (),
     coherent: bool = False,
 ) -> PassingRays:
-    """Trace rays from a source by flat mirrors to a receiver: 4096 rays, in scalar variants 1024.
+    """Trace rays from a source via flat mirrors to a receiver: 4096, or 1024 if scalar.
 
-    ``emitter`` is the source itself, not its image. ``coherent``: without the effects of mirrors
-    and thin panes on the field, which callers apply to field vectors.
+    ``emitter`` is the source itself, not its image. With ``coherent``, the transmission excludes
+    the effects of mirrors and thin panes on the field, which callers apply to field vectors.
     """
     points = _rays_between(emitter, receiver, chain)
     leaves = (points[-2] - points[-1]) @ emitter.normal > 0
     arrives = (points[1] - points[0]) @ receiver.normal > 0
     points = [point[leaves & arrives] for point in points]
-    if not len(points[0]):  # arrays without elements crash Dr.Jit
+    if not len(points[0]):  # Arrays without elements crash Dr.Jit.
         size = 4 if mi.is_polarized else 1
         return PassingRays(points, np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
     return PassingRays(points, *traced(scene, points, receiver, emitter, chain, coherent))
@@ -143,7 +143,7 @@ class CentralPath(NamedTuple):
     points: Floats
     """Points (n, 3) in m, from the emitter to the receiver."""
     panes: list[Floats]
-    """Matrix (3, 3) that thin panes apply to the field, for each leg."""
+    """Matrix (3, 3) by which thin panes multiply the field, for each leg."""
 
     @classmethod
     def between(
@@ -179,18 +179,18 @@ class CentralPath(NamedTuple):
         return np.asarray(field)
 
 
-# Error of |F|^2, relative to its peak, of the points that represent an end.
+# Allowed error of |F|^2, relative to its peak, of the points that represent an end.
 _OF_POINTS = 1e-6
 # Distance from a mirror at which rays to the mirror start, as a fraction of the leg.
 _CLOSE = 1e-3
-# Half the step of a central difference in wavelengths; the error is 7e-8.
+# Half the step of a central difference, in wavelengths. The error of the derivative is 7e-8.
 _STEP = 1e-4
 
 
 def diffracted_ratio(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> complex:
-    """Return the ratio b/b_0 of couplings with and without obstacles; points represent the ends."""
+    """Return the ratio b/b_0 of couplings with and without obstacles; points replace the ends."""
     wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
@@ -205,7 +205,7 @@ def diffracted_ratio(
             for end in (image, receiver)
         ]
     except ArgumentError as error:
-        raise SceneError(f"with diffraction: {error}") from None
+        raise SceneError(f"cannot compute the link with diffraction: {error}") from None
     emitting, receiving = ends
     positions, weights = _receiving(receiving, pose[:3, :3], pose[:3, 3] / wavelength)
     silhouettes = [
@@ -219,9 +219,9 @@ def diffracted_ratio(
 def _receiving(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return positions (n, 3), and weights of the incident field there whose sum is received.
+    """Return positions (n, 3), and weights of the incident field at them whose sum is received.
 
-    By reciprocity, a point that radiates like a dipole receives the normal derivative of the field,
+    By reciprocity, a point that radiates as a dipole receives the normal derivative of the field,
     which is computed as a difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
@@ -241,14 +241,14 @@ def meeting_rays(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """Return the rays of `passing_rays` with the reflectance of mirrors, but without obstacles."""
+    """Return the rays of `passing_rays`, with the reflectance of mirrors but without obstacles."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
     if mi.is_polarized and not coherent:
         raise SceneError(
-            f"flat mirrors ({chain[0].name!r}) and diffraction cannot be combined in polarised "
-            "light; leave diffraction out, use an unpolarised variant, or set coherent=True"
+            f"flat mirrors ({chain[0].name!r}) and diffraction cannot be combined for polarised "
+            "light; omit diffraction, use an unpolarised variant, or set coherent=True"
         )
     rays = _rays_between(emitter, receiver, chain)
     transmission = np.ones((len(rays[0]), 1, 1))
@@ -275,7 +275,7 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # The obstacles of a leg are on the side of the mirror on which the leg starts or
+                # The obstacles of a leg are on the side of a mirror on which the leg starts or
                 # ends.
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
@@ -326,7 +326,7 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
 
 
 def _points_on(source: PlacedSource, draws: Floats) -> Floats:
-    """Return points (n, 3) in m on a source for uniform numbers, with the density |u|^2."""
+    """Return points (n, 3) in m on a source, from uniform numbers, with the density |u|^2."""
     cells = cells_with_field(mi, source.source, 1.0)
     batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
@@ -392,8 +392,8 @@ def traced(
     matrices = np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
-    # Rays run from the receiver to the emitter: the order of legs is reversed, and fields for x, y
-    # and z are rows of the matrices instead of columns.
+    # Rays run from the receiver to the emitter. Therefore the order of the legs is reversed, and
+    # fields for x, y and z are rows of the matrices instead of columns.
     mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
     return transmission, list(mean)
 
@@ -408,7 +408,7 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
-    """Return the plane of a mirror; ``reach``: largest coordinate of the paths in scene units."""
+    """Return the plane of a mirror; ``reach`` is the paths' largest coordinate in scene units."""
     rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
@@ -428,18 +428,18 @@ def _between_axes(
     ]
     first, last = result.first, result.last
     if is_direct and emitter is not None:
-        # The axes are those for the line between the centres, as for amplitudes.
+        # The axes are those for a ray along the line between the centres, as for amplitudes.
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
     return to_ludwig_axes(mi, result.fraction, (frames[0], first), leaves)
 
 
-BLOCKED = "no line-of-sight path: obstacles block it (ray test, without diffraction)"
+BLOCKED = "there is no line-of-sight path: obstacles block it (ray test, without diffraction)"
 
 
 class OpenPath(NamedTuple):
-    """Path by flat mirrors along which rays transmit power."""
+    """Path via flat mirrors along which rays transmit power."""
 
     parts: FacingParts
     """Parts of the emitter's image and of the receiver that face each other."""
@@ -457,14 +457,17 @@ def open_path(
     meshes: list[Mesh] | None,
     coherent: bool = False,
 ) -> OpenPath | str:
-    """Trace rays from an emitter by mirrors to a receiver.
+    """Trace rays from an emitter via mirrors to a receiver.
 
-    Returns a text with the reason if no ray arrives. ``meshes``: obstacles whose edges diffract; in
-    this case rays only meet the mirrors.
+    If no ray arrives, the reason is returned as text. ``meshes`` are obstacles whose edges
+    diffract; rays then only meet the mirrors.
     """
     parts = facing_parts(emitter.image(chain), receiver)
     if parts is None:
-        return "no line-of-sight path: one end lies in the plane of the other or behind it"
+        return (
+            "there is no line-of-sight path: one end lies in the plane of the other end or "
+            "behind it"
+        )
     # Rays start at the part of the emitter whose image faces the receiver.
     facing = parts.emitter.image(chain[::-1])
     send = passing_rays if meshes is None else meeting_rays
@@ -474,16 +477,18 @@ def open_path(
         return BLOCKED
     notes = []
     if parts.fraction < 1:
-        notes.append("the part of one end behind the plane of the other is left out")
+        notes.append(
+            "the part of one end that lies behind the plane of the other end is not included"
+        )
     if transmission < 1 and not chain and meshes is None:
         notes.append(
             f"{transmission:.1%} of the line-of-sight {'amplitude' if coherent else 'power'} "
-            "passes obstacles (ray test, without diffraction)"
+            "passes the obstacles (ray test, without diffraction)"
         )
     zone = math.sqrt(receiver.wavelength * math.dist(parts.emitter.centre, receiver.centre))
     notes += [
-        f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction at its "
-        "edges, which is not included, changes its reflection"
+        f"the mirror {mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction "
+        "at its edges, which is not included, changes the reflected amplitude"
         for mirror in chain
         # The width of a mirror is at most the side of a square with the same diagonal.
         if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * receiver.scene_unit < zone
@@ -494,7 +499,7 @@ def open_path(
 def obstacles_of(
     scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
 ) -> list[Mesh] | None:
-    """Return meshes in m of the obstacles; None if neither end includes diffraction."""
+    """Return the meshes of the obstacles in m; None if neither end includes diffraction."""
     if not (emitter.diffraction or receiver.diffraction):
         return None
     unit = receiver.scene_unit

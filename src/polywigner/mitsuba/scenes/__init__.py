@@ -1,1 +1,1 @@
-"""Scenes: files checked and loaded, their surfaces, and images rendered from them."""
+"""Scenes: checking and loading of scene files, surfaces, and rendering of images."""

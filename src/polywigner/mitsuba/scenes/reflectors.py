@@ -1,4 +1,4 @@
-"""Flat mirrors of a scene, conducting bodies that are added to it, and reflected paths."""
+"""Flat mirrors of a scene, conducting bodies that are added to a scene, and reflected paths."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
+from polywigner.numerics import Complex, Floats
 from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.scattering.cross_sections import MOST_BOUNCES
 from polywigner.scattering.facets import Facets, facets_of, illuminates_itself
@@ -23,17 +23,16 @@ from polywigner.scattering.near_fields import Antenna
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
-# Largest number of planes of a shape; a shape with more planes counts as curved.
+# Largest number of planes of a shape of flat mirrors; a shape with more planes counts as curved.
 MOST_FACES = 32
-# Largest number of chains of mirrors; each takes some milliseconds.
+# Largest number of sequences of mirrors; each takes some milliseconds.
 _MOST_CHAINS = 5000
-# Rounding error of the distance from a plane, relative to the coordinates.
+# Rounding error of the distance of a corner from a plane, relative to the coordinates.
 _FLAT = 1e-5
 # Components of a normal below this value are rounding errors and are set to zero. A tilt by this
-# angle would shift an image 100 m away by 10 um, a radian of phase at terahertz frequencies.
+# angle would shift an image 100 m away by 10 um, which is a radian of phase at terahertz
+# frequencies.
 _AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
 
@@ -55,14 +54,14 @@ class Mirror:
 
 
 Chain = tuple[Mirror, ...]
-"""Mirrors of a path, in the order of the reflections."""
+"""Mirrors along a path, in the order of the reflections."""
 
 
 def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
     """Return the flat mirrors of a scene, and notes on reflections that are not included.
 
-    ``unit``: length of one unit of the scene in metres. The notes name curved shapes, refracting
-    shapes, and the largest number of ``reflections``.
+    ``unit`` is the length of one unit of the scene in metres. The notes name curved shapes,
+    refracting shapes, and the largest number of ``reflections``.
     """
     mirrors: list[Mirror] = []
     curved, refracting = [], []
@@ -84,16 +83,16 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
     notes = []
     if curved:
         notes.append(
-            f"not included: reflection from {_listed(curved)}, curved or of more than {MOST_FACES} "
-            "planes"
+            f"not included: reflections from {_listed(curved)} (curved, or with more than "
+            f"{MOST_FACES} planes)"
         )
     if refracting:
-        notes.append(f"not included: refracted transmission through {_listed(refracting)}")
+        notes.append(f"not included: refraction through {_listed(refracting)}")
     if mirrors:
         limit = f"paths with more than {reflections} reflection{'' if reflections == 1 else 's'}"
         notes.append(
             f"not included: {limit if reflections else 'reflections from flat mirrors'}, light "
-            "from mirrors to rough surfaces, and diffraction at the edges of mirrors"
+            "that flat mirrors reflect to rough surfaces, and diffraction at the edges of mirrors"
         )
     return mirrors, notes
 
@@ -103,14 +102,14 @@ def _listed(names: list[str]) -> str:
 
 
 def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
-    """Yield all sequences of one to ``most`` mirrors, in which no mirror follows itself."""
+    """Yield all sequences of one to ``most`` mirrors in which no mirror follows itself."""
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
     if total > _MOST_CHAINS:
         raise SceneError(
-            f"expected at most {_MOST_CHAINS} chains of flat mirrors, got {total} of {count} "
-            f"mirrors with up to {most} reflections; reduce the reflections, or make small "
-            "mirrors rough"
+            f"{count} flat mirrors with up to {most} reflections have {total} possible paths, at "
+            f"most {_MOST_CHAINS} are allowed; reduce the number of reflections, or give small "
+            "mirrors a rough BSDF"
         )
     chains: list[Chain] = [()]
     for _ in range(most):
@@ -119,7 +118,7 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
 
 
 def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
-    """Return the planes of all faces of a shape; none if it is curved."""
+    """Return the planes of all faces of a shape, or an empty list if the shape is curved."""
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
     points, normals = _faces(shape) if has_faces else _centre(shape)
@@ -136,14 +135,14 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane; its normal may have either sign."""
+    """Return whether a face lies in a plane; the normal of the face may have either sign."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
 
 
 def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
-    """Return a corner and the unit normal of each triangle."""
+    """Return one corner and the unit normal of each triangle of a mesh."""
     a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
@@ -152,7 +151,7 @@ def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
 
 
 def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
-    """Return the centre and normal of a rectangle or disk; nothing for other shapes."""
+    """Return the centre and the normal of a rectangle or disk; nothing for other shapes."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
     sample = shape.sample_position(0.0, mi.Point2f(0.5, 0.5))
@@ -160,36 +159,40 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
     return point, normal
 
 
-# ---- reflection, with phase and polarisation ----------------------------------------------------
+# ---- reflection coefficients, with phase and polarisation
+# ------------------------------------------
 
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# Value of |n x k| below which the incidence counts as normal, and the plane of incidence is
-# arbitrary.
+# If |n x k| is below this value, the incidence counts as normal, and any plane of incidence is
+# valid.
 _ALONG = 1e-9
 
 
 def bsdfs_in(bsdf: mi.BSDF) -> list[mi.BSDF]:
-    """Return a BSDF and the BSDFs nested in it, the outermost first."""
+    """Return a BSDF and the BSDFs nested in it, starting with the outermost BSDF."""
     return [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Smooth surface of a mirror for waves from one of its sides."""
+    """Smooth surface of a mirror, for waves from one of its sides."""
 
     index: complex | None
-    """Ratio of the refractive index n + ik behind and in front; None: a perfect conductor."""
+    """Refractive index n + ik behind the surface over the index in front; None: a perfect
+    conductor.
+    """
     is_thin: bool = False
-    """Whether the surface is a sheet, whose internal reflections add up in power."""
+    """Whether the surface is a thin sheet, whose internal reflections add up in power."""
 
-    def coefficients(self, cosine: Any) -> tuple[Complexes, Complexes]:
+    def coefficients(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the reflection coefficients of E normal to the plane of incidence and in it.
 
-        The time factor is exp(-i omega t). The unit vector in the plane is s x k, before and after
-        the reflection, so a perfect conductor has the coefficients -1 and +1 at any angle. A sheet
-        has the square root of 2R/(1 + R), with the sign of the coefficient of its first face.
+        The time factor is exp(-i omega t). The unit vector in the plane is s x k, both before and
+        after the reflection, so a perfect conductor has the coefficients -1 and +1 at any angle.
+        The coefficients of a sheet are the square root of 2R/(1 + R), with the sign of the
+        coefficient of its first face.
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
@@ -201,16 +204,17 @@ class Surface:
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
-        """Return the reflectance of Mitsuba's BSDF, which treats light in sheets as unpolarised."""
+        """Return the reflectance of Mitsuba's BSDF, in which light inside sheets is unpolarised."""
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
-    def _of_one_face(self, cosine: Any) -> tuple[Complexes, Complexes]:
-        """Return Fresnel's reflection coefficients of one interface."""
+    def _of_one_face(self, cosine: Any) -> tuple[Complex, Complex]:
+        """Return Fresnel's reflection coefficients of a single interface."""
         assert self.index is not None
         square = self.index**2
-        # n cos behind the surface; Im > 0 means decay
+        # Product of refractive index and cosine behind the surface; a positive imaginary part means
+        # decay.
         behind = np.sqrt(square - 1 + np.square(cosine) + 0j)
         return (
             (cosine - behind) / (cosine + behind),
@@ -230,9 +234,9 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     kinds = {node.class_name() for node in nodes}
     if not smooth or kinds - {MASK, _TWO_SIDED, *_SURFACES}:
         raise SceneError(
-            f"expected the mirror {mirror.name!r} to be a conductor, dielectric, thindielectric or "
-            f"plastic, whose reflection has a phase, got {mirror.shape.bsdf().class_name()}; give "
-            "it one of these, or make it rough"
+            f"the mirror {mirror.name!r} has the BSDF {mirror.shape.bsdf().class_name()}, whose "
+            "reflection has no phase; make it a conductor, dielectric, thindielectric or "
+            "plastic, or a rough surface"
         )
     bsdf = smooth[0 if is_before else -1]
     params = mi.traverse(bsdf)
@@ -248,8 +252,8 @@ def _single(value: Any) -> float:
     return float(np.ravel(np.array(value, np.float64)).mean())
 
 
-def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complexes:
-    """Return E (3,) of the reflection of a plane wave that travels along ``direction``."""
+def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
+    """Return the field E (3,) of the reflection of a plane wave that travels in ``direction``."""
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _ALONG:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -262,16 +266,16 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # ---- conducting bodies --------------------------------------------------------------------------
 
-# Error of an echo relative to the echo of all illuminated parts in phase. The error of physical
-# optics itself is much larger.
+# Allowed error of an echo, relative to the echo with all illuminated parts in phase. The error of
+# physical optics itself is much larger.
 OF_ECHO = 1e-3
-# Largest number of paths via bodies; the computation of a path takes some milliseconds.
+# Largest number of paths via bodies; the computation of each path takes some milliseconds.
 _MOST_PATHS = 5000
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Perfect conductor in the frame of the scene, in m."""
+    """Perfectly conducting body in the frame of the scene, in m."""
 
     name: str
     facets: Facets
@@ -281,7 +285,7 @@ class Body:
     def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at the body's centre that faces the image of a source.
 
-        Rays from the source to this square determine the transmission of obstacles.
+        The transmission of obstacles is computed along rays from the source to this square.
         """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
@@ -306,28 +310,31 @@ class Body:
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
     def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
-        """Return notes on the accuracy; ``paths``: points (n, 3) of the paths from both ends."""
+        """Return notes on the accuracy; ``paths`` are points (n, 3) of the paths from both ends."""
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
         if self.facets.least_face < wavelength:
-            notes.append(f"a face of {self.name!r} is smaller than a wavelength squared")
+            notes.append(
+                f"the body {self.name!r} has a face smaller than a square wavelength, for "
+                "which physical optics is inaccurate"
+            )
         if self.bounces == 1 and illuminates_itself(self.facets, np.array(last)):
             notes.append(
-                f"faces of {self.name!r} illuminate each other: later reflections are left out, "
-                "unless you pass a pair (body, 3)"
+                f"faces of the body {self.name!r} illuminate each other, but higher-order "
+                "reflections between them are not included; pass a pair (body, 3) to include them"
             )
         if self.bounces > 1 and near < far:
             notes.append(
-                f"{self.name!r} is closer than 2 D^2/lambda, {far:.3g} m, but its second and third "
-                "reflections are computed for plane waves"
+                f"the body {self.name!r} is closer than 2 D^2/lambda = {far:.3g} m, but its "
+                "second and third reflections are computed for plane waves"
             )
         return notes
 
 
 @dataclass(frozen=True)
 class Echo:
-    """Path by a body, with the mirrors before and after the body."""
+    """Path via a body, with the mirrors before and after the body."""
 
     before: Chain
     body: Body
@@ -339,7 +346,7 @@ class Echo:
 
     @property
     def position(self) -> Floats:
-        """Centre (3,) of the body's last mirror image, which the receiver sees."""
+        """Centre (3,) of the last mirror image of the body, as seen by the receiver."""
         point = self.body.facets.centre
         for mirror in self.after:
             point = mirror.image_of(point)
@@ -355,20 +362,20 @@ def names_of(route: Route) -> tuple[str, ...]:
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
-    """Return the bodies of a mapping from names to bodies or pairs (body, reflections)."""
+    """Return the bodies of a dict from names to bodies, or to pairs (body, reflections)."""
     if bodies is None:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
         raise ArgumentError(
-            "expected bodies as a dict whose values are bodies of pw.rcs, or pairs of a body and a "
-            f"number of reflections, got {bodies!r:.100}"
+            "expected bodies as a dict whose values are bodies that pw.rcs accepts, or pairs of "
+            f"a body and a number of reflections, got {bodies!r:.100}"
         )
     return tuple(_body(name, value) for name, value in bodies.items())
 
 
 def _body(name: str, value: Any) -> Body:
     if not name.strip():
-        raise ArgumentError("expected a name for each body, got an empty string; name the body")
+        raise ArgumentError("the name of a body is empty; name the body")
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
@@ -379,17 +386,16 @@ def _body(name: str, value: Any) -> Body:
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
-    """Return the paths by one body, with at most one mirror before and one mirror after it."""
+    """Return paths via one body, with at most one mirror before and one mirror after the body."""
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
-        raise SceneError(
-            f"expected different names of bodies and mirrors, got {name!r} twice; rename the body"
-        )
+        raise SceneError(f"the name {name!r} belongs to a body and to a mirror; rename the body")
     single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]
     pairs = [pair for pair in product(single, single) if sum(map(len, pair)) <= reflections]
     if len(bodies) * len(pairs) > _MOST_PATHS:
         raise SceneError(
-            f"expected at most {_MOST_PATHS} paths via bodies and flat mirrors, got "
-            f"{len(bodies) * len(pairs)}; allow fewer reflections, or make small mirrors rough"
+            f"{len(bodies)} bodies and the flat mirrors of the scene have "
+            f"{len(bodies) * len(pairs)} possible paths, at most {_MOST_PATHS} are allowed; allow "
+            "fewer reflections, or give small mirrors a rough BSDF"
         )
     return [Echo(before, body, after) for body in bodies for before, after in pairs]
 
@@ -399,7 +405,7 @@ def routes_in(
 ) -> tuple[list[Chain], list[Echo], list[str]]:
     """Return paths via mirrors, paths via bodies, and notes on paths that are not included.
 
-    Paths have up to ``reflections`` mirrors. Raises SceneError for too many paths.
+    Paths have up to ``reflections`` mirrors. Raises SceneError if there are too many paths.
     """
     mirrors, notes = mirrors_in(scene, unit, reflections)
     chains: list[Chain] = [(), *chains_of(mirrors, reflections)]

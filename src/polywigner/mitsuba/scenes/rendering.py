@@ -1,7 +1,7 @@
 """Images of scenes: exposures, which are rendered in strips, and temporary changes of a scene.
 
-An exposure is the set of values that determine an image. Strips bound the memory, and progress is
-reported after each.
+An exposure is the set of values that determine an image. Rendering in strips limits the memory, and
+progress is reported after each strip.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ from polywigner.mitsuba.receive.direct_light import delta_lights, delta_paths
 from polywigner.mitsuba.scenes import surfaces
 from polywigner.mitsuba.scenes.reflectors import chains_of, mirrors_in
 from polywigner.mitsuba.scenes.scenes import translate_error
+from polywigner.numerics import Complex, Floats
 
-Floats = npt.NDArray[np.float64]
-Complexes = npt.NDArray[np.complex128]
 Image = npt.NDArray[np.float32]
 
 
@@ -48,14 +47,14 @@ class Exposure:
     seed: int
 
     def image(self, strip: int, done: Callable[[], None] = lambda: None) -> Floats:
-        """Render a strip: the mean of its passes."""
+        """Render a strip of the image, as the mean of its passes."""
         cut = self.cut
         top = strip * cut.rows
         rows = min(cut.rows, cut.height - top)
         image: Floats | float = 0.0
         for index in range(cut.passes):
-            # passes of almost equal size, because samples of a small last pass would be poorly
-            # stratified
+            # Passes have almost equal numbers of samples, because the samples of a small last pass
+            # would be poorly stratified.
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():
@@ -64,22 +63,22 @@ class Exposure:
         return _finite(np.asarray(image))
 
     def full_image(self, done: Callable[[], None]) -> Image:
-        """Render all strips: (height, width, channels)."""
+        """Render all strips of the image, shape (height, width, channels)."""
         strips = [self.image(strip, done) for strip in range(self.cut.strips)]
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
-        """Return the number of channels of the image, including channels that integrators add."""
+        """Return the number of channels of the image, including those that integrators add."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
             return int(self._rendered(1, 0).shape[-1])
 
     def _rendered(self, spp: int, seed: int) -> Floats:
-        """Render an image by one call of Mitsuba."""
+        """Render an image with a single call of Mitsuba."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
-        # Dr.Jit cannot record loops over a single sample that contain literals, such as zeros of
-        # Mueller matrices and samples of delta lights
+        # Dr.Jit cannot record loops over a single sample if the loops contain literals, such as
+        # zeros of Mueller matrices and samples of delta lights. Two samples avoid this.
         is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
         fewest = 2 if mi.is_polarized or is_delta else 1
         finer_spp = max(fewest, math.ceil(spp / factor**2))
@@ -94,11 +93,11 @@ _DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
 
 
 def check_is_whole(integrator: mi.Integrator) -> None:
-    """Raise StoreError if an integrator has stopped a render early."""
+    """Raise StoreError if an integrator has stopped a render before its end."""
     if integrator.should_stop():
         raise StoreError(
-            "expected a completely rendered part, got a part that Ctrl-C or a timeout of the "
-            "integrator has interrupted; start the same run again, without a timeout"
+            "the image is incomplete: Ctrl-C or a timeout of the integrator has interrupted the "
+            "render; start the same run again, without a timeout"
         )
 
 
@@ -106,23 +105,24 @@ def _finite(image: Floats) -> Floats:
     bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
     if bad:
         raise SceneError(
-            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels with NaN "
-            "or inf; check frequency, power and radiances of the scene, and their units"
+            f"expected finite radiances, but {bad} of {image[..., 0].size} pixels of the image "
+            "contain NaN or inf; check the frequency, the powers and the radiances of the scene, "
+            "and their units"
         )
     return image
 
 
 def _quietly() -> AbstractContextManager[None]:
-    """Suppress the log of scalar variants, which has a line for each negative sample."""
+    """Suppress the log of scalar variants, which contains a line for each negative sample."""
     return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
 
 
-# Integrators whose shadow rays pass null surfaces.
+# Parts of the class names of integrators whose shadow rays pass through null surfaces.
 _TRANSPARENT = ("Volumetric", "Volpath")
 
 
 def may_shadow(scene: mi.Scene) -> bool:
-    """Return whether the null surface of a source may shadow another light.
+    """Return whether the null surface of a source may cast a shadow of another light.
 
     Environment lights are ignored. Sources in a common plane do not illuminate each other.
     """
@@ -156,7 +156,7 @@ def exposed(
     sensor: int = 0,
     warn: bool = True,
 ) -> Exposure:
-    """Return the exposure for the checked arguments of :func:`render`."""
+    """Return the exposure for arguments of :func:`render`, after checking them."""
     camera = _camera(scene, sensor)
     samples = films.check_spp(camera.sampler().sample_count() if spp is None else spp)
     entropy = films.check_seed(seed)
@@ -172,21 +172,19 @@ def default_integrator(scene: mi.Scene) -> str:
 
 
 def default_spp(scene: mi.Scene, sensor: int = 0) -> int:
-    """Return the samples per pixel of a scene; raises as :func:`render` does."""
+    """Return the samples per pixel of a scene, or raise the errors of :func:`render`."""
     return films.check_spp(_camera(scene, sensor).sampler().sample_count())
 
 
 def _camera(scene: mi.Scene, number: int) -> mi.Sensor:
     sensors = surfaces.sensors_of(scene)
     if not sensors:
-        raise SceneError(
-            "expected a scene with a <sensor>, got one without; add a sensor with a film"
-        )
+        raise SceneError("the scene has no <sensor>; add a sensor with a film")
     checked_count(number, "sensor", 0, len(sensors) - 1)
     width, height = sensors[number].film().crop_size()
     if width < 1 or height < 1:
         raise SceneError(
-            f"expected a film of at least one pixel, got {width} x {height}; set its width and "
+            f"the film must have at least one pixel, got {width} x {height}; set its width and "
             "height"
         )
     return sensors[number]
@@ -202,13 +200,16 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
         if not mi.is_polarized:
             raise SceneError(
-                f"expected a polarised variant for the integrator {_STOKES}, got {mi.variant()}; "
-                "set polywigner.mitsuba.choose_variant(polarised=True)"
+                f"the integrator {_STOKES} requires a polarised variant, got {mi.variant()}; set "
+                "polywigner.mitsuba.choose_variant(polarised=True)"
             )
     if integrator is None:
         integrator = scene.integrator() or default_integrator(scene)
     if not isinstance(integrator, str) and not hasattr(integrator, "class_name"):
-        raise ArgumentError(f"expected an integrator or the name of its plugin, got {integrator!r}")
+        raise ArgumentError(
+            "expected integrator as an integrator object or the name of its plugin, got "
+            f"{integrator!r}"
+        )
     try:
         if isinstance(integrator, str):
             integrator = mi.load_dict({"type": integrator})
@@ -220,14 +221,15 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
 
 
 def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
-    # integrators written in Python share a class name in Mitsuba
+    # All integrators written in Python have the same class name in Mitsuba, so the name of the
+    # Python type is added.
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
         warnings.warn(
-            "the surface of a source may shadow another source with this integrator, although its "
-            "BSDF is null: 'direct' loses the shadowed light; 'path' and 'prb' lose it at the last "
-            "bounce, and it is noisy before; use 'volpath', or visible=False for sources that need "
-            "not be visible",
+            "with this integrator, the surface of a source may cast a shadow of another source, "
+            "although its BSDF is null: 'direct' loses the shadowed light; 'path' and 'prb' lose "
+            "it at the last bounce, and are noisy at earlier bounces; use 'volpath', or "
+            "visible=False for sources that need not be visible",
             RuntimeWarning,
             stacklevel=4,
         )
@@ -275,8 +277,8 @@ def render(
         Scene with a sensor, its film and its sampler.
     integrator : str or mitsuba.Integrator, optional
         Plugin name or integrator. The default is the scene's integrator, otherwise ``path``, or
-        ``volpath`` if the surface of a source shadows another source. ``stokes``, or a text such as
-        ``stokes volpath``, adds the Stokes parameters of polarised light as channels; see
+        ``volpath`` if the surface of a source shadows another source. ``stokes``, or a string such
+        as ``stokes volpath``, adds the Stokes parameters of polarised light as channels; see
         :func:`polywigner.mitsuba.stokes_of`.
     spp : int, default the sample count of the sampler
         Number of samples per pixel, 1 to 2^30. Samplers may round it up.
@@ -285,8 +287,7 @@ def render(
     sensor : int, default 0
         Index of the sensor in the scene.
     progress : callable, default a progress bar
-        Function that is called after each part with the number of finished parts and the number of
-        all parts.
+        Function that is called after each part with the number of finished parts and of all parts.
 
     Returns
     -------
@@ -317,9 +318,9 @@ def render(
     return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
 
 
-# Substrings of the class names of integrators that render radiance.
+# Parts of the class names of integrators that render radiance.
 _OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
-# Maximum number of mirror reflections of light from delta lights.
+# Largest number of specular reflections of light from delta lights.
 _MOST_MIRRORS = 2
 
 
@@ -346,16 +347,16 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
     return result.astype(np.float32)
 
 
-# ---- temporary changes of a scene ---------------------------------------------------------------
+# ---- temporary changes of a scene ----------------------------------------------------------------
 
 # Factor by which a hidden surface shrinks. Its square is the fraction of rays that still meet the
-# surface; these rays receive zero radiance.
+# surface; these rays carry zero radiance.
 _SHRUNK = 1e-3
 
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources while the block runs; they still illuminate the scene."""
+    """Hide coherent sources in images during the block; they still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -363,7 +364,8 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     corners = [surfaces.vertices_of(shape) for shape in shapes]
     centres = [(points.min(axis=0) + points.max(axis=0)) / 2 for points in corners]
     shrunk = [c + _SHRUNK * (points - c) for c, points in zip(centres, corners, strict=True)]
-    # `visible` is cleared first, because visible sources check the position of their mesh
+    # `visible` is cleared before the meshes shrink, because visible sources check the position of
+    # their mesh.
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
             _move(scene, shapes, shrunk)
@@ -373,9 +375,9 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 
 
 def polarised_by_default(
-    scene: mi.Scene, polarisation: Complexes | None
+    scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set a Jones vector (2,) for sources and receivers without one, in polarised variants."""
+    """Set a Jones vector (2,) for sources and receivers that have none, in polarised variants."""
     changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         sensors = [sensor for _, sensor in surfaces.receivers_of(scene)]
@@ -387,12 +389,13 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources except ``active`` to zero while the block runs."""
+    """Set the power of all sources except ``active`` to zero during the block."""
     others = [source for source in sources if source is not active]
     dark = [(source, "power", type(source.power)(0.0)) for source in others]
     for _, _, power in dark:
         if dr.is_jit_v(power):
-            # opaque, because a new literal would cause the kernel to be recompiled
+            # The power is opaque to Dr.Jit, because a new literal would cause the kernel to be
+            # recompiled.
             dr.make_opaque(power)
     return films.changed(dark)
 
@@ -400,4 +403,4 @@ def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManage
 def _move(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
-    scene.parameters_changed([])  # This call updates the surfaces that rays meet.
+    scene.parameters_changed([])  # The call updates the surfaces that rays meet.

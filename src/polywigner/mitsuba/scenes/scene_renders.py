@@ -45,11 +45,11 @@ if TYPE_CHECKING:
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""Function of a scene and the index of the first sample of a part, which returns the part."""
+"""Function of a scene and the index of a part's first sample. It returns the part."""
 
 
 class SceneParts:
-    """Function that computes parts of a result of a scene, also in other processes.
+    """Function that computes parts of a result of a scene, possibly in other processes.
 
     Other processes load the scene from its file.
     """
@@ -66,7 +66,8 @@ class SceneParts:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            for source in self.sources:  # the keys refer to memory of the first process
+            # Keys of sources in memory are valid in the first process only.
+            for source in self.sources:
                 register_source(source)
             self.scene = self.file.load()
         return self.compute(self.scene, origin)
@@ -82,8 +83,8 @@ class SceneParts:
     ) -> npt.NDArray[np.float64]:
         """Compute the parts that are missing in a store, and return the values of all parts.
 
-        ``variable``: name and unit. ``sizes``: names and lengths of the axes. ``keeping``:
-        scheduler, threads and progress.
+        ``variable`` is a name and a unit. ``sizes`` are the names and lengths of the axes.
+        ``keeping`` contains scheduler, threads and progress.
         """
         name, units = variable
         attrs = {**vars(self.file), **settings}
@@ -113,7 +114,7 @@ def render_file(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Render a scene file by :func:`load_scene` and :func:`render`.
+    """Load a scene file as :func:`load_scene`, and render it as :func:`render`.
 
     Parameters
     ----------
@@ -121,9 +122,9 @@ def render_file(
         Mitsuba XML file. Workers of a scheduler must be able to access the file, and the files that
         it names, at the same paths.
     integrator, spp, seed, sensor : optional
-        As of :func:`render`.
+        As in :func:`render`.
     variant, parameters : optional
-        As of :func:`load_scene`.
+        As in :func:`load_scene`.
     store : path, optional
         Folder of a zarr store to which finished parts of the image are written. After an
         interruption the same call completes the store. The store of a complete image is not
@@ -140,7 +141,7 @@ def render_file(
     Returns
     -------
     ndarray, shape (height, width, channels)
-        The image as of :func:`render`, up to the rounding of single-precision sums.
+        The image as in :func:`render`, up to the rounding of single-precision sums.
 
     Raises
     ------
@@ -157,13 +158,13 @@ def render_file(
     """
     if scheduler is not None and store is None:
         raise ArgumentError(
-            "expected a store with scheduler=, got none; pass store= for the computed parts"
+            "scheduler= requires a store for the computed parts; pass its path as store="
         )
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
     if not isinstance(parameters, Mapping | None):
         raise ArgumentError(
-            f"expected parameters as a mapping of names to values, got {value_text(parameters)}"
+            f"expected parameters as a mapping from names to values, got {value_text(parameters)}"
         )
     chosen = choose_variant(mi.variant() if variant is None else variant)
     file = SceneFile(checked_path(path), chosen, dict(parameters or {}))
@@ -181,7 +182,8 @@ def render_parts(
 ) -> npt.NDArray[np.float32]:
     """Render a scene that was loaded from a file; see :func:`render_file`.
 
-    ``options``: integrator, spp, seed and sensor. ``keeping``: scheduler, threads and progress.
+    ``options`` contains integrator, spp, seed and sensor. ``keeping`` contains scheduler, threads
+    and progress.
     """
     exposure = exposed(scene, **options)
     cut = exposure.cut
@@ -201,8 +203,8 @@ def render_parts(
 def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
-    """Render a strip of an image: (row, column, channel)."""
-    # warn=False: the first process has issued the warnings
+    """Render a strip of an image, shape (row, column, channel)."""
+    # The warnings are off, because the first process has issued them.
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
@@ -251,7 +253,7 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """Return the powers (1, 1, lights, ...) of one batch of one receiver in W."""
+    """Return the powers (1, 1, lights, ...) of one batch for one receiver in W."""
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

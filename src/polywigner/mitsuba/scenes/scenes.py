@@ -1,8 +1,8 @@
-"""Load scenes from dictionaries and checked files: variants, options, and errors of one line.
+"""Load scenes from dictionaries and checked files, and report errors in one line.
 
 A scene file may come from an untrusted source. Therefore it may only use known plugin types, and
-files below its folder (docs/safety.md). The XML is checked before Mitsuba loads it. Mitsuba itself
-reads meshes and images, and reports damaged files.
+files in or below its folder (docs/safety.md). The XML is checked before Mitsuba loads it. Mitsuba
+itself reads meshes and images, and reports damaged files.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ from polywigner.mitsuba.plugins.registration import one_at_a_time, original_erro
 from polywigner.mitsuba.plugins.source_parameters import values_of
 from polywigner.mitsuba.scenes.surfaces import is_source
 
-# Variants for unpolarised and for polarised light: compiled, on a GPU, and without a compiler.
+# Variants for unpolarised and for polarised light: compiled with LLVM, on a GPU, and without a
+# compiler.
 _VARIANTS = {
     False: ("llvm_ad_mono", "cuda_ad_mono", "scalar_rgb"),
     True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
@@ -82,8 +83,8 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
     if prefer is None:
         if not status.usable and not has_gpu:
             warnings.warn(
-                f"{status.problem} Rendering with {plain}, hundreds of times slower. "
-                f"{status.remedy}",
+                f"{status.problem} Images are rendered with {plain}, which is hundreds of times "
+                f"slower. {status.remedy}",
                 RuntimeWarning,
                 stacklevel=2,
             )
@@ -91,18 +92,20 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
         return fast if status.usable else on_gpu
     if not isinstance(prefer, str) or prefer not in mi.variants():
         raise EngineError(
-            f"expected a variant of the installed Mitsuba, got {prefer!r}; use one of "
+            f"the installed Mitsuba has no variant {prefer!r}; use one of "
             f"{', '.join(mi.variants())}"
         )
     if prefer.startswith("cuda_") and not has_gpu:
         raise EngineError(
-            f"{prefer} needs an NVIDIA GPU and its driver, and Dr.Jit detects none; use "
-            f"{fast if status.usable else plain}"
+            f"the variant {prefer} requires an NVIDIA GPU and its driver, but Dr.Jit detects "
+            f"none; use {fast if status.usable else plain}"
         )
     if prefer.startswith("llvm_") and not status.usable:
-        raise EngineError(f"{prefer} needs LLVM. {status.problem} {status.remedy}")
+        raise EngineError(f"the variant {prefer} requires LLVM. {status.problem} {status.remedy}")
     if polarised and not is_polarised(prefer):
-        raise EngineError(f"expected a variant of polarised light, got {prefer!r}; use {fast}")
+        raise EngineError(
+            f"the variant {prefer!r} renders unpolarised light, but polarised=True; use {fast}"
+        )
     return prefer
 
 
@@ -158,10 +161,10 @@ def load_scene(
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene file and the options for loading it, in this process or in a worker."""
+    """A scene file, and the options with which this process or a worker loads it."""
 
     path: Path | None
-    """None for a scene that is a dictionary."""
+    """Path of the file; None for a scene from a dictionary."""
     variant: str | None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """Values of the file's ``$parameters``, with any names."""
@@ -173,11 +176,9 @@ class SceneFile:
         checked_flag(self.diffraction, "diffraction")
 
     def load(self) -> mi.Scene:
-        """Load the ``mi.Scene``; raises as :func:`load_scene` does."""
+        """Return the loaded ``mi.Scene``, or raise the errors of :func:`load_scene`."""
         if self.path is None or not self.path.is_file():
-            raise SceneError(
-                f"expected a Mitsuba scene file, got {str(self.path)!r}, which is not a file"
-            )
+            raise SceneError(f"the scene file {str(self.path)!r} does not exist or is not a file")
         return _load(self, {})
 
 
@@ -211,9 +212,9 @@ def checked_scene(scene: mi.Scene) -> mi.Scene:
     """Return a scene of the current variant; raise SceneError for anything else."""
     if not isinstance(scene, mi.Scene):
         raise SceneError(
-            f"expected a scene of the current variant, {mi.variant()}, got a scene of another "
+            f"expected a scene of the current variant {mi.variant()}, got a scene of another "
             f"variant or another object ({type(scene).__name__}); set that variant, or load the "
-            "scene anew"
+            "scene again"
         )
     return scene
 
@@ -256,11 +257,11 @@ def translate_error(error: Exception) -> PolywignerError:
 
 
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
-    """Translate an error; with ``state``, the message contains the name of the damaged file."""
+    """Convert an error; with ``state``, the message contains the name of the damaged file."""
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
-    # Mitsuba's message quotes bytes of a file that are not valid text.
+    # Mitsuba's message may quote bytes of a file that are not valid text.
     if isinstance(error, UnicodeDecodeError):
         text = error.object.decode(errors="replace")
     text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", text)
@@ -269,11 +270,12 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     if cause is not None:
         return type(cause)(_printable(f"{at[1]}: {cause}" if at else str(cause)))
     head, _, traceback = text.partition("Traceback (most recent call last)")
-    last = traceback.strip().splitlines()[-1:]  # The last line is the error of a plugin in Python.
+    # The last line of the traceback is the error of a plugin written in Python.
+    last = traceback.strip().splitlines()[-1:]
     line = _printable(" ".join(" ".join([head, *last]).split()))
     names = [] if state is None or at is None else _file_names_at(state, at[1])
     about = f" (file {_printable(names[0])})" if names and names[0] not in line else ""
-    return SceneError(f"expected a scene that Mitsuba can load: {line}{about}")
+    return SceneError(f"Mitsuba cannot load the scene: {line}{about}")
 
 
 def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
@@ -284,7 +286,7 @@ def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    """Return a short text without characters that control a terminal."""
+    """Return a short string without characters that control a terminal."""
     short = text[:_LONGEST_MESSAGE] + ("..." if text[_LONGEST_MESSAGE:] else "")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
@@ -295,7 +297,7 @@ def _printable(text: str) -> str:
 def _instantiate(
     config: mi.parser.ParserConfig, state: mi.parser.ParserState, how: SceneFile
 ) -> mi.Object:
-    """Check a parsed scene, apply the options and build it."""
+    """Check a parsed scene, apply the options, and build the scene."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     for node in state.nodes:
@@ -313,9 +315,9 @@ def _instantiate(
 # ---- scene files --------------------------------------------------------------------------------
 
 _MITSUBA = Path(mi.__file__).parent
-# The plugin "blender" reads memory at addresses in the scene file.
+# The plugin "blender" reads memory at addresses that the scene file specifies.
 _REFUSED = frozenset({"blender"})
-# Integrators in Python, which are missing in the lists of Mitsuba's plugin manager.
+# Integrators written in Python, which are missing in the lists of Mitsuba's plugin manager.
 _INTEGRATORS = frozenset(
     {
         *("direct_projective", "prb", "prb_basic", "prb_projective", "prbvolpath"),
@@ -329,7 +331,7 @@ _DEEPEST_INCLUDE = 15
 
 @contextmanager
 def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
-    """Use another file resolver while the block runs."""
+    """Use another file resolver during the block."""
     outer = mi.file_resolver()
     mi.set_file_resolver(resolver)
     try:
@@ -340,7 +342,7 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 
 @contextmanager
 def _resolving(file: Path) -> Iterator[None]:
-    """Resolve relative file names from the folder of `file` while the block runs.
+    """Resolve relative file names from the folder of `file` during the block.
 
     Mitsuba loads libraries from a subfolder "plugins" of the resolver's folders. Mitsuba's own
     folder comes first, so no library next to a scene is loaded.
@@ -369,7 +371,7 @@ def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
 def _parsed(
     config: mi.parser.ParserConfig, file: Path, parameters: Mapping[str, Any]
 ) -> tuple[mi.parser.ParserState, set[Path]]:
-    """Parse a scene file that contains only permitted plugin types and files.
+    """Parse a scene file, and check that it contains only permitted plugin types and files.
 
     Call this function within `_resolving`. Values of the file's ``$parameters`` may name any files
     and folders. The second return value contains the absolute paths of the scene file, its
@@ -382,8 +384,8 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        # Properties are read from copies, so that Mitsuba can still report those that a plugin
-        # itself does not read.
+        # Properties are read from copies, so that Mitsuba still reports the properties that a
+        # plugin itself does not read.
         copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
         texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
         for text in sorted(texts_in):
@@ -394,24 +396,26 @@ def _parsed(
 
 
 def _check_type(name: str) -> None:
-    """Raise FileFormatError unless Mitsuba contains the plugin or Python code has registered it."""
+    """Raise FileFormatError unless the plugin belongs to Mitsuba or is registered in Python."""
     is_known = name in _INTEGRATORS
     if not is_known and re.fullmatch(r"\w+", name):
         resolver = mi.FileResolver()
         resolver.clear()
         resolver.append(str(_MITSUBA))
-        # The plugin manager may load the plugin's library, so it searches only Mitsuba's folder.
+        # The plugin manager may load the library of the plugin, so it searches only Mitsuba's own
+        # folder.
         with _resolver(resolver):
             kind = mi.PluginManager.instance().plugin_type(name)
         is_known = kind != mi.ObjectType.Unknown
     if name in _REFUSED or not is_known:
         raise FileFormatError(
-            f"expected plugin types of Mitsuba or polywigner, got {name[:60]!r}; correct the type"
+            f"the scene uses the plugin type {name[:60]!r}, which is unknown or not permitted; "
+            "use a plugin of Mitsuba or polywigner"
         )
 
 
 class _CheckedFiles:
-    """Files of a scene, all of them in permitted folders."""
+    """Files that a scene uses, all of them in permitted folders."""
 
     def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
         self.values = dict(parameters)
@@ -426,8 +430,8 @@ class _CheckedFiles:
             return
         if not any(path.is_relative_to(folder) for folder in self.folders):
             raise FileFormatError(
-                f"expected files in the folder of the scene or below, got {text[:200]!r}; copy the "
-                "file there, or pass its path as a parameter of the scene"
+                f"the scene uses the file {text[:200]!r} outside its folder; copy the file into "
+                "the folder of the scene, or pass its path as a parameter of the scene"
             )
         check_regular(path)
         check_bytes(path.stat().st_size, _LARGEST_NAMED, path.name)
@@ -437,7 +441,7 @@ class _CheckedFiles:
         """Add a scene file, its includes, and the spectra that Mitsuba's parser reads."""
         if level > _DEEPEST_INCLUDE:
             raise FileFormatError(
-                "expected scenes that do not include each other in a circle; remove one <include>"
+                "scene files include each other in a circle; remove one <include>"
             )
         content = bytes_of(file, LARGEST_SCENE)
         self.paths.add(file.resolve())
@@ -446,8 +450,8 @@ class _CheckedFiles:
             name = attributes.get("filename")
             if element.tag == "path":
                 raise FileFormatError(
-                    "expected file names relative to the folder of the scene, got a <path>; leave "
-                    "it out"
+                    "<path> is not supported, because file names are relative to the folder of "
+                    "the scene; remove the <path> element"
                 )
             if element.tag == "default":
                 self.values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
@@ -458,7 +462,7 @@ class _CheckedFiles:
                     self.add_xml(path, level + 1)
 
     def _filled(self, text: str) -> str:
-        """Replace ``$parameters`` in a string by their values, as Mitsuba does."""
+        """Replace the ``$parameters`` in a string by their values, as Mitsuba does."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text, $parameters filled in")
@@ -466,7 +470,7 @@ class _CheckedFiles:
 
 
 def _resolved(name: str) -> Path | None:
-    """Return the absolute path, without links, of an existing file or folder; otherwise None."""
+    """Return the absolute path, without links, of an existing file or folder, otherwise None."""
     with suppress(OSError, ValueError, RuntimeError):  # The text may not be a valid file name.
         path = Path(str(mi.file_resolver().resolve(name)))
         return path.resolve() if name and path.exists() else None
@@ -478,10 +482,12 @@ def _root_of(text: str) -> Element:
     try:
         return fromstring(text, forbid_dtd=True)
     except DefusedXmlException:
-        raise FileFormatError("expected a scene without DOCTYPE, got one; remove it") from None
+        raise FileFormatError(
+            "scene files with a DOCTYPE are not supported; remove the DOCTYPE"
+        ) from None
     except ParseError as error:
         line, column = error.position
         raise FileFormatError(
-            f"expected a Mitsuba scene, got text that is not XML in line {line}, column {column}; "
-            "correct it there"
+            f"the file is not a valid Mitsuba scene: XML error in line {line}, column {column}; "
+            "correct the XML"
         ) from None

@@ -4,9 +4,9 @@ The order of Mitsuba's lists changes from one load to the next if Mitsuba merges
 coordinates and names follow the sorted order. Objects with equal or empty ids are sorted by
 position.
 
-Mitsuba starts a ray at the distance 9e-5 (1 + |p|) from a surface. It ends a shadow ray before the
-light, at 9e-4 of the length of the ray: walls on the last 9 cm of a path of 100 m are missed. In
-this package, a ray ends above the plane of a source or of a receiver, at a height that only
+Mitsuba starts a ray at the distance 9e-5 (1 + |p|) from a surface. It ends a shadow ray short of
+the light, by 9e-4 of the length of the ray, so walls on the last 9 cm of a path of 100 m are
+missed. In this package, a ray ends above the plane of a source or a receiver, at a height that only
 compensates for rounding errors of single precision.
 """
 
@@ -21,15 +21,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import Obstacle, Silhouette
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from polywigner.numerics import Floats, Indices
 
 
 def sorted_emitters(scene: mi.Scene) -> list[mi.Emitter]:
@@ -54,7 +51,7 @@ def _emitter_key(emitter: mi.Emitter) -> _Key:
 
 def _shape_key(shape: mi.Shape) -> _Key:
     emitter = shape.emitter()
-    # sources are sorted by their poses, because `hide_emitters` changes the bounds of their meshes
+    # Sources are sorted by their poses, because `hide_emitters` changes the bounds of their meshes.
     if hasattr(emitter, "spec"):
         return shape.id(), np.ravel(emitter.spec.pose).tolist(), ""
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
@@ -79,7 +76,7 @@ def sensors_of(scene: Any) -> list[mi.Sensor]:
     """Return the sensors of a scene; raise ArgumentError for any other object."""
     if not hasattr(scene, "sensors"):
         raise ArgumentError(
-            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
+            f"expected scene as a mi.Scene, got {type(scene).__name__}; create one with "
             "polywigner.mitsuba.load_scene or mi.load_dict"
         )
     return list(scene.sensors())
@@ -88,25 +85,25 @@ def sensors_of(scene: Any) -> list[mi.Sensor]:
 def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
     """Return the receivers of a scene with their indices among Mitsuba's sensors, sorted by id.
 
-    Raises SceneError for a scene without a receiver.
+    Raises SceneError if the scene has no receiver.
     """
     receivers = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
     if not receivers:
         raise SceneError(
-            "expected a scene with a receiver, got one without; add a <sensor "
-            'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
+            'the scene has no receiver; add a <sensor type="wigner_receiver">, or '
+            "polywigner.mitsuba.receiver(...)"
         )
     return sorted(receivers, key=lambda item: (item[1].id(), item[0]))
 
 
-# ---- parts of objects ---------------------------------------------------------------------------
+# ---- parts of Mitsuba objects --------------------------------------------------------------------
 
 
 def children_of(node: mi.Object) -> list[mi.Object]:
-    """Return the objects directly nested in an object of Mitsuba."""
+    """Return the objects nested directly in a Mitsuba object."""
     children: list[mi.Object] = []
 
-    class Callback(mi.TraversalCallback):  # the base class depends on the variant
+    class Callback(mi.TraversalCallback):  # The base class depends on the current variant.
         def put(self, name: str, value: Any, *_: Any) -> None:
             if isinstance(value, mi.Object):
                 children.append(value)
@@ -135,19 +132,20 @@ def faces_of(mesh: mi.Mesh) -> Indices:
     return np.array(mi.traverse(mesh)["faces"], np.intp).reshape(-1, 3)
 
 
-# ---- starts and ends of rays --------------------------------------------------------------------
+# ---- starts and ends of rays ---------------------------------------------------------------------
 
 ROUNDING = 2.0**-20
 """Height above a surface at which rays start and end, relative to the coordinates: eight units in
-the last place of single precision."""
+the last place of single precision.
+"""
 
-# Error of positions in single precision, relative to the largest coordinate. The position itself,
-# its rotation and its translation each have a rounding error of 6e-8.
+# Error of positions in single precision, relative to the largest coordinate: the position, its
+# rotation and its translation each have a rounding error of 6e-8.
 PLACE_ERROR = 5e-7
 
 
-# Flat shapes and instances, for which the bounds are used. Curved shapes touch a plane in one
-# point.
+# Classes of flat shapes and of instances, whose bounds determine rounding errors. Curved shapes
+# touch a plane in a single point only.
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
@@ -198,7 +196,7 @@ def bounds_of(shape: mi.Shape) -> Floats:
 
 
 def largest(point: Drjit) -> Drjit:
-    """Return the largest coordinate of a point of Mitsuba."""
+    """Return the largest coordinate of a Mitsuba point."""
     return dr.max(dr.abs(point))
 
 
@@ -232,7 +230,7 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
 
 
 class Reaches:
-    """Largest coordinates of the shapes of a scene, which determine rounding errors of hits."""
+    """Largest coordinates of the shapes of a scene, which determine the rounding errors of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
@@ -246,7 +244,7 @@ class Reaches:
             self._table = mi.Float(sizes.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
-        """Return the largest coordinate of an intersection and of its shape."""
+        """Return the largest coordinate of an intersection and of the shape at the intersection."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
             key = id(si.shape)
@@ -256,12 +254,12 @@ class Reaches:
         if self._table is None:
             return result
         number = _number(si.shape)
-        # numbers above the last shape belong to instances
+        # Numbers above the number of the last shape belong to instances.
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
     def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
-        """Return a ray that leaves a surface in a direction, on that side of the surface."""
+        """Return a ray that leaves a surface along a direction, on the side of this direction."""
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
@@ -273,18 +271,18 @@ def _number(pointer: Drjit) -> Drjit:
 
 # ---- opaque bodies ------------------------------------------------------
 
-# Largest distance of a chord from a curved shape in wavelengths.
+# Largest distance in wavelengths between a curved shape and the chords that replace it.
 _SAGITTA = 0.01
-# Radius in wavelengths of the largest sphere with chords of this distance, and largest number of
-# chords around a circle.
+# Radius in wavelengths of the largest sphere that is replaced with this accuracy, and largest
+# number of chords around a circle.
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
-# Largest total number of faces of all obstacles; this many need about a gigabyte of memory.
+# Largest total number of faces of all obstacles. This many faces take about 1 GB of memory.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
 def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
-    """Yield corners and triangles of all opaque shapes of a scene, in its units."""
+    """Yield corners and triangles of all opaque shapes of a scene, in units of the scene."""
     groups = {
         shape.id(): children_of(shape)
         for shape in children_of(scene)
@@ -296,8 +294,8 @@ def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indi
             count += len(faces)
             if count > _MOST_FACES:
                 raise SceneError(
-                    f"expected at most {_MOST_FACES} faces in a scene with diffraction, including "
-                    "instances and spheres, got more; simplify the meshes"
+                    f"a scene with diffraction may have at most {_MOST_FACES} faces, including "
+                    "instances and spheres, but this scene has more; simplify the meshes"
                 )
             yield points, faces
 
@@ -323,8 +321,8 @@ def _triangles(
     kind = shape.class_name()
     if kind not in _SHAPES:
         raise SceneError(
-            f"expected meshes, rectangles, disks, spheres and cylinders with diffraction, got a "
-            f"{kind} {shape.id()!r}; make it a mesh"
+            "diffraction supports meshes, rectangles, disks, spheres and cylinders, got the "
+            f"{kind} {shape.id()!r}; convert it to a mesh"
         )
     pose = np.array(matrix_of(params["to_world"]))
     size = float(np.linalg.norm(pose[:3, :3], axis=0)[:2].max())
@@ -338,12 +336,12 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
 
 
 def _chords(radius: float) -> int:
-    """Return the number of chords that represent a circle; ``radius`` in wavelengths."""
+    """Return the number of chords that replace a circle; ``radius`` is in wavelengths."""
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
-    """Return the surface of revolution of a profile (n, 2) of radii and heights about z."""
+    """Return the surface of revolution about z of a profile (n, 2) of radii and heights."""
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
@@ -355,7 +353,7 @@ def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """Return a sphere with edges along circles of latitude, of up to 83,000 triangles."""
+    """Return a sphere of up to 83,000 triangles, with edges along circles of latitude."""
     radius = min(radius, _LARGEST_SPHERE)
     latitudes = np.linspace(-math.pi / 2, math.pi / 2, _chords(radius) // 2 + 1)
     sizes = np.cos(latitudes)
@@ -372,7 +370,7 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
-    """Return the connected parts of a mesh, after corners at the same point are merged."""
+    """Return the connected parts of a mesh, after merging corners at the same point."""
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
     a, b, c = np.moveaxis(points[faces], 1, 0)
@@ -390,7 +388,7 @@ def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
-    """Return the bodies and sheets of meshes, given by corners and triangles."""
+    """Return the bodies and sheets that meshes of corners and triangles form."""
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
@@ -401,7 +399,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
     size = float(np.ptp(points, axis=0).max())
     units = normals / np.linalg.norm(normals, axis=1)[:, None]
-    # Triangles in one plane belong to one face.
+    # Triangles in the same plane belong to one face.
     height = np.einsum("tk,tk->t", units, points[faces[:, 0]] - points[0]) / size
     planes = np.column_stack([units, height]).round(5) + 0.0
     _, first, owner = np.unique(planes, axis=0, return_index=True, return_inverse=True)
@@ -410,7 +408,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
         flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
         return Obstacle(points, faces, owner, normals[first], False, bool(flat))
     inner = points - points.mean(axis=0)
-    # A negative sum means that the normals point to the inside.
+    # A negative sum means that the normals point inwards.
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:
         return _body(points, faces[:, ::-1], -normals)
     # A body is convex if no face rises in front of the plane of a neighbouring face.
@@ -423,7 +421,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
-# Height above the plane of a source, in wavelengths, below which edges are ignored.
+# Edges are ignored below this height above the plane of a source, in wavelengths.
 BEHIND = 1e-3
 
 
@@ -434,7 +432,7 @@ def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the parts of the edges of a silhouette in front of the source's plane."""
+    """Return the parts of a silhouette's edges in front of the plane of the source."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):

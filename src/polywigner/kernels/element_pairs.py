@@ -1,52 +1,106 @@
 """W, A and R of arrays of equal elements at any positions: sums over pairs of elements.
 
-The pair (k, l) contributes to W(x, nu) near the midpoint of its centres, and to A(upsilon, xi) near
-their difference (docs/theory.md, (L1), (L2)). The contribution is W or A of the element at the
-offset from that position, times a phase that is computed without rounding. Cells of about the size
-of an element list the pairs that contribute at a sample. At constant density of elements, the cost
-of a sample is therefore proportional to their number. Midpoints and differences are stored as sums
-of two floats.
+The pair (k, l) contributes to W(x, nu) near the midpoint of both element centres, and to
+A(upsilon, xi) near their difference (docs/theory.md, (L1), (L2)). The contribution is W or A of the
+element at the offset from that position, times a phase that is computed without rounding. The plane
+is divided into cells of about the size of an element, which list the pairs that contribute there.
+At constant density of elements, the cost of a sample is therefore proportional to the number of
+elements. Midpoints and differences are stored as sums of two floats.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.arrays.repeated import (
-    DeviceTable,
-    ElementTables,
-    RepeatedTables,
-    element_ambiguity,
-    element_field,
-    element_tables,
-    element_wigner,
-)
 from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
-from polywigner.kernels.functions.plane import product_of_both
+from polywigner.kernels.functions import plane, separable
+from polywigner.kernels.functions.plane import product_of_both, tables_of
+from polywigner.kernels.functions.separable import SeparableTables, separable_tables
+from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
-from polywigner.kernels.outline.frame import Frame, vertices_for
-from polywigner.numerics import Mask, phases
-from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.kernels.outline import Frame, Tables, vertices_for
+from polywigner.numerics import Floats, Mask, Number, phases
+from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
+
+ElementTables = Tables | SeparableTables
+
+
+def element_tables(aperture: Aperture, double: bool) -> ElementTables:
+    """Return the tables of an element for kernels in float64 (``double``) or float32."""
+    return separable_tables(aperture, double) or tables_of(aperture, double)
+
+
+def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
+    """Return W(x, nu) in the element's frame."""
+    if isinstance(tables, SeparableTables):
+        return separable.wigner(ops, tables, x, y, nu_x, nu_y)
+    return WIGNER_SUM(ops, tables, x, y, nu_x, nu_y)[0]
+
+
+def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
+    """Return A(upsilon, xi) in the element's frame."""
+    if isinstance(tables, SeparableTables):
+        cosine, sine = separable.ambiguity(ops, tables, *arguments)
+    else:
+        cosine, sine = AMBIGUITY_SUM(ops, tables, 0.0, *arguments)
+    return Pair(cosine, -sine)
+
+
+def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
+    """Return the (real, imaginary) field u of the element in its frame, without the carrier."""
+    if isinstance(tables, SeparableTables):
+        return separable.field(ops, tables, x, y)
+    return plane.field(ops, tables, x, y)
+
+
+Element = TypeVar("Element")
+Sites = TypeVar("Sites")
+
+
+@dataclass(frozen=True)
+class RepeatedTables(Generic[Element, Sites]):
+    """Tables of an element, and the positions and weights of its copies."""
+
+    frame: Any
+    element: Element
+    sites: Sites
+    terms: int = 1
+    """Number of copies that are summed at each sample, which determines the choice of the engine.
+    """
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceTable:
+    """A table (rows, columns) that is copied once into the memory of each engine."""
+
+    values: NDArray[Any]
+    copies: dict[Hashable, Any] = field(default_factory=dict)
+
+    def in_memory(self, ops: Any) -> Any:
+        """Return the copy of the table in the memory of an engine."""
+        if ops.key not in self.copies:
+            self.copies[ops.key] = ops.on_device(self.values)
+        return self.copies[ops.key]
+
 
 # Smallest number of elements for which W and A are sums over pairs of elements. Arrays of fewer
 # elements are computed as one source, which is faster (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
-# Rounding to 24 bits moves a point by less than this fraction of its distance from the centre. The
-# boxes of pairs are enlarged by this fraction.
+# Bound on the distance by which rounding to 24 bits moves a point, as a fraction of its distance
+# from the centre. The boxes in which pairs contribute are enlarged by this fraction.
 _MARGIN = 2.0**-21
-# Largest number of grid cells, and of cells per pair: more cells do not shorten the lists.
+# Largest number of grid cells, and of grid cells per pair of elements. More cells do not make the
+# lists of pairs shorter.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
-
-Floats = NDArray[np.float64]
 
 
 def is_scattered(array: Array) -> bool:
@@ -57,16 +111,13 @@ def is_scattered(array: Array) -> bool:
     return len(array) >= _LEAST_ELEMENTS
 
 
-# ---- tables ----------------------------------------------------------------------------------
-
-
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
-    """Return the pairs of elements, or for R (no view) the pairs of each element with itself.
+    """Return the table of pairs of elements; for R (no view) the pairs of each element with itself.
 
     Pairs are sorted by the midpoint of their centres (``MIRRORED``, for W) or by the difference of
-    their centres (``BEHIND``, for A). The field of the first element is the unconjugated factor of
-    the mutual field.
+    their centres (``BEHIND``, for A). In the mutual field, the field of the first element is the
+    factor that is not conjugated.
 
     The columns of a record are: the midpoint (or difference) in the frame and the difference (or
     midpoint), each component as two floats; the mutual weight (real, imag); and half of the width
@@ -79,8 +130,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # The stored fields have no carrier. The phase of the carrier follows from the position or lag
-    # that the user has passed.
+    # The stored fields do not contain the carrier. The phase of the carrier follows from the
+    # position or lag at which the user evaluates the transform.
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
@@ -92,7 +143,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         centre, across = (high, low), (0.0 * high, 0.0 * high)
     else:
         first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
-        # each pair is stored once: the reversed pair contributes the complex conjugate
+        # Each pair is stored once, because the reversed pair contributes the complex conjugate.
         if view is MIRRORED:
             first, second = first[first <= second], second[first <= second]
         weights = weights[first] * weights[second].conj()
@@ -103,7 +154,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         total, lost = phases.difference(high[first], high[second])
         apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # Two copies of an element overlap if their difference is below the sum of both half-widths.
+        # Two copies of an element overlap if the difference of their positions is below the sum of
+        # both half-widths.
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
@@ -113,14 +165,11 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
 
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
-    """Return x and y of vectors, each as a float of the kernel's precision and a remainder."""
+    """Return the x and y of vectors, each as a float of the kernel's precision and a remainder."""
     total, low = vector
     high = total if double else total.astype(np.float32).astype(np.float64)
     low = (total - high) + low
     return [high[:, 0], low[:, 0], high[:, 1], low[:, 1]]
-
-
-# ---- cells -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,22 +177,21 @@ class PairLists:
     """Pairs of elements, sorted by grid cell.
 
     The cell of a pair contains the lower corner of the box in which the pair contributes. Boxes are
-    no larger than cells. So the boxes around a sample begin in its cell or in one of three
-    neighbours, whose records are two runs of the table.
+    no larger than cells. So the boxes around a sample begin in the cell of the sample or in one of
+    three neighbours, whose records are two runs of the table.
     """
 
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Number of cells that contain samples, along each axis. The table of records has one more row
-    and one more column of cells, in front of these cells.
-    """
+    """Number of cells that contain samples, along each axis. The table of records has one
+    additional row and column of cells, in front of these cells."""
     starts: DeviceTable
     """Index of the first record of each cell, shape (cells + 1, 1), row by row."""
     records: DeviceTable
 
     def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
-        """Yield the start and the end of both runs of records in the cells around each point."""
+        """Yield the start and the end of both runs of records that may contribute at each point."""
         starts = self.starts.in_memory(ops)
         u, v = ((p - low) * s for p, low, s in zip((x, y), self.low, self.scale, strict=True))
         rows, columns = self.counts
@@ -160,7 +208,8 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
-    # the margin ensures that rounding cannot make a box span three cells
+    # The cells are slightly larger than the boxes of pairs, so that no box spans three cells
+    # because of rounding.
     size = 2 * farthest * (1 + 1e-9)
     most = min(_MOST_CELLS, _CELLS_PER_PAIR * len(records))
     while np.prod(np.floor((high - low) / size) + 2) > most:
@@ -182,8 +231,6 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
 PairTables = RepeatedTables[ElementTables, tuple[View, PairLists]]
 
 Point = tuple[phases.Doubled, phases.Doubled]
-
-# ---- into the frame --------------------------------------------------------------------------
 
 
 def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
@@ -230,16 +277,13 @@ def _enter_both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: An
     return (cycles, *(number for end in ends for number in end))
 
 
-# ---- one pair --------------------------------------------------------------------------------
-
-
 def _point(numbers: Sequence[Any]) -> Point:
     a, b, c, d = numbers
     return (a, b), (c, d)
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the position or lag of the sample relative to the pair's midpoint or difference."""
+    """Return the sample's position (or lag) relative to the pair's midpoint (or difference)."""
     (x, x_low), (y, y_low) = _point(samples[:4])
     (px, px_low), (py, py_low) = _point(record[:4])
     return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
@@ -248,7 +292,7 @@ def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the contribution of a pair of equal elements to A, or to W (the real part)."""
+    """Return the contribution of a pair of equal elements to A, or to W (the real part only)."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
     cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
@@ -261,20 +305,17 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the field of a single element, including its weight, at a point."""
+    """Return the field of a single element at a point, including the weight of the element."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
-
-
-# ---- all pairs -------------------------------------------------------------------------------
 
 
 def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
     of_pair: Callable[..., Pair] = _of_element,
 ) -> list[Any]:  # fmt: skip
-    """Return the sum over all pairs, as (real, imaginary) or real part only; NaN for NaN arguments.
+    """Return the sum over all pairs as (real, imaginary), or its real part; NaN for NaN arguments.
 
-    ``of_pair``: contribution of a pair, by default to W or A.
+    ``of_pair``: function that computes the contribution of a pair, by default to W or A.
     """
     view, lists = tables.sites
     records = lists.records.in_memory(ops)

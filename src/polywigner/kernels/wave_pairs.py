@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Relative difference below which frequencies count as equal: sums of the same terms in a different
-# order differ by rounding.
+# Largest relative difference of frequencies that count as equal. Sums of the same terms in a
+# different order differ by rounding.
 _EQUAL = 1e-14
 
 Vector = tuple[Any, ...]
@@ -29,7 +28,7 @@ Vector = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Wave:
-    """A plane wave in the frame, relative to its centre and to the carrier."""
+    """A plane wave in the frame, relative to the centre of the frame and to the carrier."""
 
     amplitude: complex
     frequency: Vector
@@ -40,14 +39,14 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """Return the centre of all frequencies, the reference for those of steered sources."""
+    """Return the centre of all frequencies, the carrier of steered sources."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
 
 
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
-    """Return the waves of an illumination (None: uniform) in a frame, less the carrier."""
+    """Return the waves of an illumination (None: uniform) in a frame, without the carrier."""
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]
     else:
@@ -70,10 +69,10 @@ def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class WavePair:
-    """Pairs of waves that share a frequency of the uniform source."""
+    """Pairs of waves that shift the frequency of the uniform source by the same amount."""
 
     shift: Vector
-    """Shift of the pairs, to be subtracted from the frequency."""
+    """Shift to be subtracted from the frequency."""
     terms: tuple[tuple[Any, Vector], ...]
     """Amplitude of each pair, and its spatial frequency over positions (W) or over lags (A)."""
     is_real: bool
@@ -85,7 +84,7 @@ class WavePair:
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """Return the (real, imaginary) derivatives of the amplitude by each component."""
+        """Return the (real, imaginary) derivatives of the amplitude by each coordinate."""
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
@@ -94,7 +93,7 @@ class WavePair:
         return result
 
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
-        """Return the frequency less the shift."""
+        """Return the frequency minus the shift."""
         pairs = zip(frequency, self.shift, strict=True)
         return tuple(f if _is_zero(s) else f - s for f, s in pairs)
 
@@ -134,7 +133,7 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return sum a exp(2 pi i f.point) over terms (a, f); plain numbers if all f are 0."""
+    """Return the sum of a exp(2 pi i f.point) over terms (a, f); plain numbers if all f are 0."""
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
@@ -151,10 +150,10 @@ def _summed(
 
 @lru_cache(maxsize=1024)
 def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ...]:
-    """Return pairs with one mean frequency, for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
+    """Return the pairs of waves for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
 
-    ``is_same``: whether both are the field on the same elements. The pairs (m, n) and (n, m) are
-    then conjugate and taken together.
+    Pairs with the same mean frequency are joined. ``is_same``: whether both fields are those of the
+    same elements. The pairs (m, n) and (n, m) are then conjugate and counted once.
     """
     pairs = [
         (mean, (2.0 if is_same and m < n else 1.0) * amplitude, difference)
@@ -166,7 +165,7 @@ def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ..
 
 @lru_cache(maxsize=1024)
 def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
-    """Return pairs with one difference, for A: c_m c_n* exp(i pi (kappa_m + kappa_n).xi)."""
+    """Return the pairs of waves for A: c_m c_n* exp(i pi (kappa_m + kappa_n).xi)."""
     pairs = [(diff, amplitude, mean) for _, _, amplitude, mean, diff in _products(first, second)]
     return _collected(pairs, is_real=False)
 

@@ -1,9 +1,10 @@
-"""Figures of the transforms of a source."""
+"""Figures of the transforms of a source, and of their projections on grids with shared axes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 import polywigner as pw
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.levels import check_floor, checked_dataset, level_db
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_count,
     checked_flag,
     checked_vectors,
@@ -25,12 +27,16 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 LARGEST_SAMPLES = 4096
-"""Maximum number of samples along each axis; a complex array then has 256 MiB."""
+"""Largest number of samples along each axis. A complex array of this size takes 256 MiB."""
 
-# Half width of the frequency axes if there is no wavelength, in 1/diameter: five lobes of a square.
+# Half width of the frequency axes in units of 1/diameter if there is no wavelength: five lobes of a
+# square.
 _LOBES = 8.0
 
 Point = tuple[float, float]
@@ -114,18 +120,19 @@ def transform_slices(
     if not pw.lag_slice(aperture, position).area > 0:
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
-            f"expected a position x inside the automean of the source (bounds {bounds} m), because "
-            f"W is zero outside, got ({position[0]:.4g}, {position[1]:.4g}) m; check its unit"
+            f"the position x must be inside the automean of the source (bounds {bounds} m), "
+            f"because W is zero outside, got ({position[0]:.4g}, {position[1]:.4g}) m; check its "
+            "unit"
         )
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
-            "expected a lag xi at which the aperture overlaps its shifted copy, got "
+            "the lag xi must be one at which the aperture overlaps its shifted copy, got "
             f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit"
         )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
-    in_plane: Any = source  # only an array of dimension 2 accepts nu with two components
+    in_plane: Any = source  # Only an array of dimension 2 accepts nu with two components.
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
     fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
@@ -231,7 +238,9 @@ def draw_transforms(
     """
     check_floor(floor_db)
     if not isinstance(slices, TransformSlices):
-        raise ArgumentError(f"expected the result of transform_slices, got {type(slices).__name__}")
+        raise ArgumentError(
+            f"expected slices as the result of transform_slices, got {type(slices).__name__}"
+        )
     unit = length_unit(slices.aperture.diameter)
     is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
     note = "" if is_cropped else ", dotted circle: |ν| = 1/λ"
@@ -335,3 +344,159 @@ def _heading(title: str, wavelength: float | None, note: str) -> str:
     unit = length_unit(wavelength)
     text = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
     return f"{title}; {text}" if title else text
+
+
+Layout = Literal["paper", "all"]
+
+_COORDINATES = {
+    "autocorrelation": ("x", "y", "xi_x", "xi_y"),
+    "wigner": ("x", "y", "nu_x", "nu_y"),
+    "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
+}
+# Closed forms of some tiles, for their titles.
+_KNOWN = {
+    ("autocorrelation", "x", "y"): "R_x",
+    ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
+    ("wigner", "x", "y"): "|u|^2",
+    ("wigner", "nu_x", "nu_y"): "|F|^2",
+    ("ambiguity", "upsilon_x", "upsilon_y"): r"F(\upsilon/2)\,F^*(-\upsilon/2)",
+    ("ambiguity", "xi_x", "xi_y"): r"u(\xi/2)\,u^*(-\xi/2)",
+}
+_LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
+
+# Negative values below this fraction of the peak are rounding errors.
+_NEGATIVE = 1e-9
+# Width in inches of a panel with its colour bar.
+_INCHES = 3.3
+
+
+@style.typeset
+def draw_projections(
+    dataset: xarray.Dataset,
+    layout: Layout = "paper",
+    floor_db: float = -40.0,
+    title: str = "",
+    *,
+    figure: Figure | SubFigure | None = None,
+) -> Figure:
+    """Draw the tiles of :func:`polywigner.projections` with axes, units and colour bars.
+
+    The real parts of complex tiles are drawn. The scale of signed tiles is linear up to 1 % of the
+    peak and logarithmic beyond; power spectra are in dB; the scale of other tiles is linear.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Result of :func:`polywigner.projections` with all tiles.
+    layout : {"paper", "all"}
+        "paper": two rows of two tiles. A tile on the diagonal has two coordinates of one kind; the
+        other tiles have a position and its frequency (or lag). "all": a triangle of all six pairs
+        of coordinates. Tiles in a column share the horizontal axis, and tiles in a row share the
+        vertical axis. Slits have one tile.
+    floor_db : float, default -40
+        Lowest level of power spectra in dB relative to the peak.
+    title : str, optional
+        Title of the figure.
+    figure : matplotlib.figure.Figure or SubFigure, default a new figure
+        Figure to draw on.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure.
+
+    Raises
+    ------
+    ArgumentError
+        If the layout is unknown, tiles are missing, an axis has fewer than two samples, or
+        ``figure`` has another type.
+    """
+    check_floor(floor_db)
+    cells = _cells(dataset, layout)
+    axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
+    if min(dataset.sizes[name] for name in axes_of_tiles) < 2:
+        raise ArgumentError("a figure requires at least two samples along each axis, got one")
+    lengths = [d for d in axes_of_tiles if not style.is_spectral(d)]
+    unit = length_unit(max(float(np.ptp(dataset[d].values)) for d in lengths))
+    rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
+    size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
+    figure = style.figure_on(figure, *size, title, spacing=0.03)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
+    for position, axes in np.ndenumerate(panels):
+        if position not in cells:
+            axes.set_axis_off()
+            continue
+        _draw(axes, dataset, cells[position], unit, floor_db)
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel(style.axis_label(cells[position][1], unit))
+        if position[1] == 0:
+            axes.set_ylabel(style.axis_label(cells[position][2], unit))
+    return figure
+
+
+Cells = dict[tuple[int, ...], tuple[str, str, str]]
+"""Name, horizontal coordinate and vertical coordinate of the tile at each (row, column)."""
+
+
+def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
+    names = list(checked_dataset(dataset, "dataset").data_vars)
+    if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
+        # A dataset of slits has a single tile.
+        return {(0, 0): (names[0], *dataset[names[0]].dims)}
+    p, q, r, s = _COORDINATES[dataset.attrs["kind"]]
+    if checked_choice(layout, "layout", get_args(Layout)) == "paper":
+        pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
+    else:
+        pairs = {(j, i): ((p, q, r)[i], (q, r, s)[j]) for i in range(3) for j in range(i, 3)}
+    named = {frozenset(dataset[name].dims): name for name in names}
+    for across, up in pairs.values():
+        if frozenset((across, up)) not in named:
+            raise ArgumentError(
+                f"the projections contain no tile over {across} and {up}; call "
+                "polywigner.projections without the argument tiles"
+            )
+    return {cell: (named[frozenset(pair)], *pair) for cell, pair in pairs.items()}
+
+
+def _draw(
+    axes: Axes, data: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
+) -> None:
+    name, across, up = cell
+    tile = data[name]
+    values = np.real(np.asarray(tile.values))
+    values = values.T if tile.dims == (across, up) else values
+    peak = float(np.max(np.abs(values))) or 1.0
+    power, exponent = {"1": (0, ""), "m": (1, ""), "m2": (2, "²"), "m4": (4, "⁴")}[
+        tile.attrs["units"]
+    ]
+    scale, printed = float(unit.metres**power), unit.name + exponent if power else ""
+    # The size is printed in the form 2.56·10⁴ mm⁴.
+    digits, _, tens = f"{peak / scale:.3g}".partition("e")
+    times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
+    size = f"{digits}{times} {printed}".rstrip()
+    grid = [
+        np.asarray(data[name].values) * unit.metres ** (1 if style.is_spectral(name) else -1)
+        for name in (across, up)
+    ]
+    options: dict[str, Any] = {"shading": "nearest", "label": f"relative to {size}"}
+    if values.min() < -_NEGATIVE * peak:
+        style.draw_signed(axes, values / peak, *grid, **options)
+    elif style.is_spectral(across) or style.is_spectral(up):
+        options |= {"low": floor_db, "label": f"dB relative to {size}"}
+        style.draw_levels(axes, level_db(values, peak, floor_db), *grid, **options)
+    else:
+        options |= {"low": 0.0, "high": None, "label": printed}
+        style.draw_levels(axes, values / scale, *grid, **options)
+    axes.set_title(_integral(data.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
+
+
+def _integral(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
+    """Return the quantity of a tile as a formula: a function with its variables of integration."""
+    letter = _LETTERS[kind]
+    integrated = [name for name in _COORDINATES[kind] if name not in dims]
+    real = r"\mathrm{Re}\," if is_complex else ""
+    if len(integrated) != 2:
+        return f"${real}{letter}$"
+    measure = r"\,".join(rf"\mathrm{{d}}{style.latex(name)}" for name in integrated)
+    known = _KNOWN.get((kind, dims[0], dims[1]))
+    return rf"$\iint {real}{letter}\;{measure}{f' = {real}{known}' if known else ''}$"

@@ -1,9 +1,9 @@
 """W and A of phased arrays on a lattice: W and A of the element, times array factors.
 
-A pair of sites contributes W of the element to W(x, nu), at x minus the midpoint of the sites. It
-contributes A of the element to A(upsilon, xi), at xi minus the difference of the sites
-(docs/theory.md, (L1), (L2)). Only the few midpoints (or differences) within an element's size of x
-(or xi) contribute, however many elements there are.
+A pair of sites contributes W of the element to W(x, nu) of the array, at x minus the midpoint of
+the sites. It contributes A of the element to A(upsilon, xi), at xi minus the difference of the
+sites (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences) within an element's size
+of x (or xi) contribute, however many elements there are.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.arrays.array_factors import ProfileFactor, factor_of, profile_factor
-from polywigner.kernels.arrays.repeated import (
+from polywigner.kernels.array_factors import ProfileFactor, factor_of, profile_factor
+from polywigner.kernels.element_pairs import (
     ElementTables,
     RepeatedTables,
     element_ambiguity,
@@ -26,17 +26,18 @@ from polywigner.kernels.arrays.repeated import (
     element_wigner,
 )
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
-from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline import Frame
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import unit_wave
+from polywigner.numerics.phases import unit_wave
 from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form
 
-# Smallest number of elements for which W and A are computed with array factors. Arrays of fewer
-# elements are computed as one source (benchmarks/array_cost.py).
+# Smallest number of elements for which W and A of a lattice are computed with array factors. Arrays
+# with fewer elements are computed as one source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
-# A point this close to the boundary of a region contributes less than rounding.
+# Distance from the boundary of a region, relative to the lattice, within which a point contributes
+# less than rounding errors.
 _EDGE = 4e-15
 
 Pair2 = tuple[float, float]
@@ -44,19 +45,21 @@ Pair2 = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Nodes:
-    """Differences or midpoints of sites: multiples of the steps of a lattice."""
+    """Differences or midpoints of the sites of a lattice, which are multiples of its steps."""
 
     scale: float
-    """Spacing of the nodes in steps of the lattice: 1, or 1/2 for midpoints."""
+    """Spacing of the nodes, in steps of the lattice: 1 for differences, 1/2 for midpoints."""
     windows: tuple[tuple[float, float, int, int], ...]
-    """For each direction (low, high, first node on the lattice, number of nodes on it). Nodes h
-    contribute at t if t - h lies in the open interval (low, high)."""
+    """For each direction (low, high, first node on the lattice, number of nodes on it). A node h
+    contributes at t if t - h lies in the open interval (low, high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first node that contributes at (x, y), and (x, y) from there in the frame."""
+        """Return the first node that contributes at (x, y), and the vector from it to (x, y)."""
         i, j = (
             0.0 * x + float(start)
-            if high - low >= steps  # the element is much larger than the lattice
+            # An element larger than the lattice overlaps all of its copies, so every node
+            # contributes.
+            if high - low >= steps
             else ops.round((x * row[0] + y * row[1]) * (1 / self.scale) - high + 0.5)
             for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)
         )
@@ -65,7 +68,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps from the first to each node that contributes, and their vectors."""
+        """Return the steps from the first contributing node to each node, and their vectors."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -78,18 +81,18 @@ class _Nodes:
 
 @dataclass(frozen=True)
 class _ArrayFrame:
-    """The frame of the element, and the lattice."""
+    """The frame of the element, and the basis vectors and weights of the lattice."""
 
     element: Frame
     origin: Pair2
-    """The centre of the element's frame at the first site."""
+    """Centre of the element's frame at the first site."""
     centre: Pair2
     """Mean of the centres of the elements."""
     basis: tuple[Pair2, Pair2]
     inverse: tuple[Pair2, Pair2]
-    """From positions to lattice coordinates."""
+    """Matrix that converts positions to lattice coordinates."""
     cycles: Pair2
-    """Phase of the weights from site to site along each direction, in cycles."""
+    """Phase of the weights from one site to the next along each direction, in cycles."""
     means: _Nodes
     differences: _Nodes
 
@@ -103,7 +106,7 @@ class _ArrayFrame:
 
     @property
     def slope(self) -> Pair2:
-        """Phase of the weights from site to site, less the phase of the carrier, in cycles."""
+        """Phase of the weights from site to site, minus the phase of the carrier, in cycles."""
         along_first, along_second = (
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
@@ -114,7 +117,7 @@ class _ArrayFrame:
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # W vanishes outside the hull of the element, and A at lags beyond the size of the element
+    # W vanishes outside the hull of the element, and A at lags beyond the size of the element.
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -148,7 +151,7 @@ def _lattice(array: Array) -> Lattice | None:
 
 
 def is_on_lattice(array: Array) -> bool:
-    """Return whether an array is one element on a lattice, with a product of weights."""
+    """Return whether an array repeats one element on a lattice, with separable weights."""
     return _lattice(array) is not None
 
 
@@ -167,7 +170,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
-    """Return the factor of a profile, whose amplitudes include the modulus of its constant."""
+    """Return the array factors of a profile; its amplitudes include the modulus of its factor."""
     size = abs(profile.factor)
     if profile.is_uniform and size == 1.0:
         return profile_factor(profile)
@@ -176,7 +179,7 @@ def _scaled(profile: Profile) -> ProfileFactor:
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
-    """Return nu.b modulo 1 along both directions."""
+    """Return nu.b modulo 1 for both basis vectors b."""
     return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
@@ -205,12 +208,12 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return the phase, the first difference, xi from there, upsilon.b in cycles, and upsilon."""
+    """Return the phase, the first difference, xi relative to it, upsilon.b, and upsilon."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
-    # midpoints are multiples of b/2, so upsilon.b is reduced modulo 2
+    # The midpoints are multiples of b/2, so upsilon.b is reduced modulo 2.
     along = (2.0 * t for t in _site_cycles(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
     return (cycles, *nearest, *along, *inner)
 

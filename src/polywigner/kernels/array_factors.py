@@ -26,43 +26,37 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.arrays.repeated import DeviceTable
+from polywigner.kernels.element_pairs import DeviceTable
 from polywigner.kernels.functions.fourier import LinearFrame
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
-from polywigner.numerics import Number, phases
-from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.phases import cos_sin_cycles, sin_cycles
+from polywigner.numerics import Complex, Number, phases
+from polywigner.numerics.phases import Pair, cos_sin_cycles, sin_cycles
 from polywigner.source.lattices import Profile, Sites, separated
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Pair2 = tuple[Any, Any]
 Row = tuple[float, ...]
 
-# Number of coefficients that the engine reads with one load instruction.
+# Number of coefficients that an engine reads with one load instruction.
 _PACKET = 4
-# Largest number of terms in a temporary array. Together with intermediate results, such an array
-# takes some tens of megabytes.
+# Largest number of terms in a temporary array, which then takes some tens of megabytes together
+# with intermediate results.
 _BLOCK = 1 << 18
 
 
 def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
     """Return the index of the second site of a pair, along a direction of ``count`` sites.
 
-    ``number``, 0 to 2 count - 2, is the sum of both indices (``by_mean``), or their difference plus
-    count - 1. In both cases count - |number - (count - 1)| pairs of sites share a number. The array
-    factor of these pairs is a sum of the waves exp(-2 pi i t (index - number/2)), with t = 2 nu.b
-    or upsilon.b.
+    ``number``, from 0 to 2 count - 2, is the sum of the indices of both sites (``by_mean``), or
+    their difference plus count - 1. In both cases count - |number - (count - 1)| pairs of sites
+    have the same number. Their array factor is a sum of the waves exp(-2 pi i t
+    (index - number/2)), with t = 2 nu.b or upsilon.b.
     """
     return number - index if by_mean else index - number + (count - 1)
 
 
 def _odd(ops: Any, number: Any) -> Number:
-    """Return 1 for odd numbers, 0 for even ones."""
+    """Return 1 for odd numbers and 0 for even numbers."""
     return abs(number - 2.0 * ops.round(0.5 * number))
-
-
-# ---- profiles --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,38 +70,39 @@ class ProfileFactor:
         return len(self.profile.amplitudes)
 
     @cached_property
-    def _amplitudes(self) -> Complexes:
+    def _amplitudes(self) -> Complex:
         return np.array(self.profile.amplitudes, np.complex128)
 
     @cached_property
     def means(self) -> _Series:
-        """Products a_i a_j*: a row for each sum i + j, in the order of increasing i - j."""
+        """Table of products a_i a_j*: one row for each i + j, in order of increasing i - j."""
         return self._mutual(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
-        """Products a_i a_j*: a row for each difference i - j, in the order of increasing i + j."""
+        """Table of products a_i a_j*: one row for each i - j, in order of increasing i + j."""
         return self._mutual(by_mean=False)
 
     @cached_property
     def _all(self) -> _Series:
-        """The amplitudes of all sites, as a table with one row."""
+        """Table with one row, the amplitudes of all sites."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _mutual(self, by_mean: bool) -> _Series:
         a, last = self._amplitudes, self.count - 1
 
-        def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complexes:
+        def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
             site = np.maximum(0, number - last) + k
-            products: Complexes = a[site] * a[partner(site, number, self.count, by_mean)].conj()
+            products: Complex = a[site] * a[partner(site, number, self.count, by_mean)].conj()
             return products
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
-        """Return the array factor, at t = ``cycles``, of all pairs with one :func:`partner` number.
+        """Return the array factor of all pairs of sites that have the same ``number``.
 
-        Each pair has the weight a_i a_j*. With ``by_mean``, the factor is real.
+        :func:`partner` defines the number of a pair. The factor is evaluated at t = ``cycles``. The
+        pair (i, j) has the weight a_i a_j*. With ``by_mean``, the factor is real.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -145,16 +140,16 @@ def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
 class _Series:
     """Sums of cosines and sines, one for each row of a table of coefficients.
 
-    Row r is the sum of p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with complex p and q. m_k is k
-    for an odd number of terms, and k + 1/2 for an even number; the terms are ordered from the
-    centre of the row outwards.
+    Row r is the sum of p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with complex p and q. The
+    multiple m_k is k for an odd number of terms, and k + 1/2 for an even number. The terms are
+    ordered from the centre of the row outwards.
     """
 
     packets: int
     """Number of packets of coefficients in each row."""
     tables: tuple[DeviceTable | None, ...]
-    """Real and imaginary parts of p, then of q. Shape (rows * packets per row, coefficients per
-    packet)."""
+    """Real and imaginary parts of p, then of q. Each table has the shape (rows * packets per row,
+    coefficients per packet)."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
         """Return the sum of a row at t = ``cycles``, or 0 if the row does not exist.
@@ -162,11 +157,11 @@ class _Series:
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Row indices are integers, because float32 rounds numbers above 2^24, which profiles of
-        # more than 8,200 sites need.
+        # Row indices of the table are integers, because float32 rounds integers above 2^24, which
+        # profiles of more than 8,200 sites need.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
-        # the centre of the row lies between two terms
+        # If the number of terms is even, the centre of the row lies between two terms.
         is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5
         basis = _Basis(ops, cycles, is_even)
         ends = (basis.cosine, basis.cosine, basis.sine, basis.sine)
@@ -198,10 +193,11 @@ class _Series:
 
 
 class _Basis:
-    """Clenshaw's recursion in Reinsch's form for cosines and sines of multiples k or k + 1/2.
+    """Clenshaw's recurrence in Reinsch's form for cosines and sines of multiples k or k + 1/2.
 
     This form is stable at multiples of half a cycle, where Clenshaw's original form loses n^2 ulps.
-    ``cosine`` and ``sine`` are the factors of the final d and of the second-last b.
+    ``cosine`` and ``sine`` are the factors of the last d and of the second-last b of the
+    recurrence.
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
@@ -221,9 +217,9 @@ class _Basis:
 
 
 def _series(
-    lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complexes]
+    lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complex]
 ) -> _Series:
-    """Return rows c_k = ``product(row, k)``, 0 <= k < length, as sums about their centres."""
+    """Return the rows c_k = ``product(row, k)``, 0 <= k < length, as sums about their centres."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
@@ -237,13 +233,14 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        odd = rows[n % 2 == 1]  # the central term of a row is in both halves
+        # Both halves of a row of odd length contain the central term.
+        odd = rows[n % 2 == 1]
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, tuple(tables))
 
 
-def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | None:
+def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
     parts: NDArray[np.float64] = getattr(values, part)
     if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
         return None
@@ -253,12 +250,13 @@ def _unless_zero(values: Complexes, part: str, packet: int) -> DeviceTable | Non
 def factor_of(
     ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
 ) -> Callable[[Pair2, Pair2], Pair]:
-    """Return a function that computes the array factor of the pairs of sites at a node.
+    """Return a function that computes the array factor of the pairs of sites that share a node.
 
-    A node is a midpoint of sites (``by_mean``) or a difference of sites.
+    A node is the midpoint of two sites (``by_mean``) or the difference of two sites.
 
     ``cycles``: t along both directions. The function takes the steps from the first contributing
-    node to the node, and the numbers of the node for `partner`, each along both directions.
+    node to the node, and the two numbers of the node for :func:`partner`, each along both
+    directions.
     """
     first, second = (
         _remembered(partial(profile.at, ops, by_mean, cycles=along))
@@ -268,11 +266,12 @@ def factor_of(
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a cached ``compute(argument)``, with the step as the key."""
+    """Return a version of ``compute(argument)`` that caches its results by step."""
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:
-        if not isinstance(step, float):  # the step is an array of the engine and cannot be a key
+        # A step that is an array of an engine cannot be a key of the cache.
+        if not isinstance(step, float):
             return compute(argument)
         if step not in known:
             known[step] = compute(argument)
@@ -281,27 +280,24 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     return of
 
 
-# ---- sites -----------------------------------------------------------------------------------
-
-# Largest deviation of positions from a lattice, as a fraction of its extent D, for which the closed
-# form is used. The error of the phase in radians is 6e3 times this fraction at |nu| D = 1000.
-# Rounded multiples of a pitch deviate by less; rounded positions far from the origin deviate by
-# more.
+# Largest deviation of the sites from a lattice, as a fraction of the extent D of the lattice, for
+# which the closed form is used. The error of the phase in radians is 6e3 times this fraction at
+# |nu| D = 1000. Rounded multiples of a pitch deviate by less. Rounded positions far from the origin
+# deviate by more.
 _MISFIT = 2.0**-52
-# Smallest number of sites for the closed form. Fewer sites are summed one by one, which is as fast
-# and compiles sooner (benchmarks/array_cost.py).
+# Smallest number of sites for which the array factor of a lattice is computed in closed form. Fewer
+# sites are summed one by one, which is as fast and compiles sooner (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
 
 @dataclass(frozen=True)
 class _Tables:
     frame: LinearFrame
-    """Rows are the basis vectors of the lattice. The frame has no rows if sites are summed one by
-    one."""
+    """Frame whose rows are the basis vectors of the lattice. It has no rows if sites are summed one
+    by one."""
     rows: tuple[Row, ...] = ()
     """One row for each site: its position relative to the centre, each coordinate as two floats,
-    and its weight. Empty for a lattice.
-    """
+    and its weight. Empty for a lattice."""
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
     cycles: tuple[float, ...] = ()
@@ -321,7 +317,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre), lattice.basis, 1.0)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # the phases refer to the centre of the lattice
+        # The phases of the weights are relative to the centre of the lattice.
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
     factors, cycles = (
         map(profile_factor, profiles),
@@ -347,7 +343,7 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.rows:
         return (cycles, *nu)
-    # sites lie at multiples of b/2 from the centre, so nu.b is reduced modulo 2
+    # The sites lie at multiples of b/2 from the centre, so nu.b is reduced modulo 2.
     half = [0.5 * component for component in nu]
     return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.rows))
 

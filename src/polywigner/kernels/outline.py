@@ -1,0 +1,364 @@
+"""The edges of a source in its frame, with weights and fields.
+
+Every kernel works in a normalised frame. Coordinates are centred on the source and scaled so that
+the source fills a box of about unit size. Thresholds on |nu| times diameter become absolute, and
+float32 uses its digits for the source. Needles and plates are also rotated to their axes and
+stretched. The transforms are covariant under affine maps, so a needle of aspect ratio 1e-6 is as
+accurate as a square.
+
+The map of frequencies is exact: its matrix consists of floats, and vertices are mapped by its exact
+inverse. Otherwise the rounding of an axis by an ulp would rotate the needle, and move its ends by
+many ulps of its width.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from polywigner.geometry import Aperture
+from polywigner.geometry.rings import whole_numbers
+from polywigner.kernels.wave_pairs import (
+    UNIFORM,
+    Waves,
+    carrier_of,
+    difference_pairs,
+    waves_in_frame,
+)
+from polywigner.numerics import Floats, phases
+from polywigner.source.normal_form import Source
+
+# Largest aspect ratio of a bounding box in the user's axes. Longer outlines are rotated to their
+# principal axes and stretched. At smaller ratios, rounding costs fewer ulps of the width than in
+# the kernels, and edges along the user's axes remain parallel to the axes of the frame.
+NEEDLE_ASPECT = 8.0
+
+Matrix = tuple[tuple[Any, ...], ...]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Coordinates x' = matrix (x - centre) / norm, and frequencies nu' = inverse_transpose nu.
+
+    The second matrix is exactly the inverse transpose of the first. ``measure``: area of a unit
+    square of the frame, in the user's units. ``reach``: largest |x'| and |y'| of the source.
+    """
+
+    centre: tuple[float, float]
+    matrix: Matrix
+    inverse_transpose: Matrix
+    norm: float
+    measure: float
+    reach: tuple[float, ...]
+    carrier: tuple[float, ...] = (0.0, 0.0)
+    """Frequency, in the user's units, relative to which fields on the source are stored."""
+
+    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return a point of the aperture plane in the frame."""
+        cx, cy = self.centre
+        if self.is_diagonal:
+            return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
+        # Products across a needle-shaped outline cancel almost completely, so the rounding errors
+        # of the differences dx and dy matter.
+        (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
+        fine = self._cross_products(ops, lost_x, lost_y)
+        coarse = self._cross_products(ops, dx, dy)
+        return coarse[0] + fine[0], coarse[1] + fine[1]
+
+    @cached_property
+    def is_diagonal(self) -> bool:
+        """Whether the axes of the frame are parallel to the user's axes."""
+        return _diagonal(self.matrix)
+
+    def grid_step(self, double: bool) -> float:
+        """Return the spacing of the grid of vertices and offsets, a power of two.
+
+        Offsets at which two copies overlap are at most twice the reach. An offset minus two
+        vertices is therefore below four times the reach, and exact in float64 (53 bits) or float32
+        (24 bits). A margin covers offsets at which the copies miss each other by rounding.
+        """
+        return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
+
+    @property
+    def rows(self) -> Matrix:
+        """Matrix that converts frequencies to the frame."""
+        return self.inverse_transpose
+
+    def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return a difference of two points in the frame."""
+        if self.is_diagonal:
+            return x * self.matrix[0][0], y * self.matrix[1][1]
+        return self._cross_products(ops, x, y)
+
+    @property
+    def axes(self) -> tuple[int, int] | None:
+        """Index of the user's axis parallel to each axis of the frame; None in rotated frames."""
+        for axes in ((0, 1), (1, 0)):
+            if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
+                return axes
+        return None
+
+    def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+        """Return a spatial frequency in the frame."""
+        if self.is_diagonal:
+            return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
+        return matrix_times(ops, self.inverse_transpose, x, y)
+
+    def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+        """Return a spatial frequency minus the carrier, in the frame."""
+        cx, cy = self.carrier
+        return self.frequency(ops, x - cx if cx else x, y - cy if cy else y)
+
+    def exact_frequency(self, *nu: float) -> tuple[float, ...]:
+        """Return a constant frequency in the frame, correctly rounded."""
+        rows = [[Fraction(m) for m in row] for row in self.inverse_transpose]
+        exact = [Fraction(n) for n in nu]
+        return tuple(float(sum(m * n for m, n in zip(row, exact, strict=True))) for row in rows)
+
+    def _cross_products(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        (xx, xy), (yx, yy) = self.matrix
+        scale = 1 / self.norm
+        return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
+
+    def vertices(self, points: Floats) -> Floats:
+        """Return points (n, 2) in the frame, correctly rounded."""
+        return vertices_for(self.inverse_transpose, self.centre, points)
+
+
+def enter_position_and_frequency(
+    ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any
+) -> tuple[Any, ...]:
+    """Return the arguments of W in the frame."""
+    return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
+
+
+def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
+    """Return matrix nu; each component is accurate to about an ulp, even for thin outlines."""
+    if _diagonal(matrix):
+        return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
+    return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
+
+
+def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Floats:
+    """Return correctly rounded x' (n, d) with (matrix nu).x' = nu.(x - centre) for all nu."""
+    if _diagonal(matrix):
+        return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
+    points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
+    rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
+    cofactors, divisor = _cofactors(rows.tolist()), determinant(rows.tolist())
+    sums = (points[1:] - points[0]) @ np.array(cofactors, dtype=object).T
+    power = exponent - row_exponent
+    if power < 0:
+        divisor <<= -power
+    # A quotient of Python integers is rounded only once.
+    return ((sums << max(power, 0)) / divisor).astype(np.float64)
+
+
+def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
+    """Return the determinant times the inverse transpose of a 2 x 2 or 3 x 3 matrix."""
+    n = len(matrix)
+
+    def cofactor(i: int, j: int) -> int:
+        minor = [[matrix[a][b] for b in range(n) if b != j] for a in range(n) if a != i]
+        return (-1) ** (i + j) * int(determinant(minor))
+
+    return [[cofactor(i, j) for j in range(n)] for i in range(n)]
+
+
+def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
+    """Return the determinant by expansion along the first row; it is exact for exact numbers."""
+    if len(matrix) == 1:
+        return matrix[0][0]
+    minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
+    return sum(
+        (-1) ** k * first * determinant(minor)
+        for k, (first, minor) in enumerate(zip(matrix[0], minors, strict=True))
+    )
+
+
+def reach_of(vertices: Floats) -> tuple[float, ...]:
+    """Return the largest |coordinate| of vertices (n, d) in their frame."""
+    return tuple(np.abs(vertices).max(axis=0).tolist())
+
+
+def _diagonal(matrix: Matrix) -> bool:
+    others = (value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
+    return all(isinstance(value, float) and value == 0.0 for value in others)
+
+
+def frame_of(points: Floats) -> Frame:
+    """Return the frame of points (n, 2) that do not all lie on one line."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre = low + (high - low) / 2
+    corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
+    sides = np.diff(corners[:3], axis=0)
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    long, short = int(lengths.argmax()), int(lengths.argmin())
+    length = width = power_of_two(float(np.hypot(*lengths)))
+    c, s = 1.0, 0.0
+    if lengths[long] > NEEDLE_ASPECT * lengths[short] > 0.0:
+        c, s = (sides[long] / lengths[long]).tolist()
+        length, width = power_of_two(lengths[long]), power_of_two(lengths[short])
+    return frame_along(points, centre, (c, s), (length, width))
+
+
+def frame_along(
+    points: Floats, centre: Floats, direction: tuple[float, float], sizes: tuple[float, float]
+) -> Frame:
+    """Return the frame with a given direction of its first axis, and powers of two as units."""
+    (c, s), (length, width) = direction, sizes
+    norm = c * c + s * s
+    matrix = ((c / length, s / length), (-s / width, c / width))
+    inverse_transpose = ((c * length, s * length), (-s * width, c * width))
+    origin = (float(centre[0]), float(centre[1]))
+    reach = reach_of(vertices_for(inverse_transpose, origin, points))
+    return Frame(origin, matrix, inverse_transpose, norm, length * width * norm, reach)
+
+
+def power_of_two(size: float) -> float:
+    """Return the power of two that scales ``size`` to [1/2, 1), exactly."""
+    return math.ldexp(1.0, math.frexp(size)[1])
+
+
+# Cost of each further wave on an edge, relative to the cost of cutting the edge by another edge.
+_EDGES_PER_WAVE = 24
+# Largest number of edges that are compiled as code. Edges as code are two to four times as fast as
+# edges as data, but take 1 ms to compile for each pair of edges and each wave
+# (benchmarks/wigner_cost.py).
+_MOST_EDGES_AS_CODE = 16
+
+
+# Tables are compared by identity, which is fast.
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """The elements of a coherent source as edges, weights and fields, in one frame."""
+
+    frame: Frame
+    edges: Floats
+    """Shape (n, 6): start and end of each edge, and complex weight of its element."""
+    names: npt.NDArray[np.intp]
+    """Shape (n, 4): indices of the vertices at which each edge begins and ends, of its element, and
+    of its group."""
+    apertures: tuple[Aperture, ...]
+    """The elements in the plane of the source."""
+    weights: tuple[Any, ...]
+    """Complex weights of the elements, relative to the field of their group."""
+    factors: tuple[complex, ...]
+    """Weight of each element divided by the user's weight, one factor for each element."""
+    groups: tuple[Waves, ...]
+    """Distinct fields on the elements, without the weights of the elements."""
+    double: bool
+    coherence: Any = None
+    """Matrix that converts lags in the frame to coherence widths; None for coherent light."""
+    pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
+    """Lists of pairs of edges that can cross, by view, groups, precision and number of cells."""
+    lists: dict[Any, Any] = field(default_factory=dict, repr=False)
+    """The same lists in the form that NumPy uses, one entry for W and one for A."""
+
+    @cached_property
+    def uniform(self) -> bool:
+        """Whether all weights are 1."""
+        return all(weight == 1.0 for weight in self.weights)
+
+    @cached_property
+    def phased(self) -> bool:
+        """Whether any weight is complex."""
+        return any(weight.imag for weight in self.weights)
+
+    @cached_property
+    def clips(self) -> int:
+        """Number of pairs of edges, which is the cost of one slice.
+
+        Each wave after the first counts as 24 edges, because it is integrated over each part of an
+        edge.
+        """
+        return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
+
+    @cached_property
+    def waves_per_cut(self) -> int:
+        """Number of plane waves that are integrated over a part of an edge."""
+        return max(
+            sum(len(difference_pairs(waves, other)) for other in self.groups)
+            for waves in self.groups
+        )
+
+    @cached_property
+    def fits_code(self) -> bool:
+        """Whether compiled kernels may have each edge as a constant: for few edges and one wave."""
+        is_short = len(self.edges) <= _MOST_EDGES_AS_CODE and self.waves_per_cut == 1
+        return is_short and self.coherence is None
+
+    @cached_property
+    def by_element(self) -> Tables:
+        """The same tables with each element as a separate group of weight 1."""
+        edges, names = self.edges.copy(), self.names.copy()
+        edges[:, 4:], names[:, 3] = (1.0, 0.0), names[:, 2]
+        group_of = dict(zip(self.names[:, 2].tolist(), self.names[:, 3].tolist(), strict=True))
+        count = len(self.weights)
+        groups = tuple(self.groups[group_of.get(k, 0)] for k in range(count))
+        return replace(
+            self,
+            edges=edges,
+            names=names,
+            weights=(1.0,) * count,
+            groups=groups,
+            pairs={},
+            lists={},
+        )
+
+    def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
+        """Return (real, imag) of an element's weight times the conjugate of another weight."""
+        if self.uniform:
+            return level, 0.0
+        if not self.phased:
+            return real * level, 0.0
+        return real * level + imag * level_imag, imag * level - real * level_imag
+
+
+def build_tables(source: Source, *, double: bool) -> Tables:
+    """Return the tables of the elements of a coherent source, in its plane.
+
+    ``double``: whether the kernels compute in float64 rather than float32.
+    """
+    elements, groups = source.in_plane.elements, source.in_plane.groups
+    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
+    first = [elements[group.members[0]].illumination for group in groups]
+    frame = replace(frame, carrier=carrier_of(first, 2))
+    factors, group_of = np.ones(len(elements), np.complex128), np.zeros(len(elements), np.intp)
+    for number, group in enumerate(groups):
+        factors[group.members], group_of[group.members] = group.factors, number
+    weights = tuple((source.weights * factors).tolist())
+    edges, names, vertices = [], [], 0
+    for number, element in enumerate(elements):
+        for ring in element.rings:
+            start = frame.vertices(ring)
+            index = vertices + np.arange(len(ring))
+            end, following = (np.roll(values, -1, axis=0) for values in (start, index))
+            weight = np.full((len(ring), 2), (weights[number].real, weights[number].imag))
+            edges.append(np.hstack([start, end, weight]))
+            same = np.full((len(ring), 2), (number, group_of[number]))
+            names.append(np.column_stack([index, following, same]))
+            vertices += len(ring)
+    return Tables(
+        frame,
+        np.concatenate(edges),
+        np.concatenate(names),
+        tuple(element.shape for element in elements),
+        weights,
+        tuple(factors.tolist()),
+        tuple(waves_in_frame(illumination, frame) for illumination in first),
+        double,
+    )
+
+
+def is_plain(tables: Tables) -> bool:
+    """Return whether the source has unit weights, full coherence and no waves."""
+    return tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None

@@ -1,0 +1,311 @@
+"""Fields of pupils with aberrations, and point spread functions of all pupils.
+
+The fields are those in the far field and in the Fresnel approximation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from polywigner.errors import ArgumentError
+from polywigner.execution import Differentiable, Engine, checked_engine
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import Points
+from polywigner.numerics import Complex, Floats
+from polywigner.numerics.chirps import waves_of_cycles
+from polywigner.optics import FirstOrder
+from polywigner.propagation.collins import FrequencyLattice, checked_points_behind, field_behind
+from polywigner.radiometry.directions import checked_radiator
+from polywigner.source import Array
+from polywigner.transforms import pupil
+from polywigner.transforms.aberrated_pupils import (
+    TOLERANCE,
+    AberratedPupil,
+    Converged,
+    checked_aberration,
+    checked_tolerance,
+    converged,
+)
+from polywigner.transforms.aberrations import Aberration
+from polywigner.transforms.pupil_gradients import (
+    Jets,
+    PupilNumbers,
+    edges_of,
+    quotient,
+    squared_modulus,
+)
+from polywigner.transforms.xarray_arguments import takes_xarray
+
+# Numbers of pairs of a quadrature node and a point: per block (some tens of megabytes), and at most
+# per call. 1e9 pairs take about a minute.
+_BLOCK, _MOST = 1 << 20, 2e10
+# Number of the points at which the error of the quadrature rule is estimated.
+_CHECKED = 32
+
+
+def aberrated_spectrum(
+    pupil: AberratedPupil, nu: Floats, tolerance: float, centre: Any = (0.0, 0.0)
+) -> Converged:
+    """Return the Fourier integrals (n,) of an aberrated pupil field at frequencies nu (n, 2).
+
+    The integral is int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx. ``tolerance`` is the
+    allowed error as a fraction of int |u| dx. The error is estimated at some of the points.
+    """
+    band = band_of(nu)
+    some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
+
+    def evaluate(extra: int, points: Floats) -> Complex:
+        sums = element_sums(pupil, points, band, extra, tolerance, centre=centre)
+        weighted = (weight * row for weight, (row,) in zip(pupil.weights, sums, strict=True))
+        return np.asarray(sum(weighted))
+
+    checked = converged(
+        lambda extra: evaluate(extra, nu[some]), tolerance * pupil.content, "the pupil's field"
+    )
+    return checked._replace(values=evaluate(checked.extra, nu))
+
+
+def band_of(nu: Floats) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest frequency along each axis, (2,) each, of nu (n, 2)."""
+    if not len(nu):
+        return np.zeros(2), np.zeros(2)
+    return nu.min(axis=0), nu.max(axis=0)
+
+
+def element_sums(
+    pupil: AberratedPupil,
+    nu: Floats,
+    band: tuple[Floats, Floats],
+    extra: int,
+    error: float,
+    factors: Callable[[Floats, Floats], Floats] | None = None,
+    centre: Any = (0.0, 0.0),
+) -> Iterator[Complex]:
+    """Yield the Fourier integrals (k, n) of each element's field u times k factors.
+
+    The integral is int factor u exp(-2 pi i nu.(x - centre)) dx, and u excludes the weight of the
+    element. ``factors`` is a function of x and y (...) that returns factors (k, ...); None stands
+    for the factor 1.
+    """
+    lattice = FrequencyLattice(nu)
+    for number in range(len(pupil.elements)):
+        total: Any = 0.0
+        for x, weights in pupil.rules(number, band, extra, error):
+            field = (weights * pupil.field(number, x))[None]
+            if factors is not None:
+                field = field * factors(x[..., 0], x[..., 1])
+            total = total + np.array([_lattice_sum(lattice, x - centre, row) for row in field])
+        yield total
+
+
+def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
+    """Return the sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes x (k, m, 2).
+
+    The m nodes of a row have the same x coordinate. If the frequencies lie on a grid, all
+    frequencies along x reuse the sums over y.
+    """
+    waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
+    if waves > _MOST:
+        raise ArgumentError(
+            f"the aberrated pupil requires {waves:.1e} products of a quadrature node and a point, "
+            f"at most {_MOST:.0e} are allowed; use fewer points, or a grid along x and y"
+        )
+    if lattice.index is None:
+        return lattice.summed(nodes.reshape(-1, 2), field.ravel())
+    x, y = nodes[:, 0, 0], nodes[..., 1]
+    total: Any = 0.0
+    rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
+    for start in range(0, len(x), rows):
+        some = slice(start, start + rows)
+        along_y = waves_of_cycles(-y[some, :, None] * lattice.axes[1])
+        sums = (field[some, None, :] @ along_y)[:, 0]
+        total = total + waves_of_cycles(-np.outer(lattice.axes[0], x[some])) @ sums
+    return np.asarray(total[lattice.index])
+
+
+def spectrum_jets(
+    pupil: AberratedPupil, nu: Floats, numbers: PupilNumbers, tolerance: float
+) -> Jets:
+    """Return the values and derivatives (n, 1 + m) of :func:`aberrated_spectrum` at nu (n, 2)."""
+    values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
+    return numbers.joined(values, _OfSpectrum(pupil, nu, extra, tolerance))
+
+
+@dataclass(frozen=True, eq=False)
+class _OfSpectrum:
+    """Derivatives of the spectrum of a pupil."""
+
+    pupil: AberratedPupil
+    nu: Floats
+    extra: int
+    error: float
+
+    def _sums(self, factors: Callable[[Floats, Floats], Floats] | None = None) -> Iterator[Complex]:
+        band = band_of(self.nu)
+        return element_sums(self.pupil, self.nu, band, self.extra, self.error, factors)
+
+    def vertices(self) -> Complex:
+        pupil, parts = self.pupil, []
+        largest = np.abs(np.stack(band_of(self.nu))).max(axis=0)
+        for k, edges in enumerate(edges_of(pupil)):
+            every, ones = np.arange(len(edges.begin)), np.ones(len(edges.begin))
+            band = largest + np.abs(pupil.elements[k].frequencies).max(axis=0)
+            x, weights = edges.rule(
+                (every, 0.0 * ones, ones), pupil.slopes, band, self.error, self.extra
+            )
+            field = pupil.weights[k] * pupil.field(k, x)[..., None] * weights
+            waves = np.exp(-2j * np.pi * (x @ self.nu.T)).swapaxes(1, 2)
+            parts.append(edges.at_vertices(every, (waves @ field).swapaxes(0, 1)))
+        return np.concatenate(parts, axis=1)
+
+    def weights(self) -> tuple[Complex, Complex]:
+        by_weight = np.stack([row for (row,) in self._sums()], axis=1)
+        return by_weight, np.zeros_like(by_weight)
+
+    def coefficients(self) -> Complex:
+        path = self.pupil.aberration
+        assert path is not None
+        sums = self._sums(path.modes)
+        total = sum(weight * rows.T for weight, rows in zip(self.pupil.weights, sums, strict=True))
+        return np.asarray(total) * (2j * np.pi / self.pupil.wavelength)
+
+
+def aberrated_fresnel_field(
+    source: Any, aberration: Aberration, points: Floats, wavelength: float, tolerance: float
+) -> tuple[Complex, Floats]:
+    """Return the Fresnel field (n,) of an aberrated pupil at points (n, 3), and its error.
+
+    The field is exp(ikz)/(i lambda z) int u exp(2 pi i W/lambda + i pi |X - x|^2/(lambda z)) dx.
+    Points of equal z share a quadrature rule.
+    """
+    field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
+    for z in np.unique(points[:, 2]).tolist():
+        some = points[:, 2] == z
+        scale = wavelength * z
+        pupil = AberratedPupil.of(source, aberration, wavelength, 0.5 / scale)
+        nu = points[some, :2] / scale
+        values, error, _ = aberrated_spectrum(pupil, nu, tolerance)
+        turns = math.fmod(z, wavelength) / wavelength
+        turns = turns + 0.5 * np.square(points[some, :2]).sum(axis=1) / scale
+        field[some] = waves_of_cycles(turns) * values / (1j * scale)
+        errors[some] = error / scale
+    return field, errors
+
+
+@takes_xarray("points", units="m-2", long_name="point spread function")
+def psf(
+    source: Aperture | Array | Differentiable,
+    points: Points,
+    wavelength: ArrayLike,
+    focal_length: float | None = None,
+    defocus: float = 0.0,
+    pupil_radius: float | None = None,
+    *,
+    numerical_aperture: float | None = None,
+    aberration: Aberration | None = None,
+    weights: ArrayLike | None = None,
+    tolerance: float = TOLERANCE,
+    engine: Engine = "auto",
+) -> Floats:
+    """Return the point spread function of a lens whose pupil is the source.
+
+    The point spread function is the irradiance in the focal plane due to a star on the axis,
+    divided by the power of the star in the pupil. Its integral over the plane is 1, and its Fourier
+    transform is :func:`otf`. For several wavelengths it is the weighted mean, which a broadband
+    detector measures. For other first-order systems use :func:`irradiance` with ``through``.
+
+    Parameters
+    ----------
+    source : Aperture or Array
+        Field in the pupil, in the plane z = 0. The optical axis passes through the origin.
+    points : array_like, shape (..., 2)
+        Points in the image in m.
+    wavelength : float or array_like, shape (k,)
+        Wavelength in m, or wavelengths of a polychromatic source.
+    focal_length : float, optional
+        Focal length, or distance of the image from the pupil, in m. This or ``numerical_aperture``.
+    defocus : float, default 0
+        Wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
+        aberration in m is the same at all wavelengths.
+    pupil_radius : float, optional
+        See :func:`otf`.
+    numerical_aperture : float, optional
+        Sine of the marginal ray's angle in the image, from the ``pupil_radius`` a: by Abbe's sine
+        condition the focal length is a/numerical_aperture. For a disc give its radius.
+    aberration : Aberration, optional
+        Path length in m, the same at all wavelengths, in addition to the defocus. The field is a
+        sum over nodes in the pupil (docs/imaging.md, (IM3)).
+    weights : array_like, shape (k,), optional
+        Weights of the wavelengths, zero or more; equal by default.
+    tolerance : float, default 1e-10
+        Allowed error of the field of aberrated pupils over the field of the source in phase,
+        estimated by a second rule; at least 1e-13.
+    engine : {"auto", "numpy", "llvm", "cuda"}
+        See :func:`fourier`; aberrated pupils use NumPy.
+
+    Returns
+    -------
+    ndarray of float64, shape (...)
+        Values in 1/m^2, at least 0. An ``xarray.DataArray`` of points gives a DataArray. A Dr.Jit
+        ``Float`` (n,) with derivatives for a :func:`differentiable` pupil, and for an aberration
+        with Dr.Jit coefficients.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type, shape or range.
+    IlluminationError
+        If the fields of an Array cancel everywhere.
+    GeometryError
+        If elements of an Array do not lie in the plane z = 0.
+    EngineError
+        If the engine is not available.
+
+    Warns
+    -----
+    PolywignerWarning
+        If the estimated error of an aberrated pupil exceeds the tolerance.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> pupil = pw.shapes.square(10e-3)
+    >>> peak = pw.psf(pupil, (0.0, 0.0), 0.5e-6, 0.1)  # area/(lambda f)^2
+    >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
+    1.0
+    """
+    checked_engine(engine)
+    plain, numbers = PupilNumbers.of(source, aberration)
+    checked_radiator(plain)
+    lengths, fractions = pupil.checked_band(wavelength, weights)
+    allowed = checked_tolerance(tolerance)
+    radius = pupil.checked_pupil_radius(plain, pupil_radius)
+    distance = pupil.image_distance(focal_length, numerical_aperture, radius)
+    # The phase exp(2 pi i w |x|^2/a^2) is that of a lens of power -2 w lambda/a^2, which is the
+    # same for all wavelengths.
+    bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
+    system = FirstOrder.fourier(distance)
+    if bend:
+        system = system @ FirstOrder([[1.0, 0.0], [bend, 1.0]])
+    image_points = checked_points_behind(points)
+    aberrated: AberratedPupil | None = None
+    total: Any = 0.0
+    for fraction, length in zip(fractions.tolist(), lengths.tolist(), strict=True):
+        part = plain.at_wavelength(length)
+        if aberration is None and not numbers.arrays:
+            field, _ = field_behind(part, points, length, system, None, {}, engine)
+            jets = field.reshape(-1, 1)
+        else:
+            scale = checked_aberration(aberration, length, has_gradients=True) * distance
+            aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
+            nu = image_points.reshape(-1, 2) / scale
+            jets = spectrum_jets(aberrated, nu, numbers, allowed) / scale
+        total = total + fraction * squared_modulus(jets)
+    energy = pupil.energy_jets(plain, aberrated, numbers, allowed)
+    return numbers.result(quotient(total, energy), image_points.shape[:-1], is_complex=False)

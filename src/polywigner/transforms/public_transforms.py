@@ -1,0 +1,520 @@
+"""The public transforms: F, autocorrelation, Wigner and ambiguity functions, marginals."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner import execution, kernels
+from polywigner.execution import Differentiable, Drjit, Engine, Precision
+from polywigner.geometry import Aperture, PlacedAperture, Wavefront
+from polywigner.geometry.arguments import Points
+from polywigner.geometry.illumination import shift_phases
+from polywigner.kernels import is_separable
+from polywigner.optics import FirstOrder
+from polywigner.source import Array, Illumination
+from polywigner.source.lattices import Sites, checked_sites
+from polywigner.transforms.calls import compute, public
+from polywigner.transforms.checked_calls import (
+    PhaseSpaceSource,
+    Source,
+    Values,
+    array_on_grid,
+    checked_points,
+    in_blocks,
+    in_plane,
+)
+from polywigner.transforms.traced_sources import fourier_of
+from polywigner.transforms.wavefronts import flat_source
+from polywigner.transforms.xarray_arguments import takes_xarray
+
+
+@public
+def fourier(
+    source: Source | Differentiable,
+    nu: Points,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Values:
+    """Compute the Fourier transform (SFT) F(nu), the integral of u(x) exp(-2 pi i nu.x).
+
+    The transform has a closed form at any nu, including zero (docs/theory.md, (F2), (F3), (S1),
+    (C1), (I1)). Its error is 1e-13 of the length, area or volume (2e-6 in single precision) for any
+    size and direction of nu. Bodies and outlines with thin walls, and lattices of more than 100
+    cycles, lose digits (docs/accuracy.md).
+
+    In contrast, the paper's eq. (FVT) has the kernel exp(+2 pi i nu.x) and is singular at nu = 0.
+    Its factor (nu/|nu|).n for collections is an obliquity factor, which is not part of the
+    transform (docs/theory/fields.md).
+
+    The computing time is proportional to the number of edges, or of triangles of a polyhedron's
+    faces, and to the number of waves of an illumination. If the illumination of a rectangle is a
+    product of two functions along its sides, the waves along each side are summed separately (I4).
+    A grid of frequencies (n, m, 2) from ``numpy.meshgrid`` takes a fraction of the time of other
+    points if edges are parallel and equally long, or parallel to the axes (F4).
+
+    Parameters
+    ----------
+    source : Aperture, Slits, PlacedAperture, Polyhedron, Array or Wavefront
+        Uniform (u = 1) or with an illumination; or the result of :func:`differentiable`.
+    nu : array_like, shape (..., d)
+        Spatial frequencies in 1/m. The number of components d is 1 for Slits, 2 for an Aperture,
+        and 3 for polyhedra and placed apertures. An Aperture also accepts d = 3 and ignores the
+        last component, because without a pose it lies in the plane z = 0.
+    precision : {"double", "single"}, optional
+        Default: double for NumPy input, and the precision of Dr.Jit input.
+    engine : {"auto", "numpy", "llvm", "cuda"}, default "auto"
+        Engine of the computation.
+
+    Returns
+    -------
+    ndarray of complex, shape (...)
+        Values of F in m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or for
+        tensors a tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray`` with
+        components along its last dimension gives a DataArray over its other dimensions, broadcast
+        by name, with their coordinates, a unit and a name. The result for chunked input is lazy
+        (docs/howto/notebook.md).
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type or shape.
+    EngineError
+        If the engine is not available.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> round(float(pw.fourier(square, (0.25, 0.0)).real), 6)  # 4 sinc(0.5)
+    2.546479
+    """
+    if isinstance(source, Wavefront):
+        return compute("fourier", source, {"nu": nu}, precision, engine)
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
+    if isinstance(source, Differentiable) or execution.is_drjit(nu):
+        call = partial(_on_components, source, how)
+        numbers = source.numbers if isinstance(source, Differentiable) else {}
+        return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return _fourier(source, nu, how)
+
+
+def _on_components(
+    source: Source | Differentiable, how: dict[str, Any], points: dict[str, Drjit]
+) -> Drjit:
+    if isinstance(source, Differentiable):
+        return fourier_of(source, in_plane(points["nu"]), partial(fourier, **how))
+    return _fourier(source, points["nu"], how)
+
+
+def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
+    """Return F of any source; it is NaN or inf if terms of a sum overflow."""
+    if isinstance(source, Array):
+        by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
+        value = None
+        is_uniform = all(_field_of(element) is None for element in source.elements)
+        if source.repeated is None and is_uniform:
+            value = array_on_grid(source, nu, point_by_point=by_elements, **how)
+        return by_elements(nu) if value is None else value
+    if isinstance(source, Aperture):
+        nu = in_plane(nu)
+        if is_separable(source):
+            return compute("fourier of waves", source, {"nu": nu}, **how)
+    if _field_of(source) is not None:
+        return in_blocks(lambda block: _sum_of_waves(source, block, how), nu)
+    return compute("fourier", source, {"nu": nu}, **how)
+
+
+def _field_of(source: Source) -> Illumination | None:
+    outline = source.aperture if isinstance(source, PlacedAperture) else source
+    field: Illumination | None = getattr(outline, "illumination", None)
+    return field
+
+
+def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
+    """Return sum_m c_m F(nu - kappa_m) of the uniform source, (I1)."""
+    field, uniform = _field_of(source), source
+    assert field is not None
+    total: Values = 0.0
+    d = field.frequencies.shape[1]
+    rotation, shift = np.eye(d), np.zeros(d)
+    if isinstance(source, PlacedAperture):
+        rotation, shift = source.pose[:3, :2], source.pose[:3, 3]
+        uniform = source.aperture
+    centre = rotation @ np.atleast_1d(uniform.centre) + shift
+    uniform = uniform.with_illumination(None)
+    if isinstance(source, PlacedAperture):
+        uniform = uniform.placed(source.pose)
+    frequencies = field.frequencies @ rotation.T
+    # The phases of the waves are relative to the origin of the placed aperture, not of the world.
+    amplitudes = field.amplitudes * shift_phases(frequencies, shift)
+    for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
+        shifted, lost = _difference(nu, kappa)
+        term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude))
+        if lost is not None:
+            term = term * np.exp(-2j * np.pi * (lost @ centre)).astype(term.dtype)
+        total = total + term
+    return total
+
+
+def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np.float64] | None]:
+    """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
+    if execution.is_drjit(nu):
+        return execution.shifted(nu, -kappa), None
+    array = checked_points("nu", nu, len(kappa))
+    difference = array - kappa
+    virtual = difference - array
+    lost = (array - (difference - virtual)) - (kappa + virtual)
+    return difference, np.where(np.isfinite(lost), lost, 0.0)
+
+
+def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
+    """Return sum_k w_k F_k(nu), (C1), or F of a repeated element times an array factor, (L3)."""
+    if array.repeated is not None:
+        first, shifts = array.repeated
+        plane = in_plane(nu) if shifts.shape[1] == 2 else nu
+        return fourier(first, nu, **how) * array_factor(shifts, array.weights, plane, **how)
+    total: Values = 0.0
+    for element, weight in zip(array.elements, array.weights.tolist(), strict=True):
+        total = total + execution.times_complex(fourier(element, nu, **how), weight)
+    return total
+
+
+@takes_xarray("nu", units="1", long_name="array factor")
+def array_factor(
+    positions: ArrayLike,
+    weights: ArrayLike | None,
+    nu: Points,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Values:
+    """Compute the array factor sum_k w_k exp(-2 pi i nu.p_k) of isotropic sources at positions.
+
+    The Fourier transform of a `phased_array` is F of its element times this factor (docs/theory.md,
+    (L3)). On a lattice whose weights are a product of two profiles, the factor is the product of
+    the sums along both directions.
+
+    Parameters
+    ----------
+    positions : array_like, shape (n, d) or (n,)
+        Positions in m, d = 1, 2 or 3.
+    weights : array_like, shape (n,), or None
+        Complex weights; None: all 1.
+    nu : array_like, shape (..., d)
+        Spatial frequencies in 1/m.
+    precision, engine : str, optional
+        See :func:`fourier`.
+
+    Returns
+    -------
+    ndarray of complex, shape (...)
+        Values in the unit of the weights. The type of the array depends on ``nu`` as in
+        :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type or shape.
+    IlluminationError
+        If the weights are not n finite complex numbers.
+    EngineError
+        If the engine is not available.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> import numpy as np
+    >>> row = np.array([(-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)])
+    >>> round(float(pw.array_factor(row, np.ones(3), (0.5, 0.0)).real), 6)
+    -1.0
+    """
+    sites = Sites(*checked_sites(positions, weights))
+    # The phases of distant sites need float64, even if the result has single precision.
+    execution.checked_precision(precision)
+    rounded = precision == "single" and not execution.is_drjit(nu)
+    inner = None if rounded else precision
+
+    def factor(nu: Any) -> Values:
+        values = compute("array factor", sites, {"nu": nu}, inner, engine)
+        return values.astype(np.complex64) if rounded else values
+
+    with np.errstate(invalid="ignore", over="ignore"):
+        return in_blocks(factor, nu)
+
+
+@public
+def autocorrelation(
+    source: PhaseSpaceSource,
+    x: Points,
+    xi: Points,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Values:
+    """Compute the autocorrelation R(x, xi) = u(x + xi/2) conj(u(x - xi/2)) of a field.
+
+    This is the paper's eq. (auto_lag). The source includes its boundary on the left and lower
+    sides, and excludes it on the right and upper sides.
+
+    Parameters
+    ----------
+    source : Aperture, Slits, Array or Wavefront
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
+        may be uniform, a sum of plane waves, curved or partly coherent.
+    x : array_like, shape (..., d)
+        Positions in m, the mean of the two points.
+    xi : array_like, shape (..., d)
+        Lags in m, the difference of the two points.
+    precision, engine : str, optional
+        See :func:`fourier`.
+
+    Returns
+    -------
+    ndarray of complex, shape (...)
+        Values of R without unit, which are 0 or 1 for a uniform source. Dr.Jit arrays and
+        DataArrays as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type or shape.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> float(pw.autocorrelation(square, (0.5, 0.0), (0.5, 0.0)).real)  # both points lie inside
+    1.0
+    """
+    return compute("autocorrelation", source, {"x": x, "xi": xi}, precision, engine)
+
+
+@public
+def wigner(
+    source: PhaseSpaceSource | Differentiable,
+    x: Points,
+    nu: Points,
+    *,
+    through: FirstOrder | None = None,
+    wavelength: float | None = None,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Values:
+    """Compute the Wigner function, int u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
+
+    The closed form is the Fourier transform of the lag slice at x. (Erratum: in the paper's
+    definition of the slice, the matrices M must translate by 2x.) W of an Array is given by (W2),
+    even if its elements overlap. The computing time is proportional to the number of pairs of edges
+    that can cross. Frequencies at the same x share the slice.
+
+    Parameters
+    ----------
+    source : Aperture, Slits, Array or Wavefront
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        result of :func:`differentiable`.
+    x : array_like, shape (..., d)
+        Positions in m.
+    nu : array_like, shape (..., d)
+        Real spatial frequencies in 1/m.
+    through : FirstOrder, optional
+        Optical system between the source and the plane of ``x`` and ``nu``. W in this plane equals
+        W of the source at the point from which the ray comes, (O2). For slits the system must not
+        couple x and y.
+    wavelength : float, optional
+        Wavelength in m; only used together with ``through``.
+    precision, engine : str, optional
+        See :func:`fourier`.
+
+    Returns
+    -------
+    ndarray of float, shape (...)
+        Values of W in m^d, which are zero outside the automean; float32 for single precision.
+        Dr.Jit arrays and DataArrays as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type or shape.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> round(float(pw.wigner(square, (0.5, 0.0), (0.0, 0.0))), 12)  # the area of the lag slice
+    8.0
+    """
+    points = {"x": x, "nu": nu}
+    return compute(
+        "wigner", source, points, precision, engine, through=through, wavelength=wavelength
+    )
+
+
+@public
+def ambiguity(
+    source: PhaseSpaceSource | Differentiable,
+    upsilon: Points,
+    xi: Points,
+    *,
+    through: FirstOrder | None = None,
+    wavelength: float | None = None,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Values:
+    """Compute the ambiguity function, int u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
+
+    The closed form is the Fourier transform of the position slice at xi. (Erratum: the paper has
+    x.xi in place of upsilon.x in the kernel.) The computing time is proportional to twice the
+    number of pairs of edges that can cross.
+
+    Parameters
+    ----------
+    source : Aperture, Slits, Array or Wavefront
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        result of :func:`differentiable`.
+    upsilon : array_like, shape (..., d)
+        Real frequency shifts in 1/m.
+    xi : array_like, shape (..., d)
+        Lags in m.
+    through : FirstOrder, optional
+        Optical system between the source and the plane of the lags, (O3). For slits the system
+        must not couple x and y.
+    wavelength : float, optional
+        Wavelength in m; only used together with ``through``.
+    precision, engine : str, optional
+        See :func:`fourier`.
+
+    Returns
+    -------
+    ndarray of complex, shape (...)
+        Values of A in m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type or shape.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> float(pw.ambiguity(square, (0.0, 0.0), (1.0, 0.0)).real)  # the overlap of two squares
+    2.0
+    """
+    points = {"upsilon": upsilon, "xi": xi}
+    return compute(
+        "ambiguity", source, points, precision, engine, through=through, wavelength=wavelength
+    )
+
+
+@public
+def position_marginal(
+    source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
+) -> Values:
+    """Compute the position marginal R_x(x), the autocorrelation integrated over lag: W(x, 0).
+
+    For a uniform source it is the area of the lag slice at x.
+
+    Parameters
+    ----------
+    source : Aperture, Slits, Array or Wavefront
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
+        may be uniform, a sum of plane waves, curved or partly coherent.
+    x : array_like, shape (..., d)
+        Positions in m.
+    precision, engine : str, optional
+        See :func:`fourier`.
+
+    Returns
+    -------
+    ndarray of float, shape (...)
+        Values of R_x in m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type or shape.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> round(float(pw.position_marginal(square, (0.5, 0.0))), 12)
+    8.0
+    """
+    return compute("position_marginal", source, {"x": x}, precision, engine)
+
+
+@public
+def lag_marginal(
+    source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
+) -> Values:
+    """Compute the lag marginal R_xi(xi), the autocorrelation integrated over position: A(0, xi).
+
+    For a uniform source it is the area of the position slice: the area of the source times the
+    optical transfer function of a pupil of this shape.
+
+    Parameters
+    ----------
+    source : Aperture, Slits, Array or Wavefront
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
+        may be uniform, a sum of plane waves, curved or partly coherent.
+    xi : array_like, shape (..., d)
+        Lags in m.
+    precision, engine : str, optional
+        See :func:`fourier`.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Values of R_xi in m^d. They are real for a uniform source, and complex for an Array and for
+        a source with an illumination. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError
+        If an argument has the wrong type or shape.
+    GeometryError
+        If an Array has elements outside the plane z = 0.
+    EngineError
+        If the engine is not available.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> float(pw.lag_marginal(square, (0.5, 0.0)))
+    3.0
+    """
+    return compute("lag_marginal", source, {"xi": xi}, precision, engine)
+
+
+def energy_of(source: PhaseSpaceSource) -> float:
+    """Return int |u|^2 = R_xi(0) of a source, in m^d times the unit of |u|^2.
+
+    Rounding errors may make the value negative if elements cancel each other everywhere.
+    """
+    # NumPy computes a single value in less time than a kernel takes to compile.
+    lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)
+    return float(np.real(lag_marginal(source, lag, engine="numpy")))
