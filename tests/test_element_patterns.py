@@ -133,7 +133,7 @@ def test_an_element_of_another_frequency_is_told() -> None:
         pw.radiation_pattern(ARRAY, 1.1 * WAVELENGTH, 0.0, 0.0, element=_pattern(polarisation="x"))
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_command_line_takes_a_file_as_the_element(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
