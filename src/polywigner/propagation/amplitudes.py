@@ -23,6 +23,7 @@ from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
+from polywigner.propagation.conducting_sheets import Edge, check_edge
 from polywigner.propagation.curved_fields import curved_field
 from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.point_grids import (
@@ -64,6 +65,7 @@ class AmplitudeOptions(TypedDict, total=False):
 
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
     obstacles: Obstacle | Sequence[Obstacle] | None
+    edge: Edge
     obliquity: BoundaryCondition | None
     aberration: Aberration | None
     tolerance: float | None
@@ -80,6 +82,7 @@ def amplitude(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: BoundaryCondition | None = None,
     aberration: Aberration | None = None,
     tolerance: float | None = None,
@@ -109,23 +112,28 @@ def amplitude(
         axis) or "fraunhofer" (far field about the centre of the source).
     through : FirstOrder or sequence, optional
         First-order system from the plane of the source to the plane of ``points``, or a sequence
-        of systems and stops in the order of the light. The field is Collins' integral (O4) without
-        the factor exp(ikL) of the axial path L, and replaces ``method``. An image (B = 0) is u
-        itself. Stops are Apertures and Arrays, whose field is their transmission (O8).
+        of systems and stops in the order in which the light passes them. The field is Collins'
+        integral (O4) without the factor exp(ikL) of the axial path L; ``method`` is not used. In an
+        image (B = 0) the field is u itself. Stops are Apertures and Arrays, whose field is their
+        transmission (O8).
     obstacles : Polyhedron, placed Aperture or sequence, optional
         Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Radiation
         passes at most one edge (docs/shadows.md, (SB1)): the field is smooth across the boundaries
         of shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer".
+    edge : {"black", "soft", "hard"}, default "black"
+        Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
+        zero. Soft and hard obstacles are plates in one plane, and reflect (docs/shadows.md, (SB9)).
     obliquity : str, optional
         Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
         (default), "kirchhoff" or "rayleigh-sommerfeld-2".
     aberration : Aberration, optional
         Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
-        Allowed error, as a fraction of the incident amplitude or, if that is less, of
-        |u| area/(wavelength distance), the field of the source in phase (within a wavelength, of
-        the static field |u| area/(2 pi distance^2)). Default 1e-9, at least 1e-13. With obstacles:
-        default 1e-6, at least 1e-8, of the largest field, from three wavelengths off the source.
+        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude
+        or, if that is smaller, of |u| area/(wavelength distance), the field with all parts of the
+        source in phase. Within a wavelength of the source, the static field
+        |u| area/(2 pi distance^2) replaces the latter. With obstacles the default is 1e-6, at least
+        1e-8, as a fraction of the largest field at three or more wavelengths from the source.
         Not for "fraunhofer" without an aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
@@ -162,7 +170,7 @@ def amplitude(
     0.3103
     """
     return field_and_error(
-        source, points, wavelength, method, through=through, obstacles=obstacles,
+        source, points, wavelength, method, through=through, obstacles=obstacles, edge=edge,
         obliquity=obliquity, aberration=aberration, tolerance=tolerance, engine=engine,
     )[0]  # fmt: skip
 
@@ -215,6 +223,7 @@ def field_and_error(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: BoundaryCondition | None = None,
     aberration: Aberration | None = None,
     tolerance: float | None = None,
@@ -244,6 +253,7 @@ def field_and_error(
         positions = checked_points(points)
     execution.checked_engine(engine)
     flat = positions.reshape(-1, 3)
+    check_edge(edge, obstacles)
     if obstacles is not None:
         limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
         allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
@@ -255,7 +265,7 @@ def field_and_error(
     if obstacles is not None:
         bodies = obstacles_of(obstacles, length)
         change, inside, missed = shadows.shadow_of(
-            source, bodies, flat, length, name, allowed, engine, with_error
+            source, bodies, flat, length, name, allowed, engine, with_error, edge
         )
         field = np.where(inside, 0.0, field + change)
         errors = np.where(inside, 0.0, errors + missed)
