@@ -30,14 +30,13 @@ _MARKERS = {
     "drjit": "imports drjit or mitsuba, be it for scalar variants only",
 }
 _LEFT_OUT = pytest.StashKey[Counter[str]]()
-# Renders and whole figures: few tests, each of many seconds.
-_LONG = (
-    "test_examples.py",
-    "test_mitsuba_gradients.py",
-    "test_mitsuba_rendering.py",
-    "test_mitsuba_sources.py",
-    "test_paper_figures.py",
-)
+# Test files that take more than 4 s of processor time, in descending order.
+_LONGEST = """
+shadows_in_scenes laws radar_cubes coincident_edges partial_coherence range_profile channel
+shadows default_polarisation element_patterns visibility first_order_fields mitsuba_exact stores
+signed_rays thin_panes polarised_scenes power_adds_up shadow_sources rcs_near_fields imaging
+cli_propagate exact_fields beams scatterers received_power cli_radar scene_stores cli_receive memory
+""".split()  # noqa: SIM905
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -48,13 +47,19 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of the longest tests first, then those of the most tests: no worker ends alone."""
+    """Sort the longest files first, then by the number of tests: no worker ends alone."""
     count = Counter(item.path for item in items)
-    items.sort(key=lambda item: (item.path.name not in _LONG, -count[item.path], item.path.name))
+    place = {f"test_{name}.py": number for number, name in enumerate(_LONGEST)}
+
+    def order(item: pytest.Item) -> tuple[int, int, str]:
+        name = item.path.name
+        return place.get(name, len(place)), -count[item.path], name
+
+    items.sort(key=order)
 
 
 def pytest_collection_finish() -> None:
-    """Leave modules and tests out of later garbage collections, which visit all objects."""
+    """Exclude modules and tests from later garbage collections, which visit all objects."""
     gc.collect()
     gc.freeze()
 
@@ -89,9 +94,9 @@ def plain() -> None:
 
 @pytest.fixture
 def few_rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Trace few rays along each path, unless the test asks for ``many_rays`` as well.
+    """Trace 64 rays along each path unless the test also uses ``many_rays``.
 
-    Scalar variants trace rays one by one. Where nothing is blocked in part, few are enough.
+    Scalar variants trace rays one by one. A few rays suffice if no obstacle blocks part of a path.
     """
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
@@ -101,12 +106,12 @@ def few_rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.fixture
 def many_rays() -> None:
-    """As many rays as users have, for tests of mean transmissions."""
+    """Trace as many rays as in the package, for tests of mean transmissions."""
 
 
 @pytest.fixture
-def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are drawn and their files written, but not painted: it takes half of a second."""
+def unrendered_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write files of figures without rendering the figures, which takes half a second each."""
     from matplotlib.figure import Figure
 
     def written(_: Figure, path: Path, **__: object) -> None:

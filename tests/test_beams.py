@@ -356,7 +356,7 @@ def test_a_dipole_in_a_file_is_cut_around_the_sphere(tmp_path):
     assert math.isnan(across.half_power_beamwidth)  # the same in all directions
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_command_line_prints_the_cuts_that_are_drawn_and_eirp_of_a_power(tmp_path, capsys):
     pw.write_source(_steered(0.6, math.radians(40)), tmp_path / "array.toml")
     call = ["pattern", str(tmp_path / "array.toml"), "--frequency", "94 GHz", "--step", "6 deg"]

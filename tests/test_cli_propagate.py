@@ -50,7 +50,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_values_are_those_of_irradiance_at_the_places(place, square, capfd):
     where, samples = PLACES[place]
     result = propagated(
@@ -71,7 +71,7 @@ def test_the_values_are_those_of_irradiance_at_the_places(place, square, capfd):
         assert result[name].attrs["units"] == "W m-2"
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_places_are_where_they_were_asked_for(square):
     result = propagated(square, "--arc", "50 mm, 30 deg, 60 deg", "--samples", "3",
                        "--method", "fraunhofer")  # fmt: skip
@@ -89,7 +89,7 @@ def test_complex_fields_are_written_with_their_phase(square):
     np.testing.assert_allclose(field, expected, rtol=0, atol=1e-9)
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_table_says_how_far_methods_are_apart(square, capfd):
     result = propagated(
         square, "--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "4",
@@ -123,7 +123,7 @@ def write_box(path):
     path.write_text("\n".join(corners + faces))
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_fields_behind_meshes_and_plates_are_those_of_irradiance(square):
     write_box(square.parent / "box.obj")
     plate = f"{square} at 5 mm, 0 mm, 50 mm towards 30 deg, 90 deg"
@@ -176,7 +176,7 @@ def test_the_store_holds_the_irradiance_in_the_box(square, capfd):
         assert np.array_equal(copy["wigner"], result["wigner"])
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_same_command_completes_what_is_missing(square):
     assert run(square, *SMALL) == 0
     store = square.parent / "out" / "field.zarr"
@@ -190,7 +190,7 @@ def test_the_same_command_completes_what_is_missing(square):
     assert xarray.open_zarr(store)["wigner"].identical(before)
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_methods_side_by_side_have_stores_of_their_own(square, capfd):
     methods = ("--method", "fraunhofer", "--method", "kirchhoff")
     assert run(square, *SMALL, *methods) == 0
@@ -205,7 +205,7 @@ def test_methods_side_by_side_have_stores_of_their_own(square, capfd):
     assert (out / "field-kirchhoff.png").exists()
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_store_of_other_settings_is_not_gone_on_with(square, capfd):
     assert run(square, *SMALL) == 0
     store = square.parent / "out" / "field.zarr"
@@ -215,7 +215,7 @@ def test_a_store_of_other_settings_is_not_gone_on_with(square, capfd):
     assert content == {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_store_of_a_field_behind_an_obstacle_is_no_other_field(square, capfd):
     plate = ("--obstacle", f"{square} at 0 mm, 0 mm, 20 mm")
     assert run(square, *SMALL, *plate) == 0

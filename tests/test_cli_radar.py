@@ -26,7 +26,7 @@ def test_the_command_writes_the_cube_and_both_maps(tmp_path, capsys):
     assert names == ["street.nc", "street_angle.png", "street_rate.png"]
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_zarr_replaces_an_earlier_store(tmp_path):
     for chirps in ("8 chirps", "4 chirps"):
         out = ("--points", "50", "--zarr", "--out", str(tmp_path / "street"))

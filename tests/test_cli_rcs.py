@@ -56,7 +56,7 @@ def test_a_plate_comes_out_as_a_table_and_a_picture(square: Path, capsys: Captur
         assert float(row["rcs_m2"]) == pytest.approx(result, rel=WRITTEN, abs=1e-20)
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
     tmp_path: Path, capsys: Captured
 ) -> None:
@@ -79,7 +79,7 @@ def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
         assert float(value) == pytest.approx(pw.rcs(metres, s, WAVELENGTH), rel=1e-9)
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_an_open_mesh_is_plates_whose_reflections_count(tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "corner.obj"
     path.write_text(

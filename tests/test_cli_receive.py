@@ -44,7 +44,7 @@ def received(path: Path, *options: str) -> list[dict[str, Any]]:
     return json.loads(out.with_suffix(".json").read_text())["receivers"]
 
 
-@pytest.mark.usefixtures("unpainted", "coarse_map")
+@pytest.mark.usefixtures("unrendered_figures", "coarse_map")
 def test_a_table_is_printed_and_all_of_it_recorded(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,7 +65,7 @@ def test_a_table_is_printed_and_all_of_it_recorded(
     assert err == ""
 
 
-@pytest.mark.usefixtures("unpainted", "coarse_map")
+@pytest.mark.usefixtures("unrendered_figures", "coarse_map")
 def test_a_parameter_of_the_scene_can_be_defined(tmp_path: Path) -> None:
     path = scene_file(tmp_path)
     near, far = (received(path, "--define", f"distance={k}")[0]["power_w"] for k in (2, 4))
@@ -73,7 +73,7 @@ def test_a_parameter_of_the_scene_can_be_defined(tmp_path: Path) -> None:
 
 
 @pytest.mark.llvm
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     out = tmp_path / "link"
     assert main(["receive", str(EXAMPLE), "--spp", "16384", "--out", str(out)]) == 0

@@ -64,7 +64,7 @@ def rendered(path, *options):
     return image.reshape(*image.shape[:2], -1), json.loads(out.with_suffix(".json").read_text())
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_distant_floor_is_as_bright_as_the_far_field_says(tmp_path):
     image, record = rendered(scene_of_a_lit_floor(tmp_path), "--variant", "scalar_rgb")
     intensity = (2e-3) ** 4 / WAVELENGTH**2  # |F(0)|^2/lambda^2; the distance is 1 m
@@ -77,7 +77,7 @@ def test_a_distant_floor_is_as_bright_as_the_far_field_says(tmp_path):
     assert record["settings"]["spp"] is None
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_record_tells_settings_versions_and_times(tmp_path):
     _, record = rendered(
         scene_of_a_lit_floor(tmp_path),

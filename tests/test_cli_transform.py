@@ -57,7 +57,7 @@ def test_the_values_are_those_of_the_closed_forms(rectangle):
     np.testing.assert_allclose(values["ambiguity"], expected, rtol=0, atol=ROUNDING * area)
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_units_digits_and_versions_are_kept(rectangle):
     """The unit scales the aperture, whose outline comes back with all digits."""
     rectangle.write_text("POLYGON ((0 0, 0.1 0, 0.30000000000000004 1, 0 0))")
@@ -71,7 +71,7 @@ def test_units_digits_and_versions_are_kept(rectangle):
     assert np.isnan(values["wavelength"])
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_files_are_named_after_the_aperture_and_told(rectangle, tmp_path, capfd):
     out = f"{tmp_path}/new/"
     options = ("--samples", "65", "--frequency", "94 Hz")  # far from the aperture's size
@@ -82,7 +82,7 @@ def test_the_files_are_named_after_the_aperture_and_told(rectangle, tmp_path, ca
     assert warned.startswith("polywigner: warning: ") and "meant in GHz" in warned
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_source_too_wide_for_a_picture_is_shown_in_its_middle(rectangle, capfd):
     wide = ("--unit", "m", "--wavelength", "500 nm")
     values = transformed(rectangle, *wide)
@@ -95,7 +95,7 @@ def test_a_source_too_wide_for_a_picture_is_shown_in_its_middle(rectangle, capfd
     assert "9 samples along an axis miss lobes" in capfd.readouterr().err
 
 
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_a_steered_aperture_has_its_peak_at_the_direction(rectangle):
     values = transformed(
         rectangle, "--steering", "30 deg, 90 deg", "--wavelength", "1 mm", "--samples", "65"

@@ -23,7 +23,7 @@ def rooms_of_the_walk():
     return [str(room) for room in rows]
 
 
-def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path, unpainted):
+def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path, unrendered_figures):
     entered: list[str] = []
     inside = f"{PACKAGE}{os.sep}"
 

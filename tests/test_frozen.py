@@ -133,7 +133,9 @@ assert gc.isenabled()
 """
 
 
-@pytest.mark.parametrize("code", [REMEMBERED, RECORDED_BY_A_CALLER, GARBAGE])
+@pytest.mark.parametrize(
+    "code", [REMEMBERED, GARBAGE, pytest.param(RECORDED_BY_A_CALLER, marks=pytest.mark.slow)]
+)
 def test_a_process_with_recorded_kernels_ends_in_silence(code):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -220,7 +220,7 @@ def layouts(places, listed, sides):
 # coherent light.
 LAYOUTS = [
     *("chevron", "30-gon", "holes", "nearly parallel", "distant parts", "collection"),
-    *("overlapping", "lattice", "steered"),
+    *("overlapping", "lattice"),
     *("lattice of any weights", "row of any weights"),
     *("tapered lattice", "lattice of products", "three waves", "small parts with waves"),
     *("product, turned and moved", "slits", "tapered slits", "row of slits, any weights"),

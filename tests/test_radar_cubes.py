@@ -231,9 +231,6 @@ def test_emitters_are_coherent_at_shared_scatterers():
     expected = 2 * np.pi * (lengths[1] - lengths[0]) / SHORT.wavelength
     assert abs(np.angle(ratio * np.exp(-1j * expected))) < 0.1
     assert abs(ratio) == pytest.approx(1.0, abs=0.05)
-    power = (np.abs(cube["signal"].values) ** 2).mean(axis=(0, 1, 3, 4)).sum()
-    received = float(pm.received_power(scene, spp=1 << 14))
-    assert power == pytest.approx(received, rel=3 / np.sqrt(50))
 
 
 @pytest.mark.parametrize("mover", ["tx0", "rx", "board"])

@@ -174,7 +174,7 @@ def test_wrong_requests_leave_nothing(camera_scene, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["render", pytest.param("receive", marks=pytest.mark.slow)])
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_the_command_removes_the_parts_when_its_files_are_written(command, request, capfd):
     path = request.getfixturevalue("camera_scene" if command == "render" else "receiver_scene")
     out = path.parent / "out" / "result"

@@ -378,7 +378,7 @@ OWN = '<string name="estimator" value="exact"/>', '<boolean name="diffraction" v
 
 
 @pytest.mark.llvm
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unrendered_figures")
 def test_command_and_scene_file_ask_for_diffraction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

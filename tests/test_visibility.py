@@ -145,7 +145,7 @@ def test_a_wall_close_to_either_end_blocks_scattered_light(compiled: None, estim
     ):
         scene, *_ = over_a_floor(100.0, estimator, wall=wall)
         assert pm.received_power(scene, spp=256, seed=1).scattered == 0.0
-        assert float(np.abs(pm.scatterers(scene, 100).power.values).sum()) == 0.0
+    assert float(np.abs(pm.scatterers(scene, 100).power.values).sum()) == 0.0
     on_a_wall, *_ = over_a_floor(100.0, estimator, wall=lambda one, other: plate(one, 20.0))
     result = pm.received_power(on_a_wall, spp=4096, seed=1).scattered
     assert result == pytest.approx(expected, rel=1e-4)

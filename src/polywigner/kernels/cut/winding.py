@@ -9,6 +9,7 @@ kernel handles any outline.
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any
@@ -42,15 +43,18 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
         grid = tables.pairs.setdefault(name, pair_grid(first, second, across))
-        _cached.append((tables.pairs, name, grid.nbytes))
-        while sum(size for *_, size in _cached) > _MOST_BYTES and len(_cached) > 1:
-            pairs, oldest, _ = _cached.popleft()
-            pairs.pop(oldest, None)
+        with _cache_lock:
+            _cached.append((tables.pairs, name, grid.nbytes))
+            while sum(size for *_, size in _cached) > _MOST_BYTES and len(_cached) > 1:
+                pairs, oldest, _ = _cached.popleft()
+                pairs.pop(oldest, None)
     return grid
 
 
 _cached: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
 """Owner, key and size of each cached list, oldest first."""
+# Mitsuba loads the sources of a scene file in several threads.
+_cache_lock = threading.Lock()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
