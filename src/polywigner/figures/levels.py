@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_array, checked_length, real_numbers
+from polywigner.geometry.arguments import checked_array, checked_length, checked_vectors
 from polywigner.numerics import Floats
 from polywigner.source.obliquities import OBLIQUITIES
 
@@ -98,10 +98,7 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
         If the values are not real numbers, the reference is not positive, or the floor is not below
         0 dB.
     """
-    try:
-        power = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"expected values as real numbers, got {error}") from None
+    power = checked_vectors(values, "expected values as real numbers", ())
     levels = np.full(power.shape, check_floor(floor_db))
     if reference is None:
         return levels

@@ -121,10 +121,11 @@ def finite_array(
 ) -> NDArray[np.float64]:
     """Return a :func:`real_array` whose numbers are finite and below 1e100."""
     array = real_array(values, expected, *shapes, error=error)
-    is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
+    is_finite = np.abs(array) < _LARGEST
     if not is_finite.all():
-        row = int(is_finite.all(axis=-1).argmin())
-        got = f"{array[row].tolist()} in row {row}" if array.ndim else array.item()
+        row = np.argwhere(~is_finite)[0].tolist()[: max(array.ndim - 1, 1)]
+        where = f" in row {', '.join(map(str, row))}" if row else ""
+        got = f"{array[tuple(row)].tolist()}{where}"
         raise error(f"{expected}, got {got}; numbers must be finite and below {_LARGEST:g}")
     return array
 

@@ -25,8 +25,8 @@ from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import (
     check_options,
     checked_choice,
-    checked_row,
     checked_wavelength,
+    finite_array,
     takes_frequency,
 )
 from polywigner.geometry.silhouettes import listed_bodies, obstacle_of
@@ -605,8 +605,6 @@ def _table(
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     expected = f"expected {name} as finite numbers of shape (n,)"
-    array = checked_row(values, expected)
-    if np.ndim(values) != 1 or not np.isfinite(array).all():
-        raise ArgumentError(f"{expected}, got {values!r:.200}")
+    array = finite_array(values, expected, (None,))
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
     return labelled_array(array, (name,), {"units": units})

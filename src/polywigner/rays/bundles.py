@@ -20,8 +20,8 @@ from polywigner.geometry.arguments import (
     checked_flag,
     checked_number,
     checked_path,
-    checked_row,
     checked_vectors,
+    finite_array,
     rigid_pose,
     shape_of,
     warn_caller,
@@ -326,8 +326,8 @@ def _pose(plane: Any) -> Floats:
 def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     """Return the edges of the pixels along x and along y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
-    row = checked_row(bounds, expected)
-    if row.shape != (4,) or not np.isfinite(row).all() or not (row[2:] > row[:2]).all():
+    row = finite_array(bounds, expected, (4,))
+    if not (row[2:] > row[:2]).all():
         raise ArgumentError(f"{expected}, got {np.asarray(bounds).tolist()}")
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
         raise ArgumentError(f"expected shape as two integers, (nx, ny) in pixels, got {shape!r}")

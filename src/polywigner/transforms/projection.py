@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_count, real_numbers
+from polywigner.geometry.arguments import checked_choice, checked_count, finite_array
 from polywigner.kernels import kernel_for
 from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
@@ -229,14 +229,7 @@ def _axes(
 
 
 def _numbers(name: str, values: ArrayLike) -> Floats:
-    try:
-        array = real_numbers(values)
-    except ValueError:
-        array = np.empty(0)
-    if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
-        raise ArgumentError(
-            f"expected {name} as finite numbers of shape (n,), got {value_text(values)}"
-        )
+    array = finite_array(values, f"expected {name} as finite numbers of shape (n,)", (None,))
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
             f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute "

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
+from polywigner.geometry.arguments import checked_path, real_numbers, rigid_pose
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
+from polywigner.mitsuba.radar.range_profile import checked_ranges
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import in_place, write_netcdf
@@ -110,7 +111,7 @@ def covariance(
     count = 1
     gates = np.zeros(len(intensity), np.intp)
     if ranges is not None:
-        edges = _edges(ranges)
+        edges = checked_ranges(ranges)
         count = len(edges) - 1
         # The last gate includes both of its edges.
         half = np.asarray(cloud["path_length"].values) / 2
@@ -200,14 +201,6 @@ def _pose(value: Any) -> Floats:
         raise ArgumentError(
             f"expected to_world as a rigid (4, 4) pose in m, got {value!r:.200}"
         ) from None
-
-
-def _edges(ranges: Any) -> Floats:
-    expected = "expected ranges as at least two ascending edges in m"
-    edges = checked_row(ranges, expected)
-    if len(edges) < 2 or not (np.diff(edges) > 0.0).all():
-        raise ArgumentError(f"{expected}, got {ranges!r}")
-    return edges
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
