@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
+from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Floats
 from polywigner.propagation.element_patterns import (
     MOST_PHI,
@@ -194,9 +195,7 @@ def beam_cuts(
     [9.29, 8.09]
     """
     far = checked_far_field(source, wavelength, options)
-    extent = float(
-        np.linalg.norm(np.ptp(np.reshape(flat_source(far.source).bounds, (2, 2)), axis=0))
-    )
+    extent = math.hypot(*sides_of(flat_source(far.source).bounds))
     steps = math.ceil(_STEPS_PER_LOBE * math.pi * extent / far.wavelength)
     return _great_circles(far, math.pi / min(max(steps, _LEAST_STEPS), _MOST_STEPS))
 
