@@ -7,7 +7,8 @@ import inspect
 import math
 import os
 import warnings
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from numbers import Real
 from pathlib import Path
@@ -503,15 +504,28 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     return poses
 
 
+@contextmanager
+def in_place(path: Path) -> Iterator[Path]:
+    """Yield a temporary path for a file or folder, which replaces ``path`` after the block.
+
+    Raises ArgumentError if the path cannot be written to.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as scratch:
+            yield scratch
+    except PolywignerError:
+        raise
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write {path}: {error.strerror or error}; choose another location"
+        ) from error
+
+
 def write_lines(file: Path, lines: Iterable[str]) -> None:
     """Write lines to a file in UTF-8, completely or not at all; an existing file is replaced.
 
     Raise ArgumentError if the file cannot be written.
     """
-    text = "".join(f"{line}\n" for line in lines)
-    try:
-        with atomic_path(file) as scratch:
-            scratch.write_text(text, encoding="utf-8", newline="\n")
-    # A null character in the path raises a ValueError.
-    except (OSError, ValueError) as error:
-        raise ArgumentError(f"{file} cannot be written: {error}") from None
+    with in_place(file) as scratch:
+        scratch.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8", newline="\n")

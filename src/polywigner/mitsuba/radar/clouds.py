@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, real_numbers, rigid_pose
+from polywigner.geometry.arguments import checked_path, in_place, real_numbers, rigid_pose
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.radar.range_profile import checked_ranges
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.amplitudes import amplitude
-from polywigner.propagation.stores import in_place, write_netcdf
+from polywigner.propagation.stores import write_netcdf
 from polywigner.source import Array
 
 # Number of scatterers that are computed at once. The responses of all elements to this many
