@@ -1,7 +1,8 @@
 """Sources of every kind, and the laws that their transforms obey: one table for `test_laws`.
 
 The values that a source must have come from exact slices: outlines are cut in rational arithmetic
-pair by pair of elements, and transformed wave by wave at 25 digits (``oracles.exact``).
+pair by pair of elements, and transformed wave by wave at 25 digits (``oracles.exact``). They are
+stored (``oracles/generate.py exact_slices``), since they take much longer than the transforms.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import shapely
 
 import polywigner as pw
 from oracles import exact, kinds
+from oracles.references import DATA
 
 Values = Any
 Element = tuple[Any, list[tuple[complex, Values]]]
@@ -320,6 +322,22 @@ def _centre(name: str) -> Values:
 
 @cache
 def exact_values(name: str, function: str) -> Values:
+    """The values (n,) of a coherent source at its hard points, from the file of them."""
+    count = len(hard_points(name).x)
+    counts = [count // 3 if "marginal" in other else count for other in kinds.FUNCTIONS]
+    number = kinds.FUNCTIONS.index(function)
+    begin = sum(counts[:number])
+    values = _stored()[name][begin : begin + counts[number]]
+    return values.real if function in ("wigner", "position_marginal") else values
+
+
+@cache
+def _stored() -> dict[str, Values]:
+    with np.load(DATA / "exact_slices.npz") as archive:
+        return dict(archive)
+
+
+def computed_values(name: str, function: str) -> Values:
     """The values (n,) of a coherent source at its hard points; of marginals at some of them."""
     at = hard_points(name)
     if function == "fourier":

@@ -83,7 +83,7 @@ BAD: dict[str, str] = {
         kind.toml => kind.toml | kind
         cut.toml => cut.toml | TOML
         slits.toml => an aperture | slits
-        square.toml --unit mm => no --unit with a source file
+        square.toml --unit mm => --unit does not apply to a source file
         layered.svg => (--layer) | (--union)
         "" => file
         {long} => file
@@ -117,12 +117,12 @@ BAD: dict[str, str] = {
         --out out/.PNG => before the suffix
         --out out/{long} => too long
         --out square.wkt/a => square.wkt
-        --out /proc/polywigner => can be written to
+        --out /proc/polywigner => cannot write
     """,
     f'propagate square.wkt --frequency "94 GHz" {LINE}': """
         --arc "50 mm" => --line and --arc
         --samples many => --samples | many
-        --samples 1 => --samples | two or more | '1'
+        --samples 1 => --samples | at least two | '1'
         --samples "3 x 3" => --samples | 3 x 3
         --method fdtd => method | fdtd | kirchhoff
         --method "kirchhoff 3" => only the method wigner
@@ -166,7 +166,7 @@ BAD: dict[str, str] = {
         --box "-2 mm to 2 mm, 3 mm to 6 mm" => --box | x, y and z
         --box "0 mm to 2 mm, 0 mm to 2 mm, -3 mm to 6 mm" => z > 0
         {BOX} --shape "6 x 5" => --shape | 6 x 5
-        {BOX} --shape "1 x 4 x 4" => --shape | two or more | --plane
+        {BOX} --shape "1 x 4 x 4" => --shape | at least two | --plane
         {BOX} --chunks "0 x 3 x 3" => --chunks
         {SMALL} --threads 0 => threads
         {SMALL} --scheduler nowhere => scheduler | nowhere
@@ -178,7 +178,7 @@ BAD: dict[str, str] = {
     "rcs square.wkt": """
         => --frequency
         --frequency "3 GHz" --step "0 deg" => --step
-        --frequency "3 GHz" --step "0.01 deg" => or more
+        --frequency "3 GHz" --step "0.01 deg" => at least
         --frequency "3 GHz" --step "31 deg" => up to 30 deg
         --frequency "3 GHz" --format zip => --format
         --frequency "3 GHz" --step "30 deg" --polarisation rr => polarisation
@@ -190,7 +190,7 @@ BAD: dict[str, str] = {
     'pattern square.wkt --frequency "94 GHz"': """
         --step "0 deg" => --step
         --step "16 deg" => up to 15 deg
-        --step "0.01 deg" => or more
+        --step "0.01 deg" => at least
         --power "10 dB" => power
         --format zip => --format
         --polarisation up => 45 deg
@@ -207,7 +207,7 @@ BAD: dict[str, str] = {
     """,
     "render --variant scalar_rgb": """
         empty.xml => empty.xml
-        dark.xml => wigner | without
+        dark.xml => no <shape type="wigner">
         absent_file.xml => absent.wkt
         scaled.xml => to_world | scale
         blind.xml => no <sensor> | add
@@ -230,8 +230,8 @@ BAD: dict[str, str] = {
         link.xml --noise-figure "3 m" => noise figure
         link.xml --define distance => NAME=VALUE
         link.xml --frequencies fast => frequency
-        link.xml --frequencies "93 GHz to 92 GHz, 3" => a lower and a higher frequency
-        link.xml --frequencies "93 GHz to 95 GHz" => a lower and a higher frequency
+        link.xml --frequencies "93 GHz to 92 GHz, 3" => two ascending frequencies
+        link.xml --frequencies "93 GHz to 95 GHz" => two ascending frequencies
         link.xml --frequencies "93 GHz to 95 GHz, 1000000" => from 2 to 65536
         link.xml --polarisation x => --coherent
         link.xml --coherent --polarisation z => polarisation

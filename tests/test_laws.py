@@ -33,8 +33,6 @@ COMPILED = [
     "row of any weights",
     "slits of any weights",
 ]
-# Exact slices of all their pairs take seconds; shorter ones of their kinds are here.
-MANY_PAIRS = ["long row of any weights", "tapered lattice"]
 SLOW_COMPILED = ["fields of their own", "small lattice of any weights", "scattered far away"]
 SINGLE = ["chevron", "overlapping", "tapered, steered lattice", "slits"]
 
@@ -65,7 +63,6 @@ def place_of(function, at):
             (name, precision)
             for name in COHERENT
             for precision in (TOLERANCE if name in (*COMPILED, *SINGLE) else ("double",))
-            if name not in MANY_PAIRS
         ],
         [(name, "double") for name in COMPILED] + [(name, "single") for name in SINGLE],
         slow=[(name, "double") for name in SLOW_COMPILED],
@@ -82,6 +79,15 @@ def test_transforms_are_those_of_exact_slices(name, precision, engine):
         result = getattr(pw, function)(source, *points, precision=precision, engine=engine)
         assert result.shape == expected.shape
         assert np.abs(result - expected).max() <= allowed(name, function, precision), function
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("function", kinds.FUNCTIONS)
+def test_the_stored_values_are_those_of_exact_slices(function):
+    for name in (*SINGLE, "three waves", "lattice of products", "curved", "product, far away"):
+        stored = laws.exact_values(name, function)
+        error = np.abs(laws.computed_values(name, function) - stored).max()
+        assert error <= 1e-15 * laws.scale_of(name, function)
 
 
 # Parts 60 sizes apart are too far for sums over positions; waves may differ by 4 cycles at most.

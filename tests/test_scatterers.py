@@ -209,7 +209,7 @@ def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
         ({"count": 10, "receiver": "nobody"}, "receiver as one of"),
         (
             {"count": 10, "velocities": {"flor": (1, 0, 0)}},
-            "'floor', 'rx', 'tx', got 'flor'",
+            "'flor' .*'floor', 'rx', 'tx'",
         ),
         ({"count": 10, "velocities": {"floor": (1, 0)}}, "three numbers in m/s"),
     ],
@@ -226,7 +226,7 @@ def test_fog_and_darkness_are_refused_and_emptiness_is_not():
     with pytest.raises(SceneError, match="scene with fog"):
         pm.scatterers(scene_of("wigner", box=box), 10)
     dark = mi.load_dict({"type": "scene", "rx": pm.receiver(SQUARE, WAVELENGTH)})
-    with pytest.raises(SceneError, match="with light"):
+    with pytest.raises(SceneError, match="no emitters"):
         pm.scatterers(dark, 10)
     empty = pm.scatterers(scene_of("wigner"), 10, rays=32)
     assert len(empty["power"].values) == 0 and empty.attrs["standard_error"] == 0

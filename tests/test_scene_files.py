@@ -45,25 +45,25 @@ REFUSED = {
     "unknown type": ('<shape type="ball"/>', "plugin type 'ball', which is unknown"),
     "type from a parameter": (
         '<default name="t" value="ball"/><shape type="$t"/>',
-        "got 'ball'",
+        "plugin type 'ball'",
     ),
-    "type from an include": ('<include filename="ball.xml"/>', "got 'ball'"),
+    "type from an include": ('<include filename="ball.xml"/>', "plugin type 'ball'"),
     "type that is a path": ('<shape type="../plugins/ball"/>', "plugin type"),
-    "memory addresses": ('<shape type="blender"/>', "got 'blender'"),
-    "mesh above the folder": (named("obj", "../outside.obj"), "in the folder of the scene"),
-    "mesh behind a link": (named("obj", "link.obj"), "in the folder of the scene"),
+    "memory addresses": ('<shape type="blender"/>', "plugin type 'blender'"),
+    "mesh above the folder": (named("obj", "../outside.obj"), "outside its folder"),
+    "mesh behind a link": (named("obj", "link.obj"), "outside its folder"),
     "file from a parameter": (
         '<default name="f" value="../outside"/>' + named("obj", "$f.obj"),
-        "in the folder of the scene",
+        "outside its folder",
     ),
-    "spectrum above the folder": (named("spd", "../outside.obj"), "in the folder of the scene"),
+    "spectrum above the folder": (named("spd", "../outside.obj"), "outside its folder"),
     "outline above the folder": (
         '<shape type="wigner"><string name="aperture" value="../outside.obj"/></shape>',
-        "in the folder of the scene",
+        "outside its folder",
     ),
-    "include above the folder": ('<include filename="../outside.xml"/>', "in the folder"),
+    "include above the folder": ('<include filename="../outside.xml"/>', "outside its folder"),
     "include of itself": ('<include filename="scene.xml"/>', "in a circle"),
-    "search path": ('<path value="sub"/>', "got a <path>"),
+    "search path": ('<path value="sub"/>', "<path> is not supported"),
 }
 
 
@@ -83,8 +83,8 @@ def test_a_scene_that_is_not_permitted_is_refused(tmp_path: Path, name: str) -> 
 XML = {
     "doctype": ("<!DOCTYPE scene>" + scene(""), "DOCTYPE are not supported"),
     "entity": ('<!DOCTYPE a [<!ENTITY e "e">]>' + scene("&e;"), "DOCTYPE are not supported"),
-    "text": ("a scene", "not XML in line 1"),
-    "cut short": (scene("")[:-3], "not XML in line 1"),
+    "text": ("a scene", "XML error in line 1"),
+    "cut short": (scene("")[:-3], "XML error in line 1"),
     "empty": ("", "empty"),
     "too large": (scene(" " * 9 * 2**20), "at most 8 MiB"),
     "not a scene": ('<shape version="3.0.0" type="sphere"/>', "scene"),
@@ -110,7 +110,7 @@ def test_no_library_beside_a_scene_is_loaded(
             (tmp_path / "plugins" / f"{name}{suffix}").write_bytes(b"no library")
     monkeypatch.chdir(tmp_path)
     assert load(tmp_path, '<sensor type="perspective"/>').sensors()
-    with pytest.raises(SceneError, match="got 'ball'"):
+    with pytest.raises(SceneError, match="plugin type 'ball'"):
         load(tmp_path, '<shape type="ball"/>')
 
 

@@ -237,7 +237,12 @@ def _on_a_line(**options: Any) -> Any:
         (_at_a_point, BODIES["box"], {"tolerance": 1e-12}, "tolerance"),
         (_at_a_point, box((-1, -1, -1), (1, 1, 1)), {}, "away from the source"),
         (_on_a_line, BODIES["box"], {}, "got method='wigner'"),
-        (_on_a_line, BODIES["box"], {"method": "kirchhoff", "bandwidth": 1e9}, "one wavelength"),
+        (
+            _on_a_line,
+            BODIES["box"],
+            {"method": "kirchhoff", "bandwidth": 1e9},
+            "cannot be combined",
+        ),
     ],
 )
 def test_obstacles_and_options_that_cannot_be_are_refused(

@@ -28,6 +28,7 @@ seconds for fields near a source and for renders.
 GROUPS = {
     "Options of sources": ("mtf", "pattern", "propagate", "psf", "transform", "volume"),
     "Options of fields": ("propagate", "volume"),
+    "Options of scenes": ("receive", "render"),
 }
 """Sections for the options that several commands share, except the folder of the results."""
 

@@ -1,7 +1,8 @@
 """The shell blocks of README as one script: what a reader types.
 
-The block that clones is left out, the clone is installed in place of the published package, and the
-render takes few samples. Run by .ci/run in a clone, in an environment with the package alone.
+The block that clones the repository is omitted, the clone is installed instead of the published
+package, and renders take few samples. .ci/run runs the script in a new clone, in an environment
+that contains only the package.
 """
 
 from __future__ import annotations

@@ -147,9 +147,9 @@ def interpreters() -> Iterator[tuple[str, str]]:
 def install(
     package: Path, folder: Path, python: str = sys.executable, constraints: Path | None = None
 ) -> None:
-    """Install a package into the environment of a folder, and run the README's five lines there.
+    """Install a package into the environment of a folder, and run the example of the README there.
 
-    An environment that exists keeps the dependencies of the package that stood there.
+    An existing environment keeps the dependencies of the package that it contained.
     """
     programs = folder / "env" / ("Scripts" if sys.platform == "win32" else "bin")
     if programs.exists():
@@ -183,9 +183,9 @@ def rehearse() -> None:
         check(tools, wheel, sdist)
         fill_recipe(sdist)
         for name, python in interpreters():
-            print(f"- Python {name}: the wheel, and the README's five lines")
+            print(f"- Python {name}: installing the wheel, and running the example of the README")
             install(wheel, Path(tempfile.mkdtemp(dir=scratch)), python)
-        print("- the sdist, and the README's five lines")
+        print("- installing the sdist, and running the example of the README")
         install(sdist, Path(tempfile.mkdtemp(dir=scratch)))
     home = re.findall(r'^Homepage = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)[
         0
@@ -195,9 +195,14 @@ def rehearse() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--date", help="day of the release, YYYY-MM-DD: write it, and the version")
-    parser.add_argument("--install", type=Path, metavar="PACKAGE", help="install one package alone")
-    parser.add_argument("--folder", type=Path, default=Path("build"), help="of its environment")
+    parser.add_argument(
+        "--date",
+        help="date of the release, YYYY-MM-DD: write date and version into the other files",
+    )
+    parser.add_argument("--install", type=Path, metavar="PACKAGE", help="only install a package")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("build"), help="folder of its environment"
+    )
     parser.add_argument("--constraints", type=Path, help="file of versions for --install")
     options = parser.parse_args()
     if options.date:

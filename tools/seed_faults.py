@@ -2,11 +2,12 @@
 
     tools/seed_faults.py --area geometry --count 20
 
-A fault is a changed comparison, sign, constant or logical word, a dropped term, or two arguments
-in each other's place. The same seed draws the same faults as long as the code stays. Tests run
+A fault is a changed comparison, sign, constant or logical operator, a dropped term, or two swapped
+arguments. The same seed selects the same faults as long as the code does not change. Tests run
 against a copy of the code until the first failure; tests that take more CPU time than --seconds
-are counted as "too long". A table of lines, JSON such as {"geometry/io/svg.py:17": ["tests/...",
-...]}, names tests that run a line; without it the files of the area run, those of AREAS.
+count as "too long". The option --lines names a table (JSON such as {"geometry/io/svg.py:17":
+["tests/...", ...]}) of the tests that run each line; without it, the test files of the area run, as
+AREAS defines them.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-AREAS = {  # rooms of the package, and words in the names of files of tests
+AREAS = {  # subpackages of an area, and words in the names of its test files
     "geometry": (
         "geometry",
         "geometry automean readers shapes svg dxf gds gerber mesh set_op curves slits polyhedra "
@@ -170,17 +171,19 @@ def tried(module: Path, source: bytes, chosen: list[str], seconds: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--area", choices=AREAS, action="append", help="all of them by default")
+    parser.add_argument("--area", choices=AREAS, action="append", help="default: all areas")
     for name, default, meaning in (
-        ("count", 20, "faults of an area"), ("seed", 1, None), ("seconds", 300, "CPU time of one"),
+        ("count", 20, "faults per area"), ("seed", 1, None), ("seconds", 300, "CPU time per fault"),
     ):  # fmt: skip
         parser.add_argument(f"--{name}", type=int, default=default, help=meaning)
     parser.add_argument("--tests", type=Path, default=ROOT / "tests", help="their folder")
-    parser.add_argument("--lines", type=Path, help="JSON table: tests that run a line")
-    parser.add_argument("--out", type=Path, help="JSON lines: each fault and whether it was caught")
+    parser.add_argument("--lines", type=Path, help="JSON table of the tests that run each line")
+    parser.add_argument(
+        "--out", type=Path, help="JSON lines: each fault, and whether it was caught"
+    )
     options = parser.parse_args()
     for library in LIBRARIES:
-        importlib.import_module(library)  # once, for all processes that are forked
+        importlib.import_module(library)  # The import happens once, for all forked processes.
     table = json.loads(options.lines.read_text()) if options.lines else None
     tests = options.tests.resolve()
     with tempfile.TemporaryDirectory() as folder:

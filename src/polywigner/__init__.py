@@ -25,7 +25,6 @@ def __getattr__(name: str) -> object:
         near = difflib.get_close_matches(name, __all__, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise AttributeError(f"module 'polywigner' has no attribute {name!r}{hint}")
-    # The name is a subpackage or a module.
     if home == __name__:
         value: object = importlib.import_module(f"{home}.{name}")
     else:

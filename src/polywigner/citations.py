@@ -22,7 +22,8 @@ METHODS: dict[str, tuple[str, ...]] = {
     "tapers": ("taylor1955line",),
     "arrays": ("skolnik1964statistically", "barnett2019nufft"),
 }
-"""Keys of the bibliography for each method: publications of its formulas or of its software."""
+"""Keys of the bibliography for each method. They refer to publications of its formulas or its
+software."""
 
 
 def cite(*methods: str) -> str:
@@ -55,7 +56,7 @@ def cite(*methods: str) -> str:
     for method in methods:
         if not isinstance(method, str) or method not in METHODS:
             names = ", ".join(METHODS)
-            raise ArgumentError(f"expected methods among {names}, got {method!r}")
+            raise ArgumentError(f"expected names of methods among {names}, got {method!r}")
     keys = dict.fromkeys((*_ALWAYS, *(key for method in methods for key in METHODS[method])))
     bibliography = files("polywigner").joinpath("references.bib").read_text(encoding="utf-8")
     matches = re.finditer(r"^@\w+\{([\w-]+),\n.*?^\}", bibliography, re.MULTILINE | re.DOTALL)

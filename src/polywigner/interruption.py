@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders: complete or not at all, even after Ctrl-C."""
+"""Atomic writing of files and folders: completely or not at all, even after Ctrl-C."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from tempfile import TemporaryDirectory
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a scratch path next to a file or folder, and rename it when the block ends.
 
-    The scratch path has the same suffix. If the block raises an exception, KeyboardInterrupt
-    included, the new content is removed, and an earlier file or folder at ``path`` stays unchanged.
+    The scratch path has the same suffix. If the block raises an exception, including
+    KeyboardInterrupt, the new content is removed, and an earlier file or folder at ``path`` stays
+    unchanged.
     """
     scratch = scratch_of(path)
     try:
@@ -44,7 +45,8 @@ def _replace_folder(scratch: Path, path: Path) -> None:
     path.rename(old)
     try:
         scratch.rename(path)
-    except BaseException:  # the clause also handles KeyboardInterrupt
+    # BaseException includes KeyboardInterrupt.
+    except BaseException:
         if not path.exists():
             old.rename(path)
         raise

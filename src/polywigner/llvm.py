@@ -57,7 +57,7 @@ OLDEST_VERSION = 17
 LIBATOMIC = "libatomic.so.1"
 
 _SYSTEM_LIBRARIES = (
-    # Multiarch folders of Debian.
+    # Multiarch folders of Debian, such as /usr/lib/x86_64-linux-gnu.
     "/usr/lib/*-linux-gnu*/libLLVM*.so*",
     "/usr/lib/llvm-*/lib/libLLVM*.so*",
     "/usr/lib64/libLLVM*.so*",
@@ -106,8 +106,8 @@ class LLVMStatus:
     usable: bool
     path: str | None = None
     version: str | None = None
-    problem: str | None = None  # one sentence
-    remedy: str | None = None  # one sentence with a command or a setting
+    problem: str | None = None
+    remedy: str | None = None  # Remedy: one sentence with a command or a setting.
     # Whether Dr.Jit, and therefore Mitsuba, can be imported.
     drjit_imports: bool = True
     # Path of each unusable library, and the reason why it is not usable.
@@ -294,7 +294,7 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
     19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
     """
     real = os.path.realpath(path)
-    # The name of the file is tried first, then the name of its folder.
+    # The version is searched in the name of the file first, then in the name of its folder.
     for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
         match = re.search(pattern, real) or re.search(pattern, path)
         if match:
@@ -330,7 +330,8 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _first_complaint(child)
     if is_usable or child.returncode in _CRASHES:
-        # Other failures are not cached, because a missing dependency may be installed later.
+        # Only crashes are cached, because other failures, such as a missing dependency, may be
+        # repaired later.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))
@@ -367,7 +368,7 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
         The finished process, with its output as text. If it does not start, or runs longer than two
         minutes, the return code is 1 and ``stderr`` contains the reason.
     """
-    # This import takes 10 ms, and is not needed if the result of the probe is cached.
+    # The import of subprocess takes 10 ms, and is not needed if the result of the probe is cached.
     import subprocess
 
     command = [sys.executable, "-P", "-c", script]
@@ -457,7 +458,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
         raise EngineError(f"Run `apt-get install {names}` as root.")
     for alternatives in packages:
         problem = _install(alternatives)
-        # The package lists may be missing or old.
+        # The installation may have failed because apt's package lists are missing or old.
         if problem:
             _apt("apt-get", "update")
             problem = _install(alternatives)

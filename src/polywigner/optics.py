@@ -151,7 +151,7 @@ class FirstOrder:
         """
         expected = "expected f as a focal length in m other than 0, or as a pair (f_x, f_y)"
         powers = -1.0 / checked_pair(f, f"{expected}; inf means no lens") + 0.0
-        # The rows are the axes of the lens.
+        # The rows of ``axes`` are the axes of a cylindrical lens.
         axes = turned_points(_ONE, angle)
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])

@@ -64,7 +64,7 @@ def _parse(
     positive: bool = False,
 ) -> float:
     """Parse a string to SI units; numbers are returned unchanged."""
-    # The exception is "a unit".
+    # The article is "a" before "unit".
     article = "an" if kind[0] in "aeio" else "a"
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     match = _QUANTITY.fullmatch(str(text))

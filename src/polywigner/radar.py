@@ -81,12 +81,12 @@ class FMCW:
 
     def __post_init__(self) -> None:
         for name in ("start", "bandwidth", "sample_rate"):
-            checked_length(getattr(self, name), name, meaning="a frequency above zero in Hz")
+            checked_length(getattr(self, name), name, meaning="a frequency in Hz above zero")
         for name in ("samples", "chirps"):
             checked_count(getattr(self, name), name, 1, _MOST)
         shortest = self.samples / self.sample_rate
         interval = self.interval or shortest
-        checked_length(interval, "interval", meaning="a time above zero in s")
+        checked_length(interval, "interval", meaning="a time in s above zero")
         if interval < shortest * (1 - _ROUNDING):
             raise ArgumentError(
                 f"interval must be at least samples/sample_rate, {shortest:.4g} s, got "
@@ -130,11 +130,11 @@ class FMCW:
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Return the samples of amplitudes (..., samples) at the frequencies."""
+        """Return the samples (..., samples) for amplitudes at the frequencies."""
         return spectrum
 
     def to_spectrum(self, signal: Complex) -> Complex:
-        """Return the amplitudes at the frequencies of samples (..., samples)."""
+        """Return the amplitudes at the frequencies for samples (..., samples)."""
         return signal
 
 
@@ -176,7 +176,7 @@ class Pulse(FMCW):
         return float(self.samples)
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Return samples in time; the largest sample of a single path is its amplitude."""
+        """Return samples in time; the largest sample of a single path equals its amplitude."""
         return np.fft.fft(spectrum) / self.samples
 
     def to_spectrum(self, signal: Complex) -> Complex:
@@ -413,8 +413,8 @@ def detections(
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
         raise ArgumentError(
-            f"expected fewer guard and training bins than the map has, {image.shape[-2:]}, "
-            f"got {guard!r} and {training!r} on each side"
+            "expected fewer guard and training bins than the map has bins, "
+            f"{image.shape[-2:]}, got {guard!r} and {training!r} on each side"
         )
     if not 0 < false_alarm < 1:
         raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
@@ -444,7 +444,7 @@ def window_of(name: str, count: int) -> Floats:
 
 
 def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Return spectra over rates (draw, receiver, emitter, rate, frequency), rates, noise gain.
+    """Return spectra (draw, receiver, emitter, rate, frequency), range rates, and noise gain.
 
     The motion within each repetition is removed for the rate of each bin.
     """
@@ -462,7 +462,7 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 
 
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Return amplitudes over range in place of frequency, ranges in m, and the noise gain."""
+    """Return amplitudes by range instead of frequency, ranges in m, and the noise gain."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)

@@ -18,7 +18,7 @@ from polywigner.source.normal_form import normal_form
 
 __all__ = ["check"]
 
-# name of the law, left side, right side, allowed difference, and arguments by name
+# Name of a law, its left side, its right side, the allowed difference, and the arguments by name.
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
 # Allowed difference, relative to the bound of each transform, for a source at the origin. The
@@ -108,7 +108,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
     yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
 
-    # The lattice resolves these frequencies.
+    # Only the low frequencies in ``few`` are resolved by the lattice.
     few = nu[: max(1, points // 25)] / 8.0
     lattice, cell = _lattice(low, high)
     integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)

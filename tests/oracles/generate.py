@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+import laws
 import polywigner as pw
 from oracles import edge_integrals as plane_waves
-from oracles import exact, positions, simplices, sources
+from oracles import exact, kinds, positions, simplices, sources
 from oracles.references import DATA, Reference, awkward, awkward_names, read_json
 from oracles.shadow_quadrature import aperture_radiators, lit_regions, shadowed_field, surface_of
 
@@ -81,6 +82,18 @@ def of_source(source: Any, rng: np.random.Generator) -> dict[str, np.ndarray]:
     drawn = [sources.frequencies(rng, source, d, REAL) for d in sources.DECADES]
     nu = np.concatenate(drawn)
     return {"vertices": sources.points_of(source), "nu": nu, "F": simplices.rounded(source, nu)}
+
+
+def exact_slices() -> None:
+    """Write W, A, F and marginals of all coherent sources of :mod:`laws`, in half a minute."""
+    arrays = {
+        name: np.concatenate([laws.computed_values(name, f) for f in kinds.FUNCTIONS]).astype(
+            complex
+        )
+        for name in laws.SOURCES
+        if "partly" not in name
+    }
+    np.savez_compressed(DATA / "exact_slices.npz", **arrays)
 
 
 def shadows() -> None:
@@ -158,5 +171,5 @@ def random_points(rng: np.random.Generator, spread: float, z: float) -> np.ndarr
 
 
 if __name__ == "__main__":
-    writers = (coincident_edges, edge_integrals, fourier_stability, shadows)
+    writers = (coincident_edges, edge_integrals, exact_slices, fourier_stability, shadows)
     {f.__name__: f for f in writers}[sys.argv[1]]()

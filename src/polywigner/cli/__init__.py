@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not _is_interruption(error):
                 return _from_exception(error)
             code = _INTERRUPTED
-    # Typer returns exit codes of `typer.Exit`, of --help and of Ctrl-C.
+    # Typer returns the exit codes of `typer.Exit`, of --help and of Ctrl-C.
     if code == _INTERRUPTED:
         return _say("interrupted", _INTERRUPTED)
     return code if isinstance(code, int) else 0
@@ -77,8 +77,9 @@ def _from_exception(error: BaseException) -> int:
         return _say(f"error: {error}", _BAD_INPUT)
     if isinstance(error, MemoryError):
         return _say(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
-    if isinstance(error, BrokenPipeError):  # This happens in `polywigner ... | head`.
-        # The buffer of stdout must not be flushed again at exit.
+    # This error occurs in commands such as `polywigner ... | head`.
+    if isinstance(error, BrokenPipeError):
+        # The buffer of stdout must not be flushed again when the process exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
     # The click module inside typer is private, so its usage errors are recognised by name.
@@ -96,8 +97,8 @@ def _from_exception(error: BaseException) -> int:
 
         traceback.print_exc()
     return _say(
-        f"error: unexpected {type(error).__name__}: {error} (this is a fault of polywigner: "
-        f"please report it with the traceback that {_DEBUG}=1 shows)",
+        f"error: unexpected {type(error).__name__}: {error} (this is a bug in polywigner: please "
+        f"report it with the traceback that {_DEBUG}=1 shows)",
         _FAILED,
     )
 
@@ -107,7 +108,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _say(message: str, code: int) -> int:
-    """Write one line on stderr, without line breaks of the message."""
+    """Write one line on stderr, with the line breaks of the message removed."""
     sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
 
@@ -118,7 +119,7 @@ app = typer.Typer(
     add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    # Plain help takes half the start-up time of help in boxes, and other tools can read it.
+    # Plain help takes half the start-up time of help in boxes, and other programs can read it.
     rich_markup_mode=None,
 )
 
@@ -155,12 +156,12 @@ def explore(
     """
     if aperture is not None:
         reading.check_file(aperture)
-    wave.length()  # This call raises the error of a wrong option.
+    wave.length()  # The call raises the error of a wrong option.
     from polywigner.explorer import serve, start_state
 
     state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())
     serve(state, port=port, browser=browser, say=partial(print, flush=True))
-    os._exit(0)  # Unlike sys.exit, this does not wait for a computation in progress.
+    os._exit(0)  # In contrast to sys.exit, os._exit does not wait for a computation in progress.
 
 
 _COMMANDS = (

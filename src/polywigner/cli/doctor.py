@@ -1,4 +1,4 @@
-"""``polywigner doctor``: a report of working parts, and commands that install missing parts."""
+"""The command ``polywigner doctor``: report working parts, and how to install missing parts."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def _transforms() -> Row:
         area = pw.fourier(pw.Aperture([(0, 0), (2, 0), (2, 2), (0, 2)]), (0.0, 0.0), engine="numpy")
         if abs(area - 4.0) < 1e-12:
             version = importlib.metadata.version("numpy")
-            return Row("engine numpy", _GOOD, f"NumPy {version}; needs nothing else")
+            return Row("engine numpy", _GOOD, f"NumPy {version}; no other requirements")
         problem = f"a square of area 4 transforms to {area}"
-    except Exception as error:  # The report has other rows, so an error must not end it.
+    except Exception as error:  # The report has further rows, so an error must not end it.
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return Row("engine numpy", _BAD, problem, f"Run {install_command()}.")
 
@@ -88,14 +88,14 @@ def _gpu() -> Row:
     if shutil.which("nvidia-smi") is None:
         remedy = "If there is one, install its driver: `apt-get install nvidia-driver` on Debian."
         return Row("engine cuda", _OPTIONAL, "no NVIDIA driver", remedy)
-    problem = f"its kernels do not run ({_last_line(child.stderr)})"
+    problem = f"kernels do not run on the GPU ({_last_line(child.stderr)})"
     return Row("engine cuda", _BAD, problem, "Install an NVIDIA driver 535 or newer.")
 
 
 def _rendering(llvm: LLVMStatus, gpu: Row) -> Row:
-    """Return the variants that the installed Mitsuba has and this machine can run."""
-    # The import runs in a child process, because versions of Mitsuba and Dr.Jit that do not match
-    # can crash it.
+    """Return the variants of the installed Mitsuba that this machine can run."""
+    # The import runs in a child process, because it can crash if the versions of Mitsuba and Dr.Jit
+    # do not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
         remedy = f"Run `pip install --force-reinstall '{_requirement('mitsuba')}'`."
@@ -171,5 +171,5 @@ def _print(rows: list[Row]) -> None:
             text.append(f"\n{row.remedy}", style="bold")
         table.add_row(row.subject, Text(row.works, style=_COLOURS[row.works]), text)
     console = Console()
-    # In a pipe or a file, the lines are long enough for paths and commands.
+    # Lines in a pipe or a file are long enough for paths and commands.
     Console(width=None if console.is_terminal else 160).print(table)

@@ -1,4 +1,4 @@
-"""``polywigner psf`` and ``polywigner mtf``: spots and transfer functions of a lens."""
+"""The commands ``polywigner psf`` and ``mtf``: spots and transfer functions of lenses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from polywigner import Aberration, Aperture
     from polywigner import Array as ApertureArray
 
-# Reversed contrast below this value is not marked.
+# Smallest reversed contrast that is marked in the figure.
 _FAINT = 1e-3
 Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 
@@ -37,7 +37,10 @@ class LensOptions(SourceOptions):
 
     focal_length: Annotated[Text, "Focal length, or image distance, such as '100 mm'."] = None
     numerical_aperture: Annotated[
-        float | None, typer.Option(help="Instead of the focal length, for this pupil radius.")
+        float | None,
+        typer.Option(
+            help=("Numerical aperture, instead of the focal length, for this pupil radius.")
+        ),
     ] = None
     wavelengths: Annotated[Text, "Several wavelengths: '450 nm, 550 nm, 650 nm'."] = None
     defocus: Annotated[str, "Defocus W20 in waves at the pupil's edge: '-1, 0, 1'."] = "0"
@@ -58,7 +61,8 @@ class LensOptions(SourceOptions):
         else:
             if self.wavelength is not None or self.frequency is not None:
                 raise ArgumentError(
-                    "expected --wavelengths or one of --wavelength and --frequency, got both"
+                    "expected either --wavelengths, or one of --wavelength and --frequency, got "
+                    "both; omit one of them"
                 )
             lengths = [parse_length(part) for part in self.wavelengths.split(",")]
             pupil, _ = self.read()
@@ -78,7 +82,7 @@ class LensOptions(SourceOptions):
 
 
 class Lens(NamedTuple):
-    """A lens with its pupil; lengths in m."""
+    """A lens with its pupil; lengths are in m."""
 
     pupil: Aperture | ApertureArray
     wavelengths: list[float]
@@ -87,7 +91,7 @@ class Lens(NamedTuple):
     aberration: Aberration | None
 
     def settings(self, options: LensOptions) -> dict[str, Any]:
-        """Return the attributes of a dataset."""
+        """Return the settings as attributes of a dataset."""
         about: dict[str, Any] = {"source": Path(options.source).name}
         about |= {"wavelengths": self.wavelengths, "focal_length": self.distance}
         return about if options.zernike is None else {**about, "zernike": options.zernike}
@@ -181,7 +185,7 @@ def mtf(
     mean = sum(lengths) / len(lengths)
 
     def transfer(waves: float, path: Any) -> Any:
-        """Return the complex transfer function (direction, frequency)."""
+        """Return the complex transfer function with the axes (direction, frequency)."""
         parts = [
             pw.otf(
                 pupil, lines * (length * distance), waves * mean / length, radius,

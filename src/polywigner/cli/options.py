@@ -1,4 +1,4 @@
-"""Options that several commands share, and atomic writing of their output files."""
+"""Options of several commands, and atomic writing of output files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     Content: TypeAlias = Figure | xarray.Dataset | Mapping[str, Any] | Callable[[Path], object]
 
 Text: TypeAlias = str | None
-"""Type of an option with a text such as "94 GHz"; None: the default."""
+"""Type of an option with a string such as "94 GHz"; None selects the default."""
 Texts: TypeAlias = list[str] | None
 _CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
 METHOD_HELP = f"wigner, {_CONDITIONS}, fresnel or fraunhofer"
@@ -54,7 +54,8 @@ Resumable = Annotated[bool, "Continue an interrupted run from NAME.parts.zarr (e
 Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://host:8786."]
 
 
-# ---- values --------------------------------------------------------------------------------------
+# ---- values of options
+# -----------------------------------------------------------------------------
 
 
 def parse_step(text: str, largest: float, most: int) -> float:
@@ -66,12 +67,12 @@ def parse_step(text: str, largest: float, most: int) -> float:
         )
     least = 180 / math.sqrt(most)
     if step < least:
-        raise ArgumentError(f"--step: expected {least:.2g} deg or more, got {text!r}")
+        raise ArgumentError(f"--step: expected at least {least:.2g} deg, got {text!r}")
     return step
 
 
 def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
-    """Return finite numbers separated by commas, with or without "dB"."""
+    """Return finite numbers separated by commas, with or without the unit "dB"."""
     try:
         numbers = tuple(float(part.strip().removesuffix("dB")) for part in text.split(","))
         if all(map(math.isfinite, numbers)):
@@ -82,7 +83,7 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
 
 
 def parse_coefficients(option: str, text: str) -> dict[int, float]:
-    """Return numbers by index from a text such as "4: 0.05, 11: 0.1"."""
+    """Return numbers by index from a string such as "4: 0.05, 11: 0.1"."""
     try:
         pairs = [part.split(":") for part in text.split(",")]
         numbers = {int(index): float(value) for index, value in pairs}
@@ -91,18 +92,19 @@ def parse_coefficients(option: str, text: str) -> dict[int, float]:
     except ValueError:
         pass
     raise QuantityError(
-        f"{option}: expected different indices and numbers such as '4: 0.05, 11: 0.1', got "
+        f"{option}: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
         f"{value_text(text)}"
     )
 
 
-# ---- commands ------------------------------------------------------------------------------------
+# ---- options of commands
+# ---------------------------------------------------------------------------
 
 
 def with_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a command with an option for each parameter of a function.
+    """Return a command that has an option for each parameter of a function.
 
-    A parameter annotated with a dataclass stands for one option for each field. The function
+    A parameter annotated with a dataclass represents one option for each field. The function
     receives an instance of the dataclass.
     """
     hints = get_type_hints(function, include_extras=True)
@@ -131,7 +133,7 @@ _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """Return an option, whose help is the text in its annotation; default False makes a flag."""
+    """Return an option whose help is the string in its annotation; default False makes a flag."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -157,8 +159,8 @@ def output_stem(out: str | None, name: str) -> Path:
     path = Path(out)
     if not out.strip() or path.name.lower() in _KNOWN_SUFFIXES:
         raise ArgumentError(
-            f"expected --out to name a folder or files, got {out!r}; write a name before the "
-            "suffix, or a slash after the folder"
+            f"expected --out as the name of files or of a folder, got {out!r}; write a name "
+            "before the suffix, or a slash after the folder"
         )
     if os.path.isdir(out) or out.endswith(("/", os.sep)):  # noqa: PTH112 (see check_writable)
         return path / name
@@ -185,9 +187,12 @@ def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple
 def check_writable(paths: Sequence[Path]) -> None:
     """Raise ArgumentError before the long work if one of the files cannot be written."""
     for path in paths:
-        # os.path returns False for names that are too long; pathlib raises OSError.
+        # For names that are too long, os.path returns False, while pathlib raises OSError.
         if os.path.isdir(path) and path.suffix != ".zarr":  # noqa: PTH112
-            raise ArgumentError(f"expected --out to name a file, got the folder {path}; rename it")
+            raise ArgumentError(
+                f"expected --out as the name of a file, got the folder {path}; rename the "
+                "file or the folder"
+            )
         parents = path.absolute().parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
         probe = folder / scratch_of(path).name
@@ -196,14 +201,14 @@ def check_writable(paths: Sequence[Path]) -> None:
             probe.unlink()
         except OSError as error:
             raise ArgumentError(
-                f"expected a folder that can be written to for {path}, got {folder}: "
-                f"{error.strerror}; choose another with --out"
+                f"cannot write {path} to the folder {folder}: {error.strerror}; choose another "
+                "folder with --out"
             ) from error
 
 
 @contextmanager
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Yield a scratch path for each target, and rename them to the targets at the end of the block.
+    """Yield a temporary path for each target, and rename the paths to the targets after the block.
 
     Missing folders are created. A target may be a folder, such as a zarr store. If the block raises
     an exception, no target is created or changed. The names of the targets are printed at the end.
@@ -215,12 +220,11 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
             partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
             yield partials
             for partial in partials:
-                partial.stat()  # All files must exist before the first is renamed.
+                partial.stat()  # All files must exist before the first file is renamed.
         print(*paths, sep="\n", flush=True)
     except OSError as error:
         raise ArgumentError(
-            f"expected to write {', '.join(map(str, paths))}, got {error}; "
-            "choose another folder with --out"
+            f"cannot write {', '.join(map(str, paths))}: {error}; choose another folder with --out"
         ) from error
 
 
@@ -252,23 +256,24 @@ def _write_one(path: Path, content: Any) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-# ---- scenes --------------------------------------------------------------------------------------
+# ---- options of scenes
+# -----------------------------------------------------------------------------
 
 
 def check_scene(path: str) -> None:
-    """Raise SceneError unless a file may be a scene, before the slow import of Mitsuba."""
+    """Raise SceneError before the slow import of Mitsuba if a file cannot be a scene."""
     if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
-        raise SceneError(f"expected a Mitsuba scene file, got {path!r}, which is not a file")
+        raise SceneError(f"the scene file {path!r} does not exist or is not a file")
     if Path(path).suffix.lower() != ".xml":
         raise SceneError(
-            f"expected the XML file of a scene, got {path!r}; apertures and source files are for "
-            "other commands, such as `polywigner transform`"
+            f"expected the XML file of a scene, got {path!r}; for apertures and source files, use "
+            "other commands such as `polywigner transform`"
         )
 
 
 @contextmanager
 def warnings_of_mitsuba() -> Iterator[None]:
-    """Issue Mitsuba's messages as warnings at the end of the block."""
+    """Collect Mitsuba's log messages, and issue them as warnings at the end of the block."""
     from polywigner.mitsuba.plugins.films import to_list
 
     with to_list() as messages:
@@ -304,14 +309,14 @@ class SceneOptions:
         if self.range_text is None:
             if self.bins is not None:
                 raise ArgumentError(
-                    "--bins requires --range; add it, such as --range '0 m to 60 m'"
+                    "--bins requires --range; add --range, such as --range '0 m to 60 m'"
                 )
             return None
         ends = [parse_coordinate(end.strip()) for end in self.range_text.split(" to ")]
         if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
             raise ArgumentError(
-                f"expected --range as two ascending lengths, got {value_text(self.range_text)}; "
-                "write such as '0 m to 60 m'"
+                "expected --range as two ascending lengths, such as '0 m to 60 m', got "
+                f"{value_text(self.range_text)}"
             )
         return np.linspace(ends[0], ends[1], (self.bins or default) + 1)
 
@@ -319,8 +324,8 @@ class SceneOptions:
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
         """Check the requirements of a run that writes ``file``, and yield the store of its parts.
 
-        Only resumable runs have a store, otherwise the function yields None. The store is removed
-        at the end of the block, and Mitsuba's messages become warnings there.
+        Only resumable runs have a store; for other runs, None is yielded. At the end of the block,
+        the store is removed, and Mitsuba's log messages become warnings.
         """
         from polywigner.mitsuba.radar.range_film import require_transients
         from polywigner.propagation.stores import require_stores, required
@@ -332,7 +337,7 @@ class SceneOptions:
         with warnings_of_mitsuba():
             if self.range_text is not None:
                 required("h5netcdf", "dask")
-                # This registers integrators that the scene may name.
+                # The call registers integrators that the scene may use.
                 require_transients(variant)
             yield store
         if store is not None:

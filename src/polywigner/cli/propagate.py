@@ -1,4 +1,4 @@
-"""``polywigner propagate`` and ``polywigner volume``: fields in front of a source."""
+"""The commands ``polywigner propagate`` and ``polywigner volume``: fields in front of a source."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 _Projection = Literal["maximum", "mean"]
 
-_WIDEST = math.radians(80.0)  # largest angle from the axis of an arc by default
-# largest angle of a hemisphere, equal to the largest of suggest_sampling
+_WIDEST = math.radians(80.0)  # default of the largest angle from the axis on an arc
+# Largest angle of a hemisphere, which equals the limit of suggest_sampling.
 _GRAZING = math.radians(89.5)
-_MOST_POINTS = 1 << 26  # largest number of points, which need half a gigabyte per method
-# Smallest default number of samples, for smooth figures.
+_MOST_POINTS = 1 << 26  # largest number of points, which take 0.5 GB per method
+# Smallest default numbers of samples, for smooth figures.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
-# Largest default number of samples, for at most four times the run time.
+# Largest default numbers of samples, which take at most four times as long.
 _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
 _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 
 
 Methods: TypeAlias = dict[str, dict[str, str | None]]
-"""Arguments of the methods of a run by their names, such as "wigner-paper"."""
+"""Arguments of the methods of a run, by names such as "wigner-paper"."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +49,8 @@ class FieldOptions(FieldSourceOptions):
 
     method: Annotated[
         Texts,
-        f"{options.METHOD_HELP}; 'wigner paper' has its own obliquity (repeatable; default: "
-        f"wigner, of propagate also {options.EXACT}, behind obstacles the latter).",
+        f"{options.METHOD_HELP}; 'wigner paper' selects an obliquity (repeatable; default: "
+        f"wigner, for propagate also {options.EXACT}, behind obstacles only the latter).",
     ] = None
     obliquity: Annotated[Text, f"Obliquity of rays: {options.OBLIQUITY_HELP} (default: first)."] = (
         None
@@ -62,7 +62,7 @@ class FieldOptions(FieldSourceOptions):
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[Methods, str]:
-        """Return the methods and the name of the reference method."""
+        """Return the methods, and the name of the reference method."""
         from polywigner.geometry.arguments import checked_choice
 
         texts = self.method or ([options.EXACT] if self.obstacle else default)
@@ -75,7 +75,9 @@ class FieldOptions(FieldSourceOptions):
                     f"--method: only the method wigner accepts an obliquity, got {text!r}"
                 )
             if name in methods:
-                raise ArgumentError(f"--method: expected different methods, got {text!r} twice")
+                raise ArgumentError(
+                    f"--method: expected different methods, got {text!r} twice; remove one of them"
+                )
             methods[name] = {"method": method}
             if method == "wigner":
                 methods[name]["obliquity"] = obliquity or self.obliquity
@@ -104,7 +106,7 @@ def propagate(
     hemisphere: Annotated[Text, "Radius of a hemisphere, such as '50 mm'."] = None,
     samples: Annotated[Text, "'201' on lines and arcs, else '101 x 81' (default: enough)."] = None,
     field: FieldOptions,
-    amplitude: Annotated[bool, "Complex fields, with phases; not by wigner."] = False,
+    amplitude: Annotated[bool, "Complex fields with phases; not for wigner."] = False,
     floor_db: Annotated[
         float | None,
         typer.Option(
@@ -128,7 +130,7 @@ def propagate(
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    required("h5netcdf")  # This call raises its error before the work, not after it.
+    required("h5netcdf")  # The call raises its error before the work instead of after it.
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))
@@ -199,8 +201,8 @@ def volume(
     count = None if shape is None else parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
         raise ArgumentError(
-            f"--shape: expected two or more samples along each axis, got "
-            f"{shape!r}; draw one layer by `polywigner propagate --plane`"
+            f"--shape: expected at least two samples along each axis, got {shape!r}; draw a "
+            "single layer with `polywigner propagate --plane`"
         )
     example = "-6, -12, -18"
     drawn: dict[str, Any] = {
@@ -246,7 +248,7 @@ def volume(
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
     """Print the largest and the rms difference of each method from the reference method.
 
-    All fields have the same points. Lazy arrays are read by chunks.
+    All fields have the same points. Lazy arrays are read chunk by chunk.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
 
@@ -262,13 +264,14 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
         print(f"  {name:{width}}  {numbers}{omitted}")
 
 
-# ---- samples -------------------------------------------------------------------------------------
+# ---- numbers of samples
+# ----------------------------------------------------------------------------
 
 
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Return the requested samples along each axis, or by default as many as the field needs.
+    """Return the requested numbers of samples, or by default the numbers that the field needs.
 
     The default numbers are bounded. If the field needs more samples, a warning is issued.
     """
@@ -293,7 +296,7 @@ def samples_of_region(
 def samples_of_box(
     source: Aperture | ApertureArray, corners: tuple[Point, Point], wavelength: float
 ) -> tuple[int, ...]:
-    """Return the number of samples along x, y and z that the irradiance needs, within bounds."""
+    """Return the numbers of samples along x, y and z that the irradiance needs, within bounds."""
     import polywigner as pw
 
     axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
@@ -307,7 +310,7 @@ def _within(
     if any(map(int.__gt__, needed, most)):
         text = " x ".join(map(str, map(max, needed, chosen)))
         warnings.warn(
-            f"{' x '.join(map(str, chosen))} samples miss fringes of this field: "
+            f"{' x '.join(map(str, chosen))} samples are too few for the fringes of this field; "
             f'use {option} "{text}", or a smaller region',
             RuntimeWarning,
             stacklevel=3,
@@ -315,11 +318,12 @@ def _within(
     return chosen
 
 
-# ---- regions -------------------------------------------------------------------------------------
+# ---- regions in which fields are computed
+# ----------------------------------------------------------
 
 
 class Region(NamedTuple):
-    """Region in which a field is computed; angles in rad, lengths in m.
+    """Region in which a field is computed; angles are in rad, lengths in m.
 
     ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
     """
@@ -338,14 +342,16 @@ def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region
     if len(regions) != 1:
         got = " and ".join(f"--{name}" for name in regions) or "none"
         raise ArgumentError(
-            f"expected one of {', '.join(f'--{name}' for name in texts)}, got {got}; specify where "
-            "the field is computed"
+            f"expected exactly one of {', '.join(f'--{name}' for name in texts)} to specify where "
+            f"the field is computed, got {got}"
         )
     ((kind, text),) = regions.items()
     dimensions = 1 if kind in ("line", "arc") else 2
     shape = () if samples is None else parse_shape("--samples", samples, dimensions)
     if shape and min(shape) < 2:
-        raise ArgumentError(f"--samples: expected two or more along each axis, got {samples!r}")
+        raise ArgumentError(
+            f"--samples: expected at least two samples along each axis, got {samples!r}"
+        )
     if math.prod(shape) > _MOST_POINTS:
         raise ArgumentError(
             f"--samples: expected at most {_MOST_POINTS} points, got {math.prod(shape)}; use "
@@ -371,14 +377,14 @@ def _arc(text: str, shape: tuple[int, ...]) -> Region:
     distance, *angles = _split(text, ",")
     if len(angles) > 2:
         raise QuantityError(
-            'expected a distance such as "50 mm", and perhaps two angles, as in "50 mm, 45 deg, '
-            f'80 deg", got {value_text(text)}'
+            'expected a distance such as "50 mm", or a distance and one or two angles such as '
+            f'"50 mm, 45 deg, 80 deg", got {value_text(text)}'
         )
     phi, reach = (*map(parse_angle, angles), *(0.0, _WIDEST)[len(angles) :])
     if not 0 < reach < math.pi / 2:
         raise QuantityError(
-            f"expected a largest angle between 0 and 90 deg, got {text!r}; write degrees "
-            'with their unit, such as "80 deg"'
+            f"expected the largest angle between 0 and 90 deg, got {text!r}; write degrees with "
+            'their unit, such as "80 deg"'
         )
     return Region("arc", shape, (), parse_length(distance), phi, reach)
 
@@ -401,7 +407,7 @@ def _ranges(text: str, count: int) -> tuple[Point, Point]:
     """Parse ``count`` ranges and 3 - ``count`` coordinates; return the lowest and highest point."""
     parts = _split(text, ",")
     if len(parts) != 3 and count:
-        raise QuantityError(f"expected x, y and z, separated by commas, got {value_text(text)}")
+        raise QuantityError(f"expected x, y and z separated by commas, got {value_text(text)}")
     ends = []
     for part in parts:
         low, *high = map(parse_coordinate, _split(part, r"\s+to\s+"))
@@ -418,11 +424,13 @@ def _ranges(text: str, count: int) -> tuple[Point, Point]:
 
 
 def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
-    """Parse positive whole numbers, one for each dimension: ``"64 x 64 x 96"``."""
+    """Parse positive integers, one for each dimension, such as ``"64 x 64 x 96"``."""
     parts = _split(text, "[x×]")
     if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
         example = " x ".join(("64", "64", "96")[:dimensions])
-        raise ArgumentError(f'{option}: expected samples such as "{example}", got {text!r}')
+        raise ArgumentError(
+            f'{option}: expected numbers of samples such as "{example}", got {text!r}'
+        )
     return tuple(int(part) for part in parts)
 
 

@@ -1,4 +1,4 @@
-"""``polywigner rcs`` and ``polywigner radar``: radar cross sections, and samples of a radar."""
+"""The commands ``polywigner rcs`` and ``polywigner radar``: cross sections, and radar samples."""
 
 from __future__ import annotations
 
@@ -30,20 +30,22 @@ if TYPE_CHECKING:
 
     from polywigner.scattering.cross_sections import Pattern
 
-# ---- rcs -----------------------------------------------------------------------------------------
+# ---- radar cross sections
+# --------------------------------------------------------------------------
 
 _Format = StrEnum("_Format", "csv nc")
-# Default steps of the map in degrees.
+# Default steps of the map in degrees. The finest step that meets _MAP_SECONDS is used.
 _STEPS = (1.0, 2.0, 5.0, 10.0)
-# Time in s in which the map should be computed.
+# Target for the computing time of the map in s.
 _MAP_SECONDS = 60.0
-# Number of directions that are timed to choose default steps.
+# Number of directions whose computation is timed, to choose the default steps.
 _TIMED = 8
-# Largest number of directions of the map: hours of work for a simple body, and 0.1 GB of values.
+# Largest number of directions of the map. This many take hours for a simple body, and 0.1 GB of
+# memory.
 _MOST = 4_000_000
-# Default number of steps per lobe of backscatter in the cuts.
+# Default number of steps of the cuts per lobe of backscatter.
 _STEPS_PER_LOBE = 4.0
-# Time in s in which a cut should be computed.
+# Target for the computing time of a cut in s.
 _CUT_SECONDS = 30.0
 _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
@@ -117,11 +119,11 @@ def rcs(
 def _steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps in degrees of map and cuts; defaults depend on the time per direction."""
+    """Return the steps of the map and of the cuts in degrees; defaults depend on the speed."""
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
-    pattern.at(azimuth[:1], elevation[:1])  # This call fills the caches before the timing.
+    pattern.at(azimuth[:1], elevation[:1])  # The call fills the caches before the timing.
     start = time.perf_counter()
     pattern.at(azimuth, elevation)
     seconds = (time.perf_counter() - start) / _TIMED
@@ -135,7 +137,7 @@ def _steps(
 
 
 def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write patterns as CSV with one row per direction; failed values are nan."""
+    """Write patterns as CSV with one row per direction; values that cannot be computed are nan."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):
@@ -160,17 +162,18 @@ def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
 
 
 def _warn_of_lobes(name: str, step: float, lobe: float, option: str) -> None:
-    """Warn of steps in degrees above the width of a lobe, lambda/(2 D) for a body of size D."""
+    """Warn if a step in degrees exceeds the width lambda/(2 D) of a lobe of a body of size D."""
     if step > lobe:
         warnings.warn(
-            f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees in {name}; give "
-            f"{option}, or use polywigner.rcs on directions about those you need",
+            f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees in {name}; specify "
+            f"{option}, or use polywigner.rcs for directions close to those that you need",
             RuntimeWarning,
             stacklevel=3,
         )
 
 
-# ---- radar ---------------------------------------------------------------------------------------
+# ---- samples of a radar
+# ----------------------------------------------------------------------------
 
 _POINTS = 20_000
 
@@ -182,7 +185,9 @@ def radar(
         str,
         "Waveform: '76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us' (docs/radar.md).",
     ],
-    velocity: Annotated[Texts, "NAME = VX, VY, VZ in m/s of a shape or end (repeatable)."] = None,
+    velocity: Annotated[
+        Texts, ("NAME = VX, VY, VZ in m/s of a shape, emitter or receiver (repeatable).")
+    ] = None,
     elements: Annotated[bool, "Record each element of receivers that are arrays."] = False,
     points: Annotated[int, typer.Option(min=0, help="Scatterers of each receiver.")] = _POINTS,
     rays: Annotated[
@@ -206,7 +211,7 @@ def radar(
     pairs = [parse_velocity(text) for text in velocity or []]
     velocities = dict(pairs)
     if len(velocities) < len(pairs):
-        raise ArgumentError("expected one --velocity for each name, got several")
+        raise ArgumentError("expected one --velocity for each name, got several for the same name")
     options.check_scene(scene)
     suffixes = (".zarr" if zarr else ".nc", "_rate.png", "_angle.png")
     files = options.files_to_write(out, f"{Path(scene).stem}_radar", suffixes)
@@ -217,7 +222,7 @@ def radar(
     from polywigner.radar import parse_waveform, range_angle, range_doppler, window_of
 
     wave = parse_waveform(waveform)
-    window_of(window, wave.samples)  # a bad name is refused before the work
+    window_of(window, wave.samples)  # The call raises the error of a bad window before the work.
     required("zarr" if zarr else "h5netcdf", "dask")
     with options.warnings_of_mitsuba():
         loaded = load_scene(scene, choose_variant(variant))
@@ -244,12 +249,12 @@ def radar(
 
 
 def parse_velocity(text: str) -> tuple[str, tuple[float, ...]]:
-    """Return the name and velocity of a text NAME = VX, VY, VZ; ArgumentError for other texts."""
+    """Return name and velocity from a string NAME = VX, VY, VZ; raise ArgumentError otherwise."""
     name, equals, numbers = text.partition("=")
     values = options.parse_numbers("--velocity", numbers, "-8, 0, 0") if equals else ()
     if not name.strip() or len(values) != 3:
         raise ArgumentError(
-            f"expected --velocity as NAME = VX, VY, VZ in m/s, got {text!r}; write such as "
-            "'car = -8, 0, 0'"
+            "expected --velocity as NAME = VX, VY, VZ in m/s, such as 'car = -8, 0, 0', got "
+            f"{text!r}"
         )
     return name.strip(), values

@@ -1,4 +1,4 @@
-"""``polywigner render`` and ``polywigner receive``: radiance and received power of a scene."""
+"""The commands ``polywigner render`` and ``polywigner receive``: radiance and received power."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from polywigner.mitsuba.receive.power_results import ReceivedPower
 
-# ---- render --------------------------------------------------------------------------------------
+# ---- rendering
+# -------------------------------------------------------------------------------------
 
 _Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
 _POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
@@ -84,10 +85,10 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
             raise SceneError(
-                f"expected a camera in {settings.scene} with --polarised, got a wigner_receiver, "
-                "which defines its polarisation itself"
+                f"--polarised requires a camera, but {settings.scene} has a wigner_receiver, "
+                "whose polarisation is a parameter of the receiver"
             )
-        # This check fails here if paths of the scene cannot be sorted by range.
+        # The check raises its error before the render if the paths of the scene have no lengths.
         if edges is not None:
             render_frames = prepared_frames(
                 scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
@@ -140,12 +141,12 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
 
 
 def _checked_specs(scene: Any, name: str) -> list[Any]:
-    """Return the specifications of the Wigner emitters, after a check of their wavelengths."""
+    """Check the wavelengths of the Wigner emitters, and return the parameters of the emitters."""
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
-            f'expected a <shape type="wigner"> in {name}, got a scene without; add one, or render '
-            "the scene with Mitsuba itself"
+            f'the scene {name} has no <shape type="wigner">; add one, or render the scene with '
+            "Mitsuba itself"
         )
     for spec in specs:
         check_wavelength(spec.wavelength, spec.support.diameter)
@@ -153,12 +154,13 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
 
 
 def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
-    """Warn if the figure shows less than half of the pixels."""
+    """Warn if less than half of the pixels are above the floor of the figure."""
     negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
             f"{negative:.0%} of the pixels are negative (noise, which a larger --spp reduces, or "
-            f"negative radiance) and {zero:.0%} zero; these pixels have the colour of the floor",
+            f"negative radiance) and {zero:.0%} are zero; they have the colour of the floor in "
+            "the figure",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -173,9 +175,10 @@ def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
     )
 
 
-# ---- receive -------------------------------------------------------------------------------------
+# ---- received power
+# --------------------------------------------------------------------------------
 
-# Number of panels in a row of the figure.
+# Number of panels in a row of the figure of received power.
 _COLUMNS = 3
 _MOST_FREQUENCIES = 1 << 16
 
@@ -235,8 +238,8 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     polarised = is_polarised(variant)
     if jones is not None and not (polarised or settings.coherent):
         raise ArgumentError(
-            f"the unpolarised variant {variant} uses --polarisation only with --coherent; add it, "
-            "or leave --variant out"
+            f"in the unpolarised variant {variant}, --polarisation requires --coherent; add "
+            "--coherent, or omit --variant"
         )
     by_scene, by_argument = (jones, None) if polarised else (None, jones)
     response = None
@@ -282,17 +285,17 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
 
 
 def parse_definition(text: str) -> tuple[str, str]:
-    """Return the name and value of a text NAME=VALUE; raise ArgumentError for other texts."""
+    """Return name and value from a string NAME=VALUE; raise ArgumentError for other strings."""
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise ArgumentError(
-            f"expected --define as NAME=VALUE of a $parameter of the scene, got {text!r}"
+            f"expected --define as NAME=VALUE for a $parameter of the scene, got {text!r}"
         )
     return name, value
 
 
 def parse_band(text: str | None) -> list[float]:
-    """Return frequencies in Hz of a text such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
+    """Parse frequencies in Hz, such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
     if text is None:
         return []
     ends, _, number = text.partition(",")
@@ -303,8 +306,8 @@ def parse_band(text: str | None) -> list[float]:
     count = int(number) if number.strip().isdecimal() and len(number) < 9 else 0
     if not (low < high and 2 <= count <= _MOST_FREQUENCIES):
         raise ArgumentError(
-            "expected --frequencies as a lower and a higher frequency, and a number from 2 to "
-            f"{_MOST_FREQUENCIES}, got {text[:100]!r}; write for example '76 GHz to 78 GHz, 201'"
+            "expected --frequencies as two ascending frequencies and a number from 2 to "
+            f"{_MOST_FREQUENCIES}, such as '76 GHz to 78 GHz, 201', got {text[:100]!r}"
         )
     return [low + (high - low) * k / (count - 1) for k in range(count)]
 
@@ -316,7 +319,7 @@ def _figure(
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
-    """Draw the scattered power over directions, one panel per receiver."""
+    """Draw the scattered power over directions, with one panel per receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text
@@ -344,7 +347,7 @@ def _figure(
 
 
 def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
-    """Describe the strongest bin of each receiver, and the power outside all bins."""
+    """Return text about the strongest bin of each receiver, and the power outside all bins."""
     from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values
@@ -362,7 +365,7 @@ def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> 
 
 
 def _draw_ranges(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
-    """Draw received power against range, one panel per receiver."""
+    """Draw received power over range, with one panel per receiver."""
     from polywigner.figures import draw_range_profile
     from polywigner.figures.style import new_figure
 

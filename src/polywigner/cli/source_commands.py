@@ -1,4 +1,4 @@
-"""``polywigner transform`` and ``polywigner pattern``: transforms and far field of a source."""
+"""The commands ``polywigner transform`` and ``polywigner pattern``: transforms and far fields."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
     from polywigner.figures import TransformSlices
 
-# ---- transform -----------------------------------------------------------------------------------
+# ---- transforms
+# ------------------------------------------------------------------------------------
 
 _FEWEST = 257
-# Largest default number of samples along an axis: about ten seconds for an aperture with a hundred
-# edges.
+# Largest default number of samples along an axis, which takes about ten seconds for an aperture
+# with a hundred edges.
 _MOST_BY_DEFAULT = 513
 
 
@@ -95,7 +96,7 @@ def _samples(
 
 
 def _write_values(slices: TransformSlices, path: Path) -> None:
-    """Write the slices as .npz, with a JSON text ``metadata`` that describes axes and units."""
+    """Write the slices as .npz, with a JSON string ``metadata`` that describes axes and units."""
     import numpy as np
 
     # GeoJSON contains all digits, but GEOS writes WKT with 16 decimals only.
@@ -120,14 +121,17 @@ def _write_values(slices: TransformSlices, path: Path) -> None:
     np.savez_compressed(path, metadata=json.dumps(metadata), **arrays)
 
 
-# ---- pattern -------------------------------------------------------------------------------------
+# ---- radiation patterns
+# ----------------------------------------------------------------------------
 
 _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
 # Number of steps of the map per lobe. The lobes of a source of diameter D are lambda/D wide.
 _STEPS_PER_LOBE = 8
-# Default steps in degrees. The finest results in 361 x 1440 directions, computed in 1 to 2 s.
+# Finest and coarsest default step in degrees. The finest step results in 361 x 1440 directions,
+# which take 1 to 2 s.
 _FINEST, _COARSEST = 0.25, 1.0
-# Largest number of directions in front of the source; their values take 0.2 GB.
+# Largest number of directions in front of the source. The values for this many directions take 0.2
+# GB.
 _MOST = 4_000_000
 
 
@@ -137,7 +141,7 @@ def pattern(
         Text, f"Obliquity of a scalar field: {options.OBLIQUITY_HELP} (default: first)."
     ] = None,
     power: Annotated[Text, "Accepted power, such as '10 dBm' (default: none, no EIRP)."] = None,
-    efficiency: Annotated[float, "Radiated over accepted power, up to 1."] = 1.0,
+    efficiency: Annotated[float, "Ratio of radiated to accepted power, up to 1."] = 1.0,
     polarisation: Annotated[Text, "x, y, right, left or '45 deg' (default: the file's)."] = None,
     method: Annotated[Text, "Currents: huygens (default), magnetic or electric."] = None,
     step: Annotated[Text, "Step of the angles: '0.5 deg' (default: by the lobes)."] = None,
@@ -157,8 +161,8 @@ def pattern(
     source.check()
     if obliquity is not None and method is not None:
         raise ArgumentError(
-            f"expected --obliquity or --method, got {obliquity} and {method}; obliquities belong "
-            "to scalar fields, methods to polarised fields"
+            f"expected either --obliquity or --method, got {obliquity} and {method}; scalar "
+            "fields have an obliquity, polarised fields have a method"
         )
     watts = None if power is None else parse_power(power)
     degrees = None if step is None else options.parse_step(step, 15.0, _MOST)
@@ -200,13 +204,13 @@ def pattern(
 
 
 def _degrees(wavelengths: float) -> float:
-    """Return the default step in degrees for a source; warn if it is coarse."""
+    """Return the default step in degrees for a source; warn if the step is coarse."""
     needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:
         warnings.warn(
-            f"steps of {_FINEST:g} degrees are coarse for the lobes of a source "
-            f"{wavelengths:.4g} wavelengths across, and miss some; give --step, or use "
-            "polywigner.radiation_pattern on angles about the beam",
+            f"steps of {_FINEST:g} degrees miss some lobes of a source {wavelengths:.4g} "
+            "wavelengths across; specify --step, or use polywigner.radiation_pattern for angles "
+            "close to the beam",
             RuntimeWarning,
             stacklevel=2,
         )

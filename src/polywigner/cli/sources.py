@@ -1,4 +1,4 @@
-"""Options of the source of a command: files, wavelengths, and obstacles."""
+"""Options for the source of a command: files, wavelengths, and obstacles."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
-# Largest relative difference of wavelengths that count as equal, since users type few digits.
+# Largest relative difference of wavelengths that count as equal, because users type few digits.
 _SAME_WAVELENGTH = 1e-3
 # Largest ratio of wavelength and diameter, or of diameter and wavelength. Larger ratios are typing
 # errors, and figures with them fail.
@@ -45,26 +45,28 @@ _LARGEST_RATIO = 1e12
 
 @dataclass(frozen=True, kw_only=True)
 class WaveOptions:
-    """A frequency or a wavelength."""
+    """Options for a frequency or a wavelength."""
 
     frequency: Annotated[Text, "Frequency, such as '94 GHz'."] = None
     wavelength: Annotated[Text, "Wavelength, such as '3.19 mm'."] = None
 
     def length(self) -> float | None:
-        """Return the wavelength in metres, or None without both options."""
+        """Return the wavelength in metres, or None if neither option is specified."""
         if self.frequency is not None and self.wavelength is not None:
-            raise ArgumentError("expected --frequency or --wavelength, got both; leave one out")
+            raise ArgumentError(
+                "expected either --frequency or --wavelength, got both; omit one of them"
+            )
         if self.frequency is not None:
             return wavelength_of(parse_frequency(self.frequency))
         return None if self.wavelength is None else parse_length(self.wavelength)
 
 
 def required_wavelength(wavelength: float | None) -> float:
-    """Return a wavelength; raise ArgumentError if neither options nor source file specify it."""
+    """Return a wavelength; raise ArgumentError if it is None."""
     if wavelength is None:
         raise ArgumentError(
-            'expected --frequency or --wavelength, got neither; give for example --frequency "94 '
-            'GHz"'
+            "expected --frequency or --wavelength, got neither; specify for example --frequency "
+            '"94 GHz"'
         )
     return wavelength
 
@@ -73,24 +75,25 @@ def required_wavelength(wavelength: float | None) -> float:
 class Reading:
     """Options for reading an aperture file."""
 
-    unit: Annotated[Text, "Unit of files that state none (default: mm)."] = None
+    unit: Annotated[Text, "Unit of files that specify none (default: mm)."] = None
     tolerance: Annotated[Text, "Distance of chords from curves: '1 um' (default: by size)."] = None
     layer: Annotated[Texts, "Layer of a drawing to read (repeatable; default: all)."] = None
     union: Annotated[bool, "Join shapes of an aperture file that overlap."] = False
 
     def check_file(self, path: str) -> None:
-        """Raise errors of the path and the tolerance before heavy imports."""
+        """Check the path and the tolerance before heavy imports; raise their errors."""
         self.reading_arguments()
         if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
             raise FileFormatError(
-                f"expected an aperture file, got {path!r}, which is not a file; check its path"
+                f"expected an aperture file, got {path!r}, which does not exist or is not a file; "
+                "check its path"
             )
 
     def check_unused(self, names: tuple[str, ...], kind: str) -> None:
         """Raise ArgumentError for options that do not apply to a kind of file."""
         for name in names:
             if getattr(self, name):
-                raise ArgumentError(f"expected no --{name} with {kind}")
+                raise ArgumentError(f"--{name} does not apply to {kind}")
 
     def read_file(self, path: str) -> Aperture:
         """Return the aperture of a file."""
@@ -123,7 +126,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions(Reading, WaveOptions):
-    """Options of the source of a command: file, taper, copies, steering and wavelength."""
+    """Options for the source of a command: file, taper, copies, steering and wavelength."""
 
     source: Annotated[str, typer.Argument(help="Aperture file, or source file (TOML, JSON).")]
     allow_outside: Annotated[bool, "Read files outside of the folder of a source file."] = False
@@ -166,7 +169,7 @@ class SourceOptions(Reading, WaveOptions):
         """Warn if the wavelength differs from the design wavelength of a file's phases."""
         if abs(wavelength - designed) > _SAME_WAVELENGTH * designed:
             warnings.warn(
-                f"the phases in {Path(self.source).name} belong to its wavelength of "
+                f"the phases in {Path(self.source).name} were designed for a wavelength of "
                 f"{designed:.6g} m; at {wavelength:.6g} m the beam squints; omit --frequency and "
                 "--wavelength to use the wavelength of the file",
                 RuntimeWarning,
@@ -192,13 +195,15 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
 
     doubt = doubt_of_wavelength(wavelength, diameter)
     if doubt and not 1 / _LARGEST_RATIO <= wavelength / diameter <= _LARGEST_RATIO:
-        raise ArgumentError(f"expected a wavelength that belongs to the aperture, got {doubt}")
+        raise ArgumentError(
+            f"expected a wavelength that is plausible for the aperture, got {doubt}"
+        )
     if doubt:
         warnings.warn(f"got {doubt}", RuntimeWarning, stacklevel=2)
 
 
 def field_title(path: str, wavelength: float) -> str:
-    """Return the title of a figure of a field: the source's file, frequency and wavelength."""
+    """Return the title of a field's figure: the source's file, frequency and wavelength."""
     from polywigner.quantities import length_text
 
     printed = length_text(wavelength)
@@ -206,12 +211,12 @@ def field_title(path: str, wavelength: float) -> str:
 
 
 def short_name(path: str) -> str:
-    """Return a short name of a file for a title; for ``scene.xml`` the name of its folder."""
+    """Return a short name of a file for a title; for ``scene.xml``, the name of its folder."""
     file = Path(path)
     name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
         name = f"{name[:20]}…{name[-11:]}"
-    return name.replace("$", r"\$")  # A dollar sign starts a formula in Matplotlib.
+    return name.replace("$", r"\$")  # A dollar sign would start a formula in Matplotlib.
 
 
 def frequency_text(wavelength: float) -> str:
@@ -228,9 +233,8 @@ def _is_source_file(path: str) -> bool:
 
     suffix = Path(path).suffix.lower()
     if suffix == ".json":
-        with suppress(
-            ValueError, RecursionError, OSError
-        ):  # The reader of apertures reports these errors.
+        # The reader of apertures reports these errors.
+        with suppress(ValueError, RecursionError, OSError):
             content = json.loads(bytes_of(Path(path)))
             return isinstance(content, dict) and "kind" in content and "type" not in content
     return suffix == ".toml"
@@ -238,7 +242,7 @@ def _is_source_file(path: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class FieldSourceOptions(SourceOptions):
-    """Options of a source that may be partially coherent, and of obstacles."""
+    """Options for a source that may be partially coherent, and for obstacles."""
 
     coherence: Annotated[Text, "Coherence width of the source, such as '0.5 mm'."] = None
     obstacle: Annotated[
@@ -246,7 +250,7 @@ class FieldSourceOptions(SourceOptions):
         "Body or plate (repeatable), its position and direction theta, phi: 'box.stl', "
         "'plate.svg at 0 mm, 0 mm, 150 mm towards 30 deg, 90 deg'.",
     ] = None
-    obstacle_unit: Annotated[Text, "Unit of obstacle files that state none (default: mm)."] = None
+    obstacle_unit: Annotated[Text, "Unit of obstacle files that specify none (default: mm)."] = None
 
     def check(self) -> None:
         """Raise the errors that can be detected without heavy imports."""
@@ -257,7 +261,7 @@ class FieldSourceOptions(SourceOptions):
             parse_unit(self.obstacle_unit)
             if not self.obstacle:
                 raise ArgumentError(
-                    "--obstacle-unit requires --obstacle, got none; omit --obstacle-unit"
+                    "--obstacle-unit requires --obstacle; add --obstacle, or omit --obstacle-unit"
                 )
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
@@ -275,7 +279,7 @@ class FieldSourceOptions(SourceOptions):
 
         theta, phi = angles
         axis = np.array([-math.sin(phi), math.cos(phi), 0.0])
-        cross = np.cross(np.eye(3), axis)  # cross @ v is the cross product of axis and v
+        cross = np.cross(np.eye(3), axis)  # cross @ v is the cross product of axis and v.
         pose = np.eye(4)
         pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
         pose[:3, 3] = origin
@@ -297,7 +301,7 @@ def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
         angles = tuple(parse_angle(part) for part in direction.split(",")) if direction else (0, 0)
         if len(point) != 3 or len(angles) != 2:
             raise ArgumentError(
-                'expected a file, a point and perhaps a direction, such as "plate.svg at 0 mm, '
-                f'0 mm, 150 mm towards 30 deg, 90 deg", got {value_text(text)}'
+                'expected a file, a point and optionally a direction, such as "plate.svg at 0 '
+                f'mm, 0 mm, 150 mm towards 30 deg, 90 deg", got {value_text(text)}'
             )
     return path.strip(), point, angles

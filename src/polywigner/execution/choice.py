@@ -118,7 +118,7 @@ def planned(
     engine : str
         Requested engine.
     shape : tuple of int, optional
-        (positions, frequencies) if each position meets every frequency.
+        Numbers of positions and frequencies if every position is combined with every frequency.
     families : int, optional
         Number of families of parallel edges if the frequencies of F are a grid.
 

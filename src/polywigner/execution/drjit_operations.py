@@ -136,7 +136,7 @@ class DrjitOperations(RowByRow):
         return self._dr.fma(ax, by, -product) + error
 
     def lost(self, a: Any, b: Any, product: Any) -> Drjit:
-        """Return the exact rounding error of ``product``, which is a b rounded."""
+        """Return the exact difference of a b and its rounded value ``product``."""
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Drjit:
@@ -152,7 +152,6 @@ class DrjitOperations(RowByRow):
         kind = type(flat)
         if width % 4:
             return tuple(self._dr.gather(kind, flat, width * row + k) for k in range(width))
-        # Each load instruction reads a packet of four entries.
         four, packets = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__]), width // 4
         loaded = (self._dr.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in loaded for entry in packet)

@@ -72,7 +72,8 @@ class GridPlan:
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                # Inaccurate results near the origin, and their warnings, are replaced below.
+                # Formula (F4) divides by nu, so its results near the origin, and their warnings,
+                # are replaced afterwards.
                 with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
@@ -108,7 +109,7 @@ def plan_for_grid(
 
 def _is_grid(x: Array, y: Array) -> bool:
     """Return whether x is constant along the second axis and y along the first; False for NaN."""
-    # This fast test rejects most arrays that are no grid.
+    # A comparison of the corners rejects most arrays that are not a grid, in little time.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
@@ -184,8 +185,8 @@ def evaluate(
     into : sequence of ndarray, optional
         Arrays of the broadcast shape for the results, such as both parts of a complex array.
     shear : callable, optional
-        Maps the components to those that the kernel takes. With listed slices it is applied block
-        by block.
+        Function that maps the components to the components that the kernel takes. With listed
+        slices it is applied block by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
@@ -363,7 +364,7 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        # Positions far away from the source may overflow.
+        # Positions far away from the source may overflow; the warnings of NumPy are suppressed.
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
@@ -446,7 +447,7 @@ def evaluate_rows(
     Parameters
     ----------
     term : callable
-        Returns ``outputs`` numbers.
+        Function that returns ``outputs`` numbers.
     table : ndarray, shape (m, a)
         Rows to sum over.
     samples : ndarray, shape (n, b)

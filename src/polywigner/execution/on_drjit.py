@@ -183,7 +183,7 @@ class OnDrjit:
         sums = ops.plain_sum(
             first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
-        # Infinite and NaN arguments give NaN.
+        # Adding a - a makes results NaN for infinite and NaN arguments.
         lost = sum(a - a for a in (*at[slices.position], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)

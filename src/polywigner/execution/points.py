@@ -113,13 +113,13 @@ def on_components(
     Parameters
     ----------
     function : callable
-        Takes component arrays by name.
+        Function of component arrays, which are passed by name.
     points : mapping
         Points by the names of the arguments.
     parameters : mapping
         The Dr.Jit arrays of the source, by name.
     precision, engine : str
-        Options of the call, which the arrays must agree with.
+        Options of the call, with which the types of the arrays must agree.
 
     Raises
     ------
@@ -142,7 +142,8 @@ def on_components(
     if len(widths - {1}) > 1:
         raise ArgumentError(
             "expected the same number of points in each argument, or a single point, got "
-            f"{' and '.join(map(str, sorted(widths)))} points; pass arrays of equal width"
+            f"{' and '.join(map(str, sorted(widths)))} points; pass arrays with equal numbers "
+            "of points"
         )
     size = 0 if 0 in widths else max(widths)
     # Dr.Jit cannot add an empty array and a number.

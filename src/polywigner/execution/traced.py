@@ -44,7 +44,7 @@ class Traced:
 class Differentiable:
     """A source with the current values of its vertices and weights, and their Dr.Jit arrays.
 
-    :func:`polywigner.differentiable` returns it.
+    The function :func:`polywigner.differentiable` returns such a source.
     """
 
     source: Any
@@ -75,7 +75,7 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Sums of derivatives by vertices and weights, times the changes of vertices and weights."""
+    """Total change of a value V due to changes of vertices and weights."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -108,11 +108,11 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        # Arrays from inside a loop cannot be used outside the loop.
+        # Arrays that were created inside a Dr.Jit loop cannot be used outside the loop.
         if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Each vertex is gathered only once for all edges. Otherwise each edge would add its
-        # gradient in memory.
+        # Each vertex is gathered only once for all edges that end in it. Otherwise reverse mode
+        # would scatter the gradient of each edge to memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -122,7 +122,7 @@ class _Accumulator:
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
     """Return zeros that carry the derivatives of the given arrays.
 
-    The zeros are in memory, because loops drop constants.
+    The zeros are stored in memory, because the loops of Dr.Jit drop constants.
     """
     import drjit as dr
 
@@ -144,7 +144,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # The closed forms give derivatives with respect to the last arguments only.
+    # The derivatives in closed form are those of the last arguments of the kernel.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -233,7 +233,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 def with_jacobian(
     values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
 ) -> Drjit:
-    """Return values (n,) as a ``Float`` with a Jacobian (n, m) as its derivatives in numbers.
+    """Return values (n,) as a ``Float`` whose derivatives by ``numbers`` are a Jacobian (n, m).
 
     ``numbers``: Dr.Jit floats with m entries in total, in the order of the columns.
     """

@@ -71,10 +71,10 @@ def _new_server(state: State, port: int) -> Server:
         )  # fmt: skip
     except OSError as error:
         raise ArgumentError(
-            f"port {port} cannot be used ({error}); pass --port 0 for a free port"
+            f"cannot serve the page at port {port} ({error}); pass --port 0 for a free port"
         ) from None
     _refuse_foreign_hosts(server._tornado, port)
-    # the first session is prepared while the browser starts
+    # The first session is prepared while the browser starts.
     server.io_loop.call_later(0.1, lambda: prepared.append(Explorer(state)))
     return server
 

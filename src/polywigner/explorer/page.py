@@ -78,11 +78,11 @@ class Explorer:
         self.history = states.History(state or State())
         self._document: Any = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
-        # key of the figure, computing time in s, and view
+        # For each view: key of the figure, computing time in s, and the view itself.
         self._pictures: dict[Name, tuple[str, float, View]] = {}
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
-        # True while controls are set from the state, so that their changes do not count as edits
+        # True while controls are set from the state, so that their changes do not count as edits.
         self._is_following = False
         self._editor = Editor(self._outline_edited, lambda point: self.edit(x=point))
         choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
@@ -95,7 +95,7 @@ class Explorer:
     def page(self) -> pn.Template:
         """Return the Panel template of the current Bokeh document."""
         if self._document is None:
-            # Wait until the thread is idle: from now on, code needs the document's lock to change
+            # The thread must be idle: from now on, code needs the lock of the document to change
             # the models.
             self._pool.submit(int).result()
             self._document = pn.state.curdoc
@@ -251,7 +251,7 @@ class Explorer:
         self._post(self._plots[name].show, picture)
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Call a function under the document's lock, after the functions posted before."""
+        """Call a function under the document's lock, after the functions posted earlier."""
         self._posted.append(partial(show, *arguments))
         if self._document is None:
             self._show_posted()
@@ -259,7 +259,7 @@ class Explorer:
             self._document.add_next_tick_callback(self._show_posted)
 
     def _show_posted(self) -> None:
-        # functions are queued, because Bokeh may call its callbacks in another order
+        # Functions are queued, because Bokeh may call its callbacks in another order.
         while self._posted:
             self._posted.popleft()()
 
@@ -405,7 +405,7 @@ def _figure(plot: figure) -> Viewable:
 
 
 def _key(state: State, name: Name) -> str:
-    """Return a text that identifies the figure of a view in a state."""
+    """Return a string that identifies the figure of a view in a state."""
     return views.snippet(state, name) + (state.part if name == "fourier" else "")
 
 
@@ -416,5 +416,5 @@ class _Page(pn.Template):
         return TITLE
 
 
-if __name__.startswith("bokeh_app"):  # True if ``panel serve`` runs this file
+if __name__.startswith("bokeh_app"):  # "panel serve" runs this file as an application.
     Explorer().page().servable()

@@ -53,7 +53,7 @@ class Editor:
     ) -> None:
         self._on_rings, self._on_position = on_rings, on_position
         self._rings: Rings = ()
-        # corners of the outline being drawn; None in edit mode
+        # Corners of the outline that is being drawn; None in edit mode.
         self.sketch: list[Point] | None = None
         self.vertices = models.ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
         self._drawn = models.ColumnDataSource({"xs": [], "ys": []})
@@ -66,7 +66,7 @@ class Editor:
             min_border_left=58, min_border_right=22, min_border_top=34, min_border_bottom=46,
             output_backend="canvas",
         )  # fmt: skip
-        # add_glyph makes one glyph; methods such as plot.scatter would make four
+        # add_glyph creates one glyph; methods such as plot.scatter would create four.
         plot.add_glyph(self._support, models.MultiPolygons(fill_color=PALE, line_color=None))
         plot.add_glyph(
             self._drawn, models.MultiPolygons(fill_color=BLUE, fill_alpha=0.75, line_color=INK)
@@ -88,7 +88,7 @@ class Editor:
         self._relay.on_change("data", lambda attr, old, new: self._edited(self._relay, False))
         self.vertices.on_change("data", lambda attr, old, new: self._edited(self.vertices, True))
         plot.on_event(Tap, self._tapped)
-        # a double tap is not reported as a Tap; while drawing, it counts as a quick second click
+        # A double tap is not reported as a Tap. During drawing, it counts as a quick second click.
         plot.on_event(DoubleTap, self._tapped)
         self.plot = plot
 
@@ -189,7 +189,8 @@ class Plot:
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
         plot = _new_figure(
             name, title=" ", tools="",
-            # left + right = top + bottom margin, so that the axes of a square figure are square
+            # The sum of the left and right margins equals the sum of the top and bottom margins, so
+            # that the axes of a square figure are square.
             min_border_left=52, min_border_right=50, min_border_top=54, min_border_bottom=48,
         )  # fmt: skip
         plot.add_tools(models.SaveTool(filename=name))
@@ -243,7 +244,7 @@ class Plot:
         if picture.image is not None and self._mapper is not None:
             low, high = picture.limits
             self._mapper.update(palette=_palette(picture.colours), low=low, high=high)
-            # the outermost samples are at the centres of the outermost pixels
+            # The outermost samples are at the centres of the outermost pixels.
             edges = [(a[0] - h, a[-1] + h) for a, h in ((a, (a[1] - a[0]) / 2) for a in (x, y))]
             (x0, x1), (y0, y1) = edges
             self._source.data = {

@@ -51,7 +51,7 @@ CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
     "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
 }
-# Largest number of vertices: each vertex has a handle, and a transform of 1,000 edges takes several
+# Largest number of vertices. Each vertex has a handle, and a transform of 1,000 edges takes several
 # seconds.
 MAX_VERTICES = 1000
 MAX_ELEMENTS = 256  # largest number of elements of an array
@@ -75,10 +75,10 @@ class State:
     Raises ArgumentError if there are too many vertices, or the wave cannot be parsed.
     """
 
-    rings: Rings = _CHEVRON  # an outline inside another one is a hole
+    rings: Rings = _CHEVRON  # an outline inside another outline is a hole
     unit: str = "mm"
     wave: str = "94 GHz"  # a frequency or a wavelength
-    taper: str = "uniform"  # key of TAPERS
+    taper: str = "uniform"  # taper of the field, a key of TAPERS
     theta: float = 0.0  # angle of the steered beam from the normal [degrees]
     phi: float = 0.0  # azimuth of the steered beam and of the first cut of the far field [degrees]
     columns: int = 1
@@ -98,8 +98,8 @@ class State:
         count = sum(map(len, rings))
         if count > MAX_VERTICES:
             raise errors.ArgumentError(
-                f"expected at most {MAX_VERTICES} vertices on the page, got {count}; use the "
-                "command `polywigner transform`"
+                f"the outlines have {count} vertices, at most {MAX_VERTICES} are allowed on the "
+                "page; use the command `polywigner transform`"
             )
         self.wavelength  # noqa: B018 (raises an error if the wave cannot be parsed)
 
@@ -160,7 +160,7 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
-        """Return whether the history has a state ``steps`` later (earlier if negative)."""
+        """Add a state; successive states of one gesture, such as a drag, form a single step."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
@@ -187,7 +187,7 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines of an uploaded file in units; PolywignerError for bad files."""
+    """Return the outlines of an uploaded file in units; raise PolywignerError for bad files."""
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
@@ -196,7 +196,7 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
         except errors.PolywignerError as error:
             raise errors.FileFormatError(str(error).replace(str(path), name)) from None
     rings = rings_of(aperture, UNITS[unit])
-    State(rings=rings)  # State checks the number of vertices
+    State(rings=rings)  # State checks the number of vertices.
     return rings
 
 
@@ -225,13 +225,13 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
 def source_code(state: State) -> str:
     """Return the Python code that builds ``source``.
 
-    The page runs this code, too. Raises PolywignerError if the outlines are no polygons, or the
+    The page runs this code, too. Raises PolywignerError if the outlines are not polygons, or the
     array is too large.
     """
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
         raise errors.ArgumentError(
-            f"expected an array of at most {MAX_ELEMENTS} elements, got {count}; reduce its rows "
+            f"the array has {count} elements, at most {MAX_ELEMENTS} are allowed; reduce its rows "
             "or columns"
         )
     lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]

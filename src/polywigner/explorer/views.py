@@ -38,7 +38,8 @@ axis = np.linspace(-{half!r}, {half!r}, {samples})
 x, y = {x!r} + axis, {y!r} + axis
 grid = np.stack(np.meshgrid(x, y), axis=-1)
 """
-# engine="numpy" compiles nothing, so views of a new outline take no longer than before
+# With engine="numpy", nothing is compiled, so the views of a new outline take no longer than
+# before.
 _CODE: Mapping[Name, str] = {
     "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
     "wigner_nu": _GRID
@@ -65,7 +66,7 @@ values = pattern["directivity"].values  # dBi""",
 
 
 def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
-    """Return the code of a view, to be run after the code of the source."""
+    """Return the code of a view, which runs after the code of the source."""
     xmin, ymin, xmax, ymax = source_of(state).bounds
     size, wavelength = _half_size(state), state.wavelength
     distance = state.distance / state.per_metre

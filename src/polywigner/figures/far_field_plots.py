@@ -41,7 +41,7 @@ _PANELS: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 # Smallest number of meridians (angles phi) for a map over u and v.
 _LEAST_MERIDIANS = 8
-# Largest number of cuts that a figure of a tolerance analysis can show.
+# Largest number of cuts in a figure of a tolerance analysis.
 _MOST_CUTS = 4
 
 
@@ -129,10 +129,10 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
         panels = [panels]
     names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
     if not names:
-        raise ArgumentError("expected panels with one name or more, got none")
+        raise ArgumentError("expected panels as at least one name, got an empty sequence")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
         raise ArgumentError(
-            f"expected {_LEAST_MERIDIANS} angles phi or more for the panel 'uv', got {meridians}; "
+            f"the panel 'uv' requires at least {_LEAST_MERIDIANS} angles phi, got {meridians}; "
             "pass more angles phi to radiation_pattern, or omit this panel"
         )
     return list(dict.fromkeys(names))
@@ -145,14 +145,14 @@ def _drawn_cuts(
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
-                'expected cuts as "beam", "principal" or a list of patterns or beam_cuts, got '
-                f"{type(cuts).__name__}"
+                'expected cuts as "beam", "principal", or a list of patterns or results of '
+                f"beam_cuts, got {type(cuts).__name__}"
             )
         lines = [line for part in cuts for line in cuts_in(part)]
         if len({line.kind == "theta" for line in lines}) > 1:
             raise ArgumentError(
-                "expected cuts that are all great circles of beam_cuts, or all meridians of "
-                "patterns, got both kinds"
+                "expected either great circles of beam_cuts or meridians of patterns in cuts, "
+                "got both kinds; draw them separately"
             )
         return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
@@ -163,7 +163,7 @@ def _drawn_cuts(
         return circles, _of_lines(beam, circles)
     if cuts == "beam":
         raise ArgumentError(
-            "expected a pattern over phi around the full circle for cuts through the beam, got "
+            "cuts through the beam require a pattern over phi around the full circle, got "
             f"{pattern.sizes['phi']} angles phi; pass cuts=[polywigner.beam_cuts(...)]"
         )
     meridians = cuts_in(pattern)
@@ -299,7 +299,7 @@ def draw_tolerance(
     cuts = list(zip(*(cuts_of(angles, phi, part) for angles, part in fronts), strict=True))
     if len(theta) < 2 or not 1 <= len(cuts) <= _MOST_CUTS:
         raise ArgumentError(
-            f"expected one to {_MOST_CUTS} cuts with two angles theta or more, got {len(cuts)} "
+            f"expected one to {_MOST_CUTS} cuts with at least two angles theta, got {len(cuts)} "
             f"cuts with {len(theta)} angles theta; change the angles of array_tolerance"
         )
     high = float(levels[0].max())
@@ -406,7 +406,7 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _clear_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, midway between angle labels, where a cut is lowest."""
+    """Return the angle in degrees, midway between angle labels, at which a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
     near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
@@ -419,7 +419,7 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
     padded = np.pad(levels, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
     with warnings.catch_warnings():
-        # the median of a window with only NaN is NaN
+        # The median of a window that contains only NaN is NaN.
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.asarray(np.nanmedian(windows, axis=1))
 
@@ -430,7 +430,7 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
         raise ArgumentError(
-            f"expected a pattern with {least[0]} azimuths and {least[1]} elevations or more, got "
+            f"expected a pattern with at least {least[0]} azimuths and {least[1]} elevations, got "
             f"shape {values.shape}"
         )
     with np.errstate(divide="ignore"):
@@ -451,8 +451,8 @@ def _rcs_cuts(
         nearest, front, back = 0, 0, 1
     else:
         raise ArgumentError(
-            "expected cuts as a list of two patterns, over azimuth and over elevation, got "
-            f"{type(cuts).__name__}"
+            "expected cuts as a list of two patterns, the first over azimuth and the second over "
+            f"elevation, got {type(cuts).__name__}"
         )
     azimuth, elevation, levels = upright
     around = np.concatenate([elevation, math.pi - elevation[::-1]])

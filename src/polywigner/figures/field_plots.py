@@ -42,16 +42,17 @@ _COLOURS = (
 )
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
-# Smallest ratio of the largest to the smallest length for which an axis is logarithmic.
+# An axis of lengths is logarithmic if the ratio of the largest to the smallest length exceeds this
+# value.
 _DECADES = 20.0
-# Largest difference in dB on the linear part of the symlog axis. Above it the axis is logarithmic,
+# Largest difference in dB on the linear part of the symlog axis. Above it, the axis is logarithmic,
 # because differences between accurate methods fall by three decades along the plotted line.
 _LINEAR_DB = 0.01
 # Widths in inches: of each of several maps, of a single map, and of a disc.
 _INCHES, _ALONE, _DISC = 3.0, 4.8, 3.3
 # Largest limit of the colour scale of differences, in dB.
 _MOST_DB = 3.0
-# Fraction of the total power in a plane that lies below the default floor.
+# Fraction of the total power in a plane that lies below the default floor of the figure.
 _FAINT = 0.01
 
 
@@ -60,7 +61,7 @@ class Comparison:
     """A quantity that several methods compute at the same points."""
 
     fields: dict[str, NDArray[Any]]
-    """Values for each method, by the name of the variable."""
+    """Values of each method, by the name of the variable."""
     powers: dict[str, Floats]
     """The same values as powers: squared moduli of complex values."""
     labels: dict[str, str]
@@ -84,14 +85,16 @@ class Comparison:
             for name, array in checked_dataset(dataset, "dataset").data_vars.items()
         }
         if not arrays:
-            raise ArgumentError("expected a field to draw, got a dataset without variables")
+            raise ArgumentError(
+                "the dataset contains no field to draw; expected at least one variable"
+            )
         first = next(iter(arrays.values()))
         quantity, unit = quantity_of(first), printed_unit(first)
         for name, array in arrays.items():
             if array.dims != first.dims or quantity_of(array) != quantity:
                 raise ArgumentError(
-                    f"expected fields of one quantity over the same axes, but {name!r} has another "
-                    "quantity or other axes; draw it separately"
+                    f"the variable {name!r} has another quantity or other axes than the other "
+                    "fields; draw it in a separate figure"
                 )
         if against is not None:
             checked_choice(against, "against", list(arrays))
@@ -216,7 +219,7 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
     if is_logarithmic:
         from matplotlib.ticker import LogFormatter, LogLocator
 
-        column[-1].set_xscale("log")  # in both panels, which share the axis
+        column[-1].set_xscale("log")  # Both panels have the same horizontal axis.
         ticks = column[-1].xaxis
         ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ticks.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
@@ -226,9 +229,11 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
 def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
     """Return the positions, the label of their axis, and whether it is logarithmic."""
     if len(dims) != 1:
-        raise ArgumentError(f"expected fields along one axis, got fields over {', '.join(dims)}")
+        raise ArgumentError(
+            f"expected fields along a single axis, got fields over {', '.join(dims)}"
+        )
     along = dims[0]
-    # a line may be parallel to x, y or z, which then replaces the distance along the line
+    # If a line is parallel to x, y or z, this coordinate replaces the distance along the line.
     if dataset[along].attrs.get("units") == "m":
         changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
         along = changing[0] if len(changing) == 1 else along
@@ -402,7 +407,7 @@ def _draw_phases(
     from matplotlib.colors import Normalize
 
     for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
-        # Phases are noise near nulls, so their opacity falls with the level.
+        # Phases are noise close to nulls, so their opacity decreases with the level.
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
         phases = _upright(np.degrees(np.angle(field)), fields)
         shown: Any = style.draw_map(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from polywigner import Aperture, Array
 
 _STYLES = ("-", "-.", ":", (0, (1, 3)))
-# Largest difference of the curves along x and y that are drawn as one line.
+# The curves along x and y are drawn as one line if they differ by at most this value.
 _ALIKE = 2e-3
 
 
@@ -143,8 +143,8 @@ def draw_image(
         check_floor(floor_db)
     if getattr(image, "dims", None) != ("y", "x") or not {"x", "y"} <= set(image.coords):
         raise ArgumentError(
-            "expected image as a DataArray (y, x) with the coordinates x and y, got "
-            f"{type(image).__name__} of dimensions {getattr(image, 'dims', None)}"
+            "expected image as a DataArray with the axes (y, x) and the coordinates x and y, got "
+            f"{type(image).__name__} with the axes {getattr(image, 'dims', None)}"
         )
     figure = style.figure_on(figure, 5.0, 4.2, title)
     axes, peak = figure.subplots(), float(image.max())
@@ -153,7 +153,7 @@ def draw_image(
     text = f"{peak:.3g}" if units == "1" else f"{peak:.3g} {units}"
     style.colour_bar(axes, shown, _scale_text(text, floor_db))
     if mask is not None:
-        axes.autoscale(False)  # the mask may be larger than the image
+        axes.autoscale(False)  # The mask may be larger than the image.
         for polygon in polygons_of(normal_form(mask).in_plane.elements):
             style.draw_polygons(axes, polygon, unit, edgecolor="white", facecolor="none", lw=0.8)
     return figure
@@ -224,6 +224,6 @@ def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.Data
     if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(
             f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "
-            f"dataset that polywigner {name} writes"
+            f"dataset written by `polywigner {name}`"
         )
     return values

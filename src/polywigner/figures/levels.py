@@ -22,16 +22,17 @@ if TYPE_CHECKING:
 PEAK_RULE = "largest 3x3 median"
 """Definition of 0 dB by :func:`image_peak`, for labels and logs."""
 COMPARED_DB = -30.0
-"""Lowest compared level in dB relative to the peak of the reference: differences in dB diverge at
-nulls."""
+"""Lowest level in dB, relative to the peak of the reference, that is compared; differences in dB
+diverge at nulls.
+"""
 
 _MILLIWATT = 1e-3
-# Lowest floor in dB: lower levels are rounding errors of a field with 15 digits.
+# Lowest allowed floor in dB. Lower levels are rounding errors of a field with 15 digits.
 _LOWEST_DB = -300.0
-# Largest relative deviation of the steps of an axis that counts as even. In single precision, the
-# steps of a thousand samples over a hundred wavelengths deviate by 1e-5.
+# Largest relative deviation of the steps of an evenly spaced axis. In single precision, the steps
+# of a thousand samples over a hundred wavelengths deviate by 1e-5.
 _EVEN = 1e-3
-# Units as they are printed in labels, by the units in files.
+# Units in the form in which labels print them, by the units in files.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 # Names of methods and obliquities in labels.
 _NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
@@ -43,7 +44,7 @@ def check_floor(floor_db: float) -> float:
     is_number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
     if not is_number or not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
-            f"expected a floor below 0 dB and of at least {_LOWEST_DB:g} dB, got {floor_db}; pass "
+            f"floor_db must be below 0 dB and at least {_LOWEST_DB:g} dB, got {floor_db}; pass "
             "for example -40"
         )
     return float(floor_db)
@@ -127,9 +128,9 @@ def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
 def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
     """Return the arrays of a dataset with the given names, each transposed to the given axes.
 
-    ``axes`` contains the axes of each name, separated by blanks; an empty text accepts any axes.
-    Raises ArgumentError if an array is missing, or has other axes; ``maker`` is the name of the
-    function that makes such datasets, for the message.
+    ``axes`` contains the axes of each name, separated by blanks; an empty string accepts any axes.
+    Raises ArgumentError if an array is missing or has other axes; ``maker`` is the name of the
+    function that returns such datasets, for the message.
     """
     try:
         return [
@@ -160,7 +161,7 @@ def difference_db(
     """Return differences of levels from a reference in dB; NaN where the reference is too low."""
     if np.shape(values) != np.shape(reference):
         got = f"shapes {np.shape(values)} and {np.shape(reference)}"
-        raise ArgumentError(f"expected fields at the same points, got {got}")
+        raise ArgumentError(f"the compared fields must be at the same points, got {got}")
     return np.asarray(_differences(values, reference, above_db)[0])
 
 
@@ -195,7 +196,7 @@ def even_axis(name: str, values: Floats) -> Floats:
     step = (values[-1] - values[0]) / max(len(values) - 1, 1)
     if not (step > 0 and np.allclose(np.diff(values), step, rtol=_EVEN, atol=0.0)):
         raise ArgumentError(
-            f"expected two or more evenly spaced, ascending values of {name}, got {len(values)} "
+            f"expected {name} as at least two evenly spaced, ascending values, got {len(values)} "
             "values that are too few, uneven or not ascending"
         )
     return values

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 
-# Margin in dB of the level axis, below the noise and above the peak.
+# Margin in dB of the axis of levels, below the noise and above the peak.
 _MARGIN_DB = 5.0
-# Smallest degree of linear polarisation for which the angle is drawn: at lower degrees the angle is
-# noise.
+# Smallest degree of linear polarisation for which the angle is drawn. At lower degrees, the angle
+# is noise.
 _LEAST_LINEAR = 0.05
 # Colour of the marks that show direct paths.
 _MARK = "#4dd2ff"
@@ -71,7 +71,7 @@ def draw_scene(
     image = checked_array(radiance, "radiance", 2)
     height, width = image.shape
     levels = level_db(image, reference, floor_db)
-    # inches per pixel; the width includes the colour bar
+    # Scale in inches per pixel; the width of the figure includes the colour bar.
     scale = 5.0 / max(width, height)
     axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
     shown = style.draw_levels(axes, levels, low=floor_db)
@@ -226,7 +226,7 @@ def draw_range_profile(
         profile = profile.isel(receiver=receiver)
     elif receiver != 0:
         raise ArgumentError(
-            f"expected receiver=0 for a profile with a single receiver, got {receiver!r}"
+            f"receiver must be 0 for a profile with a single receiver, got {receiver!r}"
         )
     names = dict.fromkeys(
         ("range_edge", "power", "standard_error", "noise_power", "path_range", "path_power"), ""
@@ -351,7 +351,7 @@ def draw_arrivals(
     return drawn
 
 
-# Margin around the bright region, and smallest half width of the view, in direction cosines.
+# Margin around the bright region, and smallest half width of the view, both in direction cosines.
 _MARGIN, _LEAST_HALF = 0.05, 0.1
 
 
@@ -391,8 +391,9 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     return labels
 
 
-# Largest number of pairs in a figure; number of samples of an impulse response; and its extent
-# before the first and after the last path, in units of 1/bandwidth.
+# Largest number of pairs of emitter and receiver in a figure; number of samples of an impulse
+# response; and extent of the response before the first and after the last path, in units of
+# 1/bandwidth.
 _MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (1.0, "Hz"))
 
@@ -530,7 +531,7 @@ def draw_radar_map(
     dims = tuple(getattr(image, "dims", ()))
     if len(dims) < 2 or dims[-1] != "range" or dims[-2] not in _MAP_LABELS:
         raise ArgumentError(
-            "expected a map of polywigner.radar.range_doppler or range_angle, got "
+            "expected a map returned by polywigner.radar.range_doppler or range_angle, got "
             f"{type(image).__name__}"
         )
     power = image.mean(dims[:-2]) if len(dims) > 2 else image

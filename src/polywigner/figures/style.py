@@ -24,15 +24,17 @@ if TYPE_CHECKING:
 
     Map: TypeAlias = AxesImage | QuadMesh
 
-LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
-SIGNED_MAP = "RdBu_r"  # diverging, white at zero
-PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
+LEVEL_MAP = "inferno"  # colour map of levels: perceptually uniform, black at the floor
+SIGNED_MAP = "RdBu_r"  # colour map of signed values: diverging, white at zero
+PHASE_MAP = "twilight"  # colour map of phases: the same colour at -180 and 180 degrees
 
-INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"  # outlines, regions around them, marks
-RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"  # lines
+# colours of outlines, of regions around them, and of marks
+INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"
+# colours of lines
+RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"
 
 TYPOGRAPHY: dict[Any, Any] = {
-    # this font comes with matplotlib, so it is the same on every machine
+    # This font comes with matplotlib, so it is the same on every machine.
     "font.family": "DejaVu Sans",
     "font.size": 9,
     "axes.titlesize": 9,
@@ -61,7 +63,7 @@ def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     return drawn
 
 
-# Fraction of the peak below which signed maps are linear; above it they are logarithmic.
+# Fraction of the peak up to which maps of signed values are linear. Above it, they are logarithmic.
 _LINEAR = 0.01
 
 
@@ -70,9 +72,9 @@ def draw_levels(
     high: float | None = 0.0, label: str | None = None,
     **options: Any,
 ) -> Map:  # fmt: skip
-    """Draw levels from ``low`` (black) to ``high``; None stands for the largest level.
+    """Draw levels from ``low`` (black) to ``high``, by default the largest level.
 
-    With a ``label`` the axes get a colour bar. :func:`draw_map` explains ``across`` and ``up``.
+    With a ``label``, the axes get a colour bar. :func:`draw_map` explains ``across`` and ``up``.
     """
     shown = draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **options)
     if label is not None:
@@ -86,8 +88,8 @@ def draw_signed(
 ) -> Map:  # fmt: skip
     """Draw signed values on a symmetric colour scale up to ``bound``.
 
-    Without a bound, values range from -1 to 1 on a logarithmic scale. With a ``label`` the axes get
-    a :func:`signed_bar`. :func:`draw_map` explains ``across`` and ``up``.
+    Without a bound, values range from -1 to 1 on a logarithmic scale. With a ``label``, the axes
+    get a :func:`signed_bar`. :func:`draw_map` explains ``across`` and ``up``.
     """
     if bound is None:
         from matplotlib.colors import SymLogNorm
@@ -105,13 +107,13 @@ def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> M
     """Draw values (rows, columns) as an image, or as a mesh if ``options`` specifies a shading.
 
     Columns have the horizontal positions ``across``, and rows the vertical positions ``up``. The
-    positions of an image are evenly spaced. Without positions the first row is at the top.
+    positions of an image are evenly spaced. Without positions, the first row is at the top.
     """
     if "shading" in options:
         return axes.pcolormesh(across, up, values, rasterized=True, **options)
     if across is None:
         return axes.imshow(values, **options)
-    # the positions are the centres of the pixels
+    # The positions are the centres of the pixels.
     half = (across[1] - across[0]) / 2, (up[1] - up[0]) / 2
     extent = across[0] - half[0], across[-1] + half[0], up[0] - half[1], up[-1] + half[1]
     return axes.imshow(
@@ -137,7 +139,7 @@ def floor_text(floor: float, unit: str = "dB") -> str:
 def new_figure(
     width: float, height: float, spacing: float = 0.02, *, is_compressed: bool = False
 ) -> Figure:
-    """Return an empty figure of a size in inches, which is not registered with pyplot.
+    """Return an empty figure with a size in inches, which is not registered with pyplot.
 
     The spacing of panels is a fraction of their size. In a compressed layout, panels with a fixed
     aspect ratio are adjacent.
@@ -173,10 +175,10 @@ def figure_on(
 
     if figure is None:
         figure = new_figure(width, height, spacing, is_compressed=is_compressed)
-    if not isinstance(figure, FigureBase):  # FigureBase is the base class of Figure and SubFigure
+    if not isinstance(figure, FigureBase):  # FigureBase is the base class of Figure and SubFigure.
         raise ArgumentError(
-            "expected figure as a matplotlib Figure or SubFigure, got "
-            f"{type(figure).__name__}; axes cannot be used, because the figure has several panels"
+            f"expected figure as a matplotlib Figure or SubFigure, got {type(figure).__name__}; "
+            "pass a figure instead of axes, because several panels are drawn"
         )
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
         figure.set_layout_engine("constrained")
@@ -199,14 +201,17 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
         return figure.add_subplot(), figure
     if not isinstance(ax, Axes):
         raise ArgumentError(
-            f"expected ax as matplotlib Axes, got {type(ax).__name__}; make axes with "
+            f"expected ax as matplotlib Axes, got {type(ax).__name__}; create axes with "
             "matplotlib.pyplot.subplots()"
         )
     return ax, ax
 
 
 def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
-    """Set labels and limits of axes with lines, a faint grid, and a legend of a font size."""
+    """Set labels and limits of axes with lines, and add a faint grid and a legend.
+
+    ``legend`` is the font size of the legend.
+    """
     axes.set(**labels)
     axes.grid(alpha=0.3, lw=0.5)
     if legend:
@@ -242,7 +247,7 @@ def set_ticks(axis: Any, values: Any) -> None:
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> None:
-    """Draw a shapely polygon or multipolygon, in metres, on axes with a unit of length."""
+    """Draw a shapely polygon or multipolygon in metres on axes with a unit of length."""
     rings = [ring for polygon in polygons_in(shape) for ring in rings_of_polygon(polygon)]
     if rings:
         draw_rings(axes, rings, unit.metres, **options)
@@ -310,13 +315,13 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
     from matplotlib.transforms import Bbox
 
     figure: Any = axes.get_figure(root=True)
-    figure.draw_without_rendering()  # drawing computes the final sizes of texts
+    figure.draw_without_rendering()  # Drawing computes the final sizes of texts.
     frame = axes.get_window_extent()
     occupied: list[Bbox] = []
     directions = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for label in labels:
         first, size = label.get_position(), label.get_window_extent()
-        gap = float(np.hypot(*first))  # sizes in points
+        gap = float(np.hypot(*first))  # Sizes are in points.
         width, height = (72 / figure.dpi * n + gap for n in (size.width / 2, size.height))
         rings = [(n * x * width, n * y * height) for n in (1, 2, 3) for x, y in directions]
         for offset in (first, *rings):

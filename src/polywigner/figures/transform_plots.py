@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 LARGEST_SAMPLES = 4096
-"""Maximum number of samples along each axis; a complex array then has 256 MiB."""
+"""Largest number of samples along each axis. A complex array of this size takes 256 MiB."""
 
-# Half width of the frequency axes if there is no wavelength, in 1/diameter: five lobes of a square.
+# Half width of the frequency axes in units of 1/diameter if there is no wavelength: five lobes of a
+# square.
 _LOBES = 8.0
 
 Point = tuple[float, float]
@@ -116,18 +117,19 @@ def transform_slices(
     if not pw.lag_slice(aperture, position).area > 0:
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
-            f"expected a position x inside the automean of the source (bounds {bounds} m), because "
-            f"W is zero outside, got ({position[0]:.4g}, {position[1]:.4g}) m; check its unit"
+            f"the position x must be inside the automean of the source (bounds {bounds} m), "
+            f"because W is zero outside, got ({position[0]:.4g}, {position[1]:.4g}) m; check its "
+            "unit"
         )
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
-            "expected a lag xi at which the aperture overlaps its shifted copy, got "
+            "the lag xi must be one at which the aperture overlaps its shifted copy, got "
             f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit"
         )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
-    in_plane: Any = source  # only an array of dimension 2 accepts nu with two components
+    in_plane: Any = source  # Only an array of dimension 2 accepts nu with two components.
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
     fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
@@ -233,7 +235,9 @@ def draw_transforms(
     """
     check_floor(floor_db)
     if not isinstance(slices, TransformSlices):
-        raise ArgumentError(f"expected the result of transform_slices, got {type(slices).__name__}")
+        raise ArgumentError(
+            f"expected slices as the result of transform_slices, got {type(slices).__name__}"
+        )
     unit = length_unit(slices.aperture.diameter)
     is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
     note = "" if is_cropped else ", dotted circle: |ν| = 1/λ"
@@ -357,7 +361,7 @@ _KNOWN = {
 }
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
-# Largest modulus of negative values that count as rounding errors, relative to the peak.
+# Negative values below this fraction of the peak are rounding errors.
 _NEGATIVE = 1e-9
 # Width in inches of a panel with its colour bar.
 _INCHES = 3.3
@@ -408,7 +412,7 @@ def draw_projections(
     cells = _cells(dataset, layout)
     axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
     if min(dataset.sizes[name] for name in axes_of_tiles) < 2:
-        raise ArgumentError("expected at least two samples along each axis to draw, got one")
+        raise ArgumentError("a figure requires at least two samples along each axis, got one")
     lengths = [d for d in axes_of_tiles if not style.is_spectral(d)]
     unit = length_unit(max(float(np.ptp(dataset[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
@@ -428,13 +432,14 @@ def draw_projections(
 
 
 Cells = dict[tuple[int, ...], tuple[str, str, str]]
-"""Name, horizontal and vertical coordinate of the tile at each (row, column)."""
+"""Name, horizontal coordinate and vertical coordinate of the tile at each (row, column)."""
 
 
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
     names = list(checked_dataset(dataset, "dataset").data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
-        return {(0, 0): (names[0], *dataset[names[0]].dims)}  # a dataset of slits has a single tile
+        # A dataset of slits has a single tile.
+        return {(0, 0): (names[0], *dataset[names[0]].dims)}
     p, q, r, s = _COORDINATES[dataset.attrs["kind"]]
     if checked_choice(layout, "layout", get_args(Layout)) == "paper":
         pairs = {(j, i): ((p, s)[i], (q, r)[j]) for i, j in product(range(2), repeat=2)}
@@ -444,7 +449,7 @@ def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
     for across, up in pairs.values():
         if frozenset((across, up)) not in named:
             raise ArgumentError(
-                f"expected projections with all tiles, got no tile over {across} and {up}; call "
+                f"the projections contain no tile over {across} and {up}; call "
                 "polywigner.projections without the argument tiles"
             )
     return {cell: (named[frozenset(pair)], *pair) for cell, pair in pairs.items()}
@@ -462,7 +467,7 @@ def _draw(
         tile.attrs["units"]
     ]
     scale, printed = float(unit.metres**power), unit.name + exponent if power else ""
-    # the size is printed as, for example, 2.56·10⁴ mm⁴
+    # The size is printed in the form 2.56·10⁴ mm⁴.
     digits, _, tens = f"{peak / scale:.3g}".partition("e")
     times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
     size = f"{digits}{times} {printed}".rstrip()

@@ -36,17 +36,18 @@ Projection = Literal["maximum", "mean"]
 
 # Largest number of samples along an axis; longer axes are decimated.
 _MOST = 128
-_SURFACES = (0.15, 0.3, 0.45, 0.6)  # default levels, as fractions of the floor in dB
+_SURFACES = (0.15, 0.3, 0.45, 0.6)  # default levels of surfaces, as fractions of the floor in dB
 _FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and of the innermost surface
 _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
-_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # pale, because they are behind the surfaces
+# pale colours of the walls, which are behind the surfaces
+_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")
 _WALL_LEVELS = 80
 _INKS = "white", "#101010"
 
 # Viewing angles in degrees, from above and behind the aperture: z points to the right and away from
 # the viewer.
 _ELEVATION, _AZIMUTH = 24.0, -133.0
-# Levels are clipped at this distance in dB below the level of a surface. Otherwise interpolation
+# Levels are clipped at this distance in dB below the level of a surface. Otherwise, interpolation
 # next to a null, whose level is minus infinity, would shift the surface.
 _BELOW = 20.0
 # Smallest ratio of a side of the box in the figure to its longest side; shorter sides are
@@ -127,19 +128,20 @@ def draw_volume(
     volume = volume._replace(lower=lower, upper=upper)
     if ax is None:
         figure = style.new_figure(7.2, 5.4)
-        figure.set_layout_engine("none")  # a layout engine would add margins around the box
+        figure.set_layout_engine("none")  # A layout engine would add margins around the box.
         axes: Any = figure.add_axes((0.03, 0.0, 0.84, 0.95), projection="3d")
         bar_options: dict[str, Any] = {"cax": figure.add_axes((0.88, 0.12, 0.02, 0.76))}
     elif hasattr(ax, "get_proj"):
         axes, bar_options = ax, {"ax": ax, "fraction": 0.03, "pad": 0.08}
     else:
         style.axes_on(ax, 0, 0)
-        raise ArgumentError('expected ax with projection="3d", got flat axes; make them by '
-                            'figure.add_subplot(projection="3d")')  # fmt: skip
+        raise ArgumentError(
+            'expected ax with projection="3d", got two-dimensional axes; create them with '
+            'figure.add_subplot(projection="3d")')  # fmt: skip
     _draw_box(axes, front / unit.metres, upper, unit.name)
     count = len(shells)
     shades = _map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count))
-    colours: Floats = np.array(shades)[:, :3]  # RGB colours, from the lowest level to the highest
+    colours: Floats = np.array(shades)[:, :3]  # RGB colours, from the lowest to the highest level
     with np.errstate(divide="ignore"):
         levels = 10 * np.log10(np.maximum(volume.values, 0) / zero)
     projected = np.max if projection == "maximum" else np.mean
@@ -182,11 +184,11 @@ def check_volume_options(
     checked_choice(projection, "projection", get_args(Projection))
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
-    known = checked_row(surfaces, "expected surfaces at levels from the floor to below 0 dB")
+    known = checked_row(surfaces, "expected surfaces as levels from the floor to below 0 dB")
     levels = tuple(sorted(set(known.tolist())))
     if not levels or not all(floor_db <= level < 0 for level in levels):
         raise ArgumentError(
-            f"expected surfaces at levels from the floor, {floor_db:g} dB, to below 0 dB, got "
+            f"expected surfaces as levels from the floor of {floor_db:g} dB to below 0 dB, got "
             f"{surfaces}; pass for example ({floor_db / 4:g}, {floor_db / 2:g})"
         )
     return levels
@@ -208,7 +210,7 @@ class _Volume(NamedTuple):
 
 
 def _samples(dataset: Any, name: str | None) -> _Volume:
-    """Return the real samples of ``dataset[name]``, at most 128 along an axis."""
+    """Return the real samples of ``dataset[name]``, at most 128 along each axis."""
     variables = checked_dataset(dataset, "dataset").data_vars
     if name is None and len(variables) == 1:
         (name,) = variables
@@ -219,20 +221,18 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
     array = dataset[name]
     if sorted(array.dims) != ["x", "y", "z"]:
         raise ArgumentError(
-            f"expected {name} with the dimensions x, y, z, got {', '.join(map(str, array.dims))}"
+            f"{name} must have the dimensions x, y and z, got {', '.join(map(str, array.dims))}"
         )
     array = array.transpose("x", "y", "z")
     array = array[tuple(slice(None, None, -(-n // _MOST)) for n in array.shape)]
     axes = [even_axis(d, np.asarray(array[d].values, dtype=np.float64)) for d in "xyz"]
     values = np.asarray(array.values)
     if np.iscomplexobj(values):
-        raise ArgumentError(
-            f"expected {name} as real values, got complex values; pass their squared moduli"
-        )
+        raise ArgumentError(f"{name} must be real, got complex values; pass their squared moduli")
     if np.isnan(values).any():
         raise ArgumentError(
-            f"expected values of {name} at all points, got NaN at {np.isnan(values).mean():.1%} of "
-            "the points; complete the computation first"
+            f"{name} contains NaN at {np.isnan(values).mean():.1%} of the points; complete the "
+            "computation first"
         )
     ends = (np.array([axis[k] for axis in axes]) for k in (0, -1))
     return _Volume(quantity_of(array), printed_unit(array), values.astype(np.float64), *ends)
@@ -316,7 +316,7 @@ def _draw_surface(
     drawn = Poly3DCollection(
         vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=zorder
     )
-    drawn.set_rasterized(True)  # for SVG and PDF output
+    drawn.set_rasterized(True)  # SVG and PDF output contains the surface as an image.
     drawn.set_agg_filter(lambda image, _dpi: (image * [1.0, 1.0, 1.0, opacity], 0, 0))
     axes.add_collection3d(drawn, autolim=False)
 

@@ -275,8 +275,9 @@ class Aperture(TakesWaves):
         is_outline = other.illumination is None and operation is not shapely.union
         if not is_outline and other.illumination != self.illumination:
             raise IlluminationError(
-                "expected apertures with equal fields, or a second aperture without a field, "
-                "got two different fields; remove one field with with_illumination(None)"
+                "expected two apertures with the same field, or a second aperture without a "
+                "field, got different fields; remove one of them with "
+                ".with_illumination(None)"
             )
         region = combined_on_grid(operation, self.polygons, other.polygons)
         if region.is_empty:

@@ -330,7 +330,7 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    # A Differentiable contains its source.
+    # The attribute ``source`` of a Differentiable is its source.
     outline = getattr(source, "source", source)
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
@@ -440,8 +440,8 @@ def _checked(frequency: Any) -> float:
     number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
     if number < _LOWEST_FREQUENCY:
         raise ArgumentError(
-            f"expected frequency in Hz, got {number:g}, which corresponds to a wavelength of "
-            f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
+            f"expected frequency in Hz, got {number:g} Hz, which corresponds to a wavelength "
+            f"of {SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
         )
     return number
 

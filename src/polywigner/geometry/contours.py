@@ -229,7 +229,8 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
         ring = [*zip(surface.corners[t], surface.sides[t], strict=True)]
         for plane in planes:
             ring = _cut_ring(ring, plane, observer)
-        # The diagonals of the fan of triangles are not edges of the mesh and get new numbers.
+        # The diagonals that divide a clipped polygon into triangles are not edges of the mesh and
+        # get new numbers.
         for k in range(1, len(ring) - 1):
             three = ring[0], ring[k], ring[k + 1]
             diagonals = following + t * 16 + k
@@ -328,7 +329,7 @@ def _part_boundaries(
     has_width = shapely.area(polygons) > NOTHING * figure.size * shapely.length(polygons)
     number, begin, end = edges_around(polygons[has_width])
     triangle = rows[owner[has_width]][number]
-    # A segment lies on the side of its triangle that contains both of its ends.
+    # A segment of an outline lies on the side of its triangle that contains both of its ends.
     corners = figure.points[triangle]
     along = np.roll(corners, -1, axis=1) - corners
     along /= np.linalg.norm(along, axis=2, keepdims=True)
@@ -357,14 +358,15 @@ class _Pairing:
         # that run along each other. ``touching``: largest distance along the line of sight of
         # surfaces that touch.
         self.within, self.beside, self.touching = within, beside, touching
-        # For each segment, the intervals of its length that it does not have in common with another
-        # segment.
+        # ``free``: for each segment, the intervals of its length that it does not have in common
+        # with another segment.
         self.free = [[(0.0, float(length))] for length in segments.length]
 
     def resolved(self) -> Silhouette:
         """Return the net contours: all segments that no two surfaces have in common."""
         s, bodies = self.segments, self.surface.bodies
-        # Each piece is: segment, start and end of the interval, and segment behind it.
+        # Each piece consists of: index of a segment, start and end of an interval along it, and
+        # index of the segment behind it.
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
@@ -383,7 +385,8 @@ class _Pairing:
             pieces += [
                 (k, low, high, -1)
                 for low, high in intervals
-                # Shorter pieces are the ends of closed slits.
+                # Pieces shorter than the width of closed slits are the ends of such slits and are
+                # dropped.
                 if high - low > self.beside or high - low == s.length[k]
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
@@ -410,7 +413,7 @@ class _Pairing:
             slope = (off1 - off0) / (t1 - t0)
             off = np.abs([off0 + slope * (t - t0) for t in (low, high)]).max(axis=0)
         is_near = (high - low > self.within) & (off <= self.beside)
-        # Only slits between different bodies are closed.
+        # Slits within one body stay open; only slits between different bodies are closed.
         bodies = self.surface.bodies[s.triangle]
         is_near &= (off <= self.within) | (bodies[j] != bodies[k])
         j, k, off = j[is_near], k[is_near], off[is_near]

@@ -113,12 +113,13 @@ def mean_polygon(first: Ring, second: Ring) -> Ring:
         side = np.roll(lowest_first, -1, axis=0) - lowest_first
         direction = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
         rings.append(lowest_first)
-        # Rounding may have reversed the order of two sides.
+        # The directions of the sides are made ascending, because rounding may have reversed two of
+        # them.
         angles.append(np.maximum.accumulate(direction))
     is_of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
-    # Index of a vertex of the second ring for each vertex of the result.
+    # ``k`` and ``j``: indices of the vertices of the second and the first ring whose midpoint is a
+    # vertex of the result.
     k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second
-    # Index of a vertex of the first ring for each vertex of the result.
     j = np.arange(len(is_of_second)) - k
     a, b = rings
     return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
@@ -173,7 +174,7 @@ class Trapezoids(NamedTuple):
         step = np.arange(count + 1) / count
         u, v = step[:, None, None], step[:-1, None]
         height = self.height_left + u * (self.height_right - self.height_left)
-        # The axes of these arrays are strip, piece and trapezoid.
+        # The axes of the following arrays are strip, piece and trapezoid.
         low = self.low_left + u * (self.low_right - self.low_left) + v * height
         left, part = self.left + u[:-1] * self.width, height / count
         parts = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]

@@ -152,7 +152,7 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
     plane = projected.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
-    # Distances of the corners in front of the hidden plane.
+    # ``ahead``: distances of the corners in front of the plane of the hidden triangle.
     ahead = plane - projected.depth[before]
     steep = 1 + np.abs(slopes[hidden]).sum(axis=1) + np.abs(slopes[before]).sum(axis=1)
     level = (NOTHING * projected.size * steep)[:, None]
@@ -181,7 +181,8 @@ def _cut(points: Floats, ahead: Floats) -> Shapes:
     owner = np.repeat(np.arange(len(points)), used.sum(axis=1))
     rings = shapely.linearrings(candidates[used], indices=owner)
     parts = np.asarray(shapely.polygons(rings), dtype=object)
-    # The parts are convex, except for rounding errors.
+    # Parts of triangles are convex, except for rounding errors, so an invalid part is replaced by
+    # its hull.
     bent = ~shapely.is_valid(parts)
     parts[bent] = shapely.convex_hull(parts[bent])
     return parts
@@ -256,7 +257,6 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     Exteriors are counter-clockwise, holes clockwise.
     """
     single, owner = shapely.get_parts(shapes, return_index=True)
-    # Collections are split into their polygons.
     single, inner = shapely.get_parts(single, return_index=True)
     flat = shapely.get_type_id(single) == shapely.GeometryType.POLYGON
     polygons, owner = single[flat], owner[inner][flat]
@@ -265,8 +265,8 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # The orientation follows from the area. The test of shapely looks at one corner, which may be
-    # the corner of a spike after rounding.
+    # The orientation of a ring follows from its area. The test of shapely looks at one corner,
+    # which may be the corner of a spike after rounding.
     crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
     swapped = turned[of_edge][:, None]
@@ -334,7 +334,6 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
     groups = np.asarray(shapely.geometrycollections(polygons, indices=numbers))[:, None]
     sums = np.bincount(numbers, shapely.area(polygons))
     try:
-        # Each group has an axis of length one, along which the union is computed.
         result = shapely.union_all(groups, axis=1)
         some = sums - shapely.area(result) > _ROUNDING * extent**2
         result[some] = shapely.union_all(groups[some], grid_size=GRID * extent, axis=1)
@@ -371,7 +370,7 @@ def polygonal(shapes: Any) -> Shapes:
     kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
     mixed = ~np.isin(shapely.get_type_id(result), kinds) & ~shapely.is_missing(result)
     parts, owner = shapely.get_parts(result[mixed], return_index=True)
-    # Collections may be nested.
+    # Geometry collections may be nested.
     parts, inner = shapely.get_parts(parts, return_index=True)
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     owner, number = np.unique(owner[inner][flat], return_inverse=True)
@@ -386,7 +385,7 @@ def _overlay(
 ) -> Shapes:
     try:
         return polygonal(operation(one, other, grid_size=grid))
-    # The exception does not name the pair that fails.
+    # GEOS does not report the pair of polygons that fails.
     except GEOSException:
         pairs = zip(mended(one), mended(other), strict=True)
         return polygonal([_alone(partial(operation, *pair), pair, grid) for pair in pairs])

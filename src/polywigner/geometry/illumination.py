@@ -199,8 +199,8 @@ def _checked(
         kappa = real_numbers(frequencies)
     except (TypeError, ValueError, OverflowError):
         raise IlluminationError(
-            "expected complex amplitudes (m,) and real frequencies (m, d), got "
-            f"{type(amplitudes).__name__} and {type(frequencies).__name__}"
+            "expected complex amplitudes of shape (m,) and real frequencies of shape (m, d), "
+            f"got {type(amplitudes).__name__} and {type(frequencies).__name__}"
         ) from None
     if kappa.ndim == 1:
         kappa = kappa[None, :] if waves.size == 1 and kappa.size == 2 else kappa[:, None]

@@ -263,9 +263,7 @@ def part_of_rings(
     welded = weld([part])[0]
     if all(len(ring) >= 3 for ring in welded) and shapely.is_valid(polygon_of_part(welded)):
         return welded
-    raise GeometryError(
-        f"expected holes inside {name} and apart from each other, got {reason}; {remedy}"
-    )
+    raise GeometryError(f"expected holes inside {name} that do not overlap, got {reason}; {remedy}")
 
 
 def _check_overlaps(
@@ -276,7 +274,7 @@ def _check_overlaps(
     Parts are tested in blocks to limit the memory: a thousand parts on top of each other form a
     million pairs.
     """
-    # Parts at a distance of a rounding error count as touching.
+    # Parts of an aperture at a distance of a rounding error count as touching.
     shift = max(rounding_tolerance(part[0]) for part in parts)
     array = np.array(polygons, dtype=object)
     tree = shapely.STRtree(array)
@@ -323,7 +321,7 @@ def check_pairs(
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
     """Return the union of touching parts; None if GEOS changes its area or adds vertices."""
     if any(len(ring) < 3 for part in parts for ring in part):
-        # Welding has removed the area of a sliver.
+        # The vertices of a sliver may coincide after welding.
         return None
     try:
         merged = shapely.union_all([polygon_of_part(part) for part in parts])

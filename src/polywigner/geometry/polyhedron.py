@@ -284,7 +284,6 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
     for numbers, indices in _by_size(faces):
         corners = points[indices]
         if corners.shape[1] == 3:
-            # Triangles are always planar.
             continue
         normals = _unit(normals_of(corners))
         relative = corners - corners.mean(axis=1, keepdims=True)
@@ -399,7 +398,7 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     keys = np.minimum(begin, end) * (int(begin.max()) + 1) + np.maximum(begin, end)
     order = np.argsort(keys, kind="stable")
     _, starts, face_counts = np.unique(keys[order], return_index=True, return_counts=True)
-    # These edges belong to exactly two faces.
+    # Edges that belong to exactly two faces connect these faces.
     pairs = starts[face_counts == 2]
     labels = connected(len(faces), owner[order[pairs]], owner[order[pairs + 1]])
     if (face_counts != 2).any():

@@ -143,13 +143,12 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
 
     Raises GeometryError unless there are three different vertices with finite coordinates.
     """
-    expected = f"expected {name} as an (n, 2) array of real numbers, without z"
+    expected = f"expected {name} as real numbers of shape (n, 2), without z"
     # The addition of 0.0 replaces -0.0 by 0.0, so that equal rings have equal bytes.
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError) + 0.0
     count = different_vertices(ring)
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
-    # Vertices equal to their predecessor are dropped, including a closing vertex.
     return without_straight_vertices(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])
 
 

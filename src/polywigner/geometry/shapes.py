@@ -187,7 +187,7 @@ def ring(outer: float, inner: float, n: int = 64) -> Aperture:
     """
     sides = _count(n, "n", 3)
     large, small = _length(outer, "outer"), _length(inner, "inner")
-    _require(small < large, "inner below outer", outer=outer, inner=inner)
+    _require(small < large, "inner to be smaller than outer", outer=outer, inner=inner)
     factor = _equal_area_factor(sides)
     circles = [_circle(radius * factor, sides) for radius in (large, small)]
     return Aperture._of_parts([part_of_rings(circles)])
@@ -212,7 +212,7 @@ def star(points: int, outer: float, inner: float) -> Aperture:
     """
     tips = _count(points, "points", 2)
     large, small = _length(outer, "outer"), _length(inner, "inner")
-    _require(small < large, "inner below outer", outer=outer, inner=inner)
+    _require(small < large, "inner to be smaller than outer", outer=outer, inner=inner)
     vertices = _circle(large, 2 * tips)
     vertices[1::2] *= small / large
     return Aperture(vertices)
@@ -221,7 +221,7 @@ def star(points: int, outer: float, inner: float) -> Aperture:
 def _chevron_vertices(width: Any, height: Any, thickness: Any) -> Ring:
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
-    _require(t < 2 * y, "thickness below height", thickness=thickness, height=height)
+    _require(t < 2 * y, "thickness to be smaller than height", thickness=thickness, height=height)
     return np.array([(-x, -y), (0.0, y - t), (x, -y), (x, t - y), (0.0, y), (-x, t - y)])
 
 
@@ -293,9 +293,14 @@ def vee(width: float, height: float, thickness: float) -> Aperture:
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     length = math.hypot(x, 2 * y)
-    # Extent of an arm along x and along y.
+    # ``across``, ``along``: extent of a slanted arm of the letter V along x and along y.
     across, along = t * length / (2 * y), t * length / x
-    _require(across < x, "thickness to leave a gap", thickness=thickness, width=width)
+    _require(
+        across < x,
+        "a thickness that leaves a gap between the arms",
+        thickness=thickness,
+        width=width,
+    )
     return Aperture(
         [(-x, y), (0.0, -y), (x, y), (x - across, y), (0.0, along - y), (across - x, y)]
     )
@@ -321,7 +326,9 @@ def u_shape(width: float, height: float, thickness: float) -> Aperture:
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     fits = t < x and t < 2 * y
-    _require(fits, "thickness to leave a slot", thickness=thickness, width=width, height=height)
+    _require(
+        fits, "a thickness that leaves a slot", thickness=thickness, width=width, height=height
+    )
     slot = [(x - t, y), (x - t, t - y), (t - x, t - y), (t - x, y)]
     return Aperture([(-x, y), (-x, -y), (x, -y), (x, y), *slot])
 
@@ -345,7 +352,7 @@ def bow_tie(width: float, height: float, gap: float = 0.0) -> Aperture:
     """
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     g = _length(gap, "gap", zero=True) / 2
-    _require(g < x, "gap below width", gap=gap, width=width)
+    _require(g < x, "gap to be smaller than width", gap=gap, width=width)
     return Aperture([[(-x, -y), (-g, 0.0), (-x, y)], [(x, -y), (x, y), (g, 0.0)]])
 
 
@@ -440,7 +447,7 @@ def grating(count: int, width: float, pitch: float) -> Slits:
     """
     number = _count(count, "count", 1)
     half, step = _length(width, "width") / 2, _length(pitch, "pitch")
-    _require(step >= 2 * half, "pitch of at least width", pitch=pitch, width=width)
+    _require(step >= 2 * half, "pitch to be at least width", pitch=pitch, width=width)
     centres = (np.arange(number) - (number - 1) / 2) * step
     return Slits(np.column_stack([centres - half, centres + half]))
 
@@ -486,11 +493,12 @@ def hexagonal_segments(
     has_centre = checked_flag(centre, "centre")
     cells = _hexagon_centres(_count(rings, "rings", 0 if has_centre else 1), has_centre)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
-    # The corners lie at multiples of half a side along x, and of half the height along y.
+    # The corners of the hexagons lie at multiples of half a side along x, and of half the height
+    # along y.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
-    # An overflow leads to an error of Aperture.
+    # The class Aperture raises an error for coordinates that overflow.
     with np.errstate(over="ignore"):
         return Aperture._of_segments([(corners + at) * unit + at * extra for at in centres])
 

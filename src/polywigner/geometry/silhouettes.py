@@ -193,7 +193,7 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
         raise ArgumentError(
-            "expected at least one obstacle, got an empty list; pass no obstacles argument instead"
+            "expected at least one obstacle, got an empty list; omit the argument obstacles"
         )
     for body in listed:
         if not isinstance(body, (Polyhedron, PlacedAperture)):

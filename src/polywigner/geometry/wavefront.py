@@ -148,8 +148,8 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # This is the combined width 1/sqrt(1/least^2 + 1/most^2), computed without squares that
-        # could overflow.
+        # The combined coherence width is 1/sqrt(1/least^2 + 1/most^2), here computed without
+        # squares that could overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
@@ -219,14 +219,14 @@ class Wavefront(TakesWaves):
                 "a Wavefront, call its methods curved and partially_coherent"
             )
         d = len(source.bounds) // 2
-        expected = f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2"
+        expected = f"expected a curvature as a symmetric matrix of shape {(d, d)} in 1/m^2"
         q = np.zeros((d, d))
         if curvature is not None:
             q = finite_array(curvature, expected, (d, d), error=IlluminationError)
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if not np.array_equal(q, q.T):
             raise IlluminationError(f"{expected}, got {value_text(curvature)}")
-        # A flat wave does not depend on the centre.
+        # The centre of a flat wave has no effect and is set to the origin.
         c = c.copy() if q.any() else np.zeros(d)
         width = _checked_width(coherence_width, "coherence_width")
         length = None if wavelength is None else checked_wavelength(wavelength)
@@ -352,7 +352,7 @@ def _curvature_of(
 ) -> NDArray[np.float64]:
     """Return the curvature matrix Q (d, d) in 1/m^2 for one radius, or for one radius per axis."""
     length = checked_wavelength(wavelength)
-    axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
+    axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"
     expected = (
         f"expected radius as {axes} in m, positive for diverging waves and inf for flat waves"
     )

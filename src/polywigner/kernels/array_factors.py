@@ -99,10 +99,10 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
-        """Return the array factor of all pairs of sites with one :func:`partner` number.
+        """Return the array factor of all pairs of sites that have the same ``number``.
 
-        The factor is evaluated at t = ``cycles``. The pair (i, j) has the weight a_i a_j*. With
-        ``by_mean``, the factor is real.
+        :func:`partner` defines the number of a pair. The factor is evaluated at t = ``cycles``. The
+        pair (i, j) has the weight a_i a_j*. With ``by_mean``, the factor is real.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -157,8 +157,8 @@ class _Series:
         ``pairs``: number of pairs of sites, which is the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Row indices are integers, because float32 rounds integers above 2^24, which profiles of
-        # more than 8,200 sites need.
+        # Row indices of the table are integers, because float32 rounds integers above 2^24, which
+        # profiles of more than 8,200 sites need.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         # If the number of terms is even, the centre of the row lies between two terms.
@@ -270,7 +270,7 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:
-        # A step that is an array of the engine cannot be a key.
+        # A step that is an array of an engine cannot be a key of the cache.
         if not isinstance(step, float):
             return compute(argument)
         if step not in known:

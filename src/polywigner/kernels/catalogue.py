@@ -72,8 +72,9 @@ def _widths_in(source: Wavefront) -> float:
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
     """Return the kernel of W in partly coherent light; None if W is a mean over tilts.
 
-    W of an array of equal elements is a mean over tilts, unless the array has few elements or the
-    mean needs too many tilts. The kernel ignores curvature; callers shift the frequencies instead.
+    For an array of equal elements W is a mean over tilts, unless the array has few elements or the
+    mean needs too many tilts. The kernel ignores curvature, for which callers shift the
+    frequencies.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))
@@ -127,6 +128,6 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     elif isinstance(source, Polyhedron):
         hint = "only polywigner.fourier accepts a Polyhedron"
     raise ArgumentError(
-        f"expected a source for {transform} (one of {accepted}, Array), got "
+        f"expected a source for {transform} ({accepted} or Array), got "
         f"{type(source).__name__}; {hint}"
     )

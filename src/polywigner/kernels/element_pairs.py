@@ -208,7 +208,8 @@ def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
-    # This factor ensures that no box spans three cells because of rounding.
+    # The cells are slightly larger than the boxes of pairs, so that no box spans three cells
+    # because of rounding.
     size = 2 * farthest * (1 + 1e-9)
     most = min(_MOST_CELLS, _CELLS_PER_PAIR * len(records))
     while np.prod(np.floor((high - low) / size) + 2) > most:

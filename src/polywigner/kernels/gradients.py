@@ -34,7 +34,7 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Sums of derivatives by vertices and weights, times the changes of vertices and weights."""
+    """Total change dV of a value V due to changes of vertices and weights."""
 
     needs_vertices: bool
     """Whether derivatives with respect to vertices are required."""
@@ -90,7 +90,7 @@ class Axes:
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
         area = e1.scaled(dq).plus(ops, e0, q)
-        # Mean of the product of q, t and the wave over the segment.
+        # ``product`` is the mean of q t times the wave over a segment.
         product = e2.scaled(dq).plus(ops, e1, q)
         along = product.scaled(dp).plus(ops, area, p)
         across = product.scaled(dq).plus(ops, area, q)
@@ -132,7 +132,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    # The argument is clamped, so that the unused branch does not overflow.
+    # The argument of the series is clamped, so that the unused branch does not overflow.
     square = ops.select(small, x * x, 0.0)
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
@@ -287,7 +287,7 @@ class _WavePairGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for ends_sum, extent, real, imag in cuts[view]:
-                # The position of an empty part may be so large that its powers overflow.
+                # An edge part of length zero may have a position so large that its powers overflow.
                 ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
                 half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(

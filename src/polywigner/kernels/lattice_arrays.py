@@ -57,7 +57,8 @@ class _Nodes:
         """Return the first node that contributes at (x, y), and the vector from it to (x, y)."""
         i, j = (
             0.0 * x + float(start)
-            # The element is larger than the lattice, so every node contributes.
+            # An element larger than the lattice overlaps all of its copies, so every node
+            # contributes.
             if high - low >= steps
             else ops.round((x * row[0] + y * row[1]) * (1 / self.scale) - high + 0.5)
             for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)

@@ -158,7 +158,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
     power = exponent - row_exponent
     if power < 0:
         divisor <<= -power
-    # A quotient of integers is rounded only once.
+    # A quotient of Python integers is rounded only once.
     return ((sums << max(power, 0)) / divisor).astype(np.float64)
 
 
@@ -236,7 +236,8 @@ _EDGES_PER_WAVE = 24
 _MOST_EDGES_AS_CODE = 16
 
 
-@dataclass(frozen=True, eq=False)  # comparison by identity is fast
+# Tables are compared by identity, which is fast.
+@dataclass(frozen=True, eq=False)
 class Tables:
     """The elements of a coherent source as edges, weights and fields, in one frame."""
 

@@ -12,7 +12,7 @@ Mitsuba. It does not set a variant.
 
 from polywigner import llvm
 
-llvm.require_drjit()  # before the next imports, which load Dr.Jit
+llvm.require_drjit()  # The LLVM library is chosen before the next imports, which load Dr.Jit.
 
 from polywigner.mitsuba.plugins.emitter import aperture  # noqa: E402
 from polywigner.mitsuba.plugins.polariser import stokes_of  # noqa: E402

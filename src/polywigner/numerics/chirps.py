@@ -46,7 +46,8 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     step at t = 0 are therefore accurate as well.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
-    # The step is 1/(exp(z) + 1). Less 1 it is -1/(exp(-z) + 1), without cancellation.
+    # The step of the Fresnel integral is 1/(exp(z) + 1). For ``side`` = 1 the step minus 1 is
+    # -1/(exp(-z) + 1), without cancellation.
     sign = 1.0 - 2.0 * side
     with np.errstate(over="ignore"):
         step = sign / (np.exp(sign * exponent) + 1.0)
@@ -197,7 +198,7 @@ def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    # Infinite and NaN bounds occur only at points whose result is NaN.
+    # Infinite and NaN bounds on the cycles occur only at points whose result is NaN.
     most = np.where(np.isfinite(most), most, 0.0)
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(

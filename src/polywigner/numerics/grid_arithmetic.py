@@ -67,7 +67,7 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
     rounding moves the vertices.
     """
     ends = np.roll(piece, -1, axis=0)
-    # A wide tolerance selects candidates, which are then tested exactly.
+    # A wide tolerance selects vertices that may lie on a side, which is then tested exactly.
     size = 1e-12 * float(np.abs(vertices).max())
     step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):

@@ -126,7 +126,7 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 def rule_of(ops: Any, needed: Any) -> Number:
     """Return the index of the smallest rule with at least ``needed`` nodes, else of the largest."""
-    # The offset is slightly below 0.5, so that exact sizes are not rounded up.
+    # The offset 0.4999 is slightly below 0.5, so that exact sizes of rules are not rounded up.
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
@@ -154,7 +154,8 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: A
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
     estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # Coefficients that are small by chance must not reduce the estimate below the planned error.
+    # Legendre coefficients that are small by chance must not reduce the estimate below the planned
+    # error.
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
     return mean * (fraction + ulp * (4.0 + 2.0 * cycles))

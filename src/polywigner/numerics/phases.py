@@ -67,7 +67,8 @@ def sin_cycles(ops: Any, cycles: Any) -> Number:
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    # Jets provide this method, since each function is the derivative of the other.
+    # The operations on jets have a combined method, because sine and cosine are the derivatives of
+    # each other.
     if hasattr(ops, "cos_sin_cycles"):
         cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
@@ -90,8 +91,8 @@ def sinc(ops: Any, cycles: Any) -> Any:
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # This form has no division by a small number. The derivative of such a quotient would have an
-    # error of an ulp divided by the cycles.
+    # A quotient by a small number of cycles is avoided, because its derivative would have an error
+    # of an ulp divided by the cycles.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
@@ -313,7 +314,8 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
         ahead, behind = _shifted(ops, last, between), _shifted(ops, first, between)
     divisor = 2 * math.pi * ops.select(small, 1.0, last - first)
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
-    # Arguments of the series are clamped to its range, so that the unused branch does not overflow.
+    # The arguments of the Taylor series are clamped to its range, so that the unused branch does
+    # not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
     return select(ops, small, _series(ops, near), quotient)
 

@@ -245,7 +245,7 @@ _MARGIN = 2.7
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
 # Steepest descent requires points at least this high above the source, in wavelengths, and waves
 # with at least this p_z. The stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles,
-# and N' is twice that.
+# and N' in (B3) is twice that.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
 # Number of attempts by steepest descent. Points that still miss their tolerance are computed with
 # panels.

@@ -249,7 +249,7 @@ def line(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, over the ``distance`` from the first end in m. The
+        Variables as in :func:`plane`, over the ``distance`` from the first end in m. The
         coordinates x, y and z are the positions of the points.
 
     Raises
@@ -293,14 +293,14 @@ def plane(
         "irradiance": |U|^2 in W/m^2 for |u|^2 in W/m^2. "amplitude": complex U. "phase": phase of U
         in rad. "wigner" has an irradiance only.
     obliquity : str, optional
-        Obliquity factor of "wigner" and "fraunhofer", as of :func:`irradiance`.
+        Obliquity factor of "wigner" and "fraunhofer", as in :func:`irradiance`.
     bandwidth : float, optional
-        Bandwidth of an irradiance in Hz, as of :func:`irradiance`.
+        Bandwidth of an irradiance in Hz, as in :func:`irradiance`.
     tolerance : float, optional
-        Tolerance as of :func:`irradiance` and :func:`amplitude`, with their defaults.
+        Tolerance as in :func:`irradiance` and :func:`amplitude`, with their defaults.
     obstacles : sequence of bodies and plates, optional
-        Obstacles as of :func:`amplitude`, whose shadows diffract (docs/shadows.md). They require an
-        exact method and a single wavelength.
+        Obstacles as in :func:`amplitude`; their shadows include diffraction (docs/shadows.md). They
+        require an exact method and a single wavelength.
     dtype : {"float64", "float32"}
         Type of the values. Amplitudes are complex, with parts of this type.
     engine : str, optional
@@ -324,8 +324,8 @@ def plane(
     -------
     xarray.Dataset
         A variable for each method, named after the method, over two of the axes x, y and z; for
-        three corners over u and v, the distances from the first corner. Attributes hold units,
-        settings and the version. A coordinate holds the source.
+        three corners over u and v, the distances from the first corner. Attributes contain
+        units, settings and the version. A coordinate contains the source.
 
     Raises
     ------
@@ -381,7 +381,7 @@ def hemisphere(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, and coordinates x, y and z, over ``theta`` and ``phi``.
+        Variables as in :func:`plane`, and coordinates x, y and z, over ``theta`` and ``phi``.
 
     Raises
     ------
@@ -425,7 +425,7 @@ def volume(
     Returns
     -------
     xarray.Dataset
-        Variables as of :func:`plane`, over ``x``, ``y`` and ``z``.
+        Variables as in :func:`plane`, over ``x``, ``y`` and ``z``.
 
     Raises
     ------
@@ -483,13 +483,13 @@ def wigner_table(
     out : path, optional
         Folder of a zarr store, as of :func:`plane`.
     chunks : int, str or sequence, optional
-        As of :func:`plane`. The default with ``out`` is chunks of up to 4 million samples.
+        As in :func:`plane`. The default with ``out`` is chunks of up to 4 million samples.
     precision : {"single", "double"}
         Precision of sums and results.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`wigner`.
     scheduler, threads, progress : optional
-        As of :func:`plane`.
+        As in :func:`plane`.
 
     Returns
     -------
@@ -530,7 +530,7 @@ def ambiguity_table(
     xi_x, xi_y : array_like, shape (n,)
         Lags in m.
     out : path, optional
-        Folder of a zarr store, as of :func:`wigner_table`.
+        Folder of a zarr store, as in :func:`wigner_table`.
     **options
         Options of :func:`wigner_table`.
 

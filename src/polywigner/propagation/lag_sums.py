@@ -293,7 +293,7 @@ def _pairs(
 def _sum_of_waves(
     points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
 ) -> Floats:
-    """Return the sum (n,) at points (n, 3) over m pairs with mutual intensities (c, c, m).
+    """Return the irradiance (n,) at points (n, 3) of m pairs with mutual intensities (c, c, m).
 
     ``means`` and ``lags`` (m, 2) are the midpoints and the differences of the pairs.
     """

@@ -143,7 +143,7 @@ def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Points of a line, a plane, a volume or a hemisphere."""
+    """Points on a line, in a plane, in a volume or on a hemisphere."""
 
     coords: dict[str, xarray.Variable]
     """Coordinates along each axis in m or rad, by the name of the axis."""
@@ -157,7 +157,7 @@ class Grid:
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
-        """Return points (*shape, 3) in m, from the indices ``first`` on."""
+        """Return points (*shape, 3) in m, starting at the indices ``first``."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 

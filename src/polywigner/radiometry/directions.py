@@ -115,7 +115,7 @@ def checked_directions(direction: Any) -> Floats:
     back = array[..., 2] < 0
     if back.any():
         raise ArgumentError(
-            "directions must have z >= 0, because sources radiate to +z, got "
+            "expected directions with z >= 0, because sources radiate to +z, got "
             f"{array[back][0].tolist()}"
         )
     return array
@@ -204,10 +204,9 @@ def check_width(lag: float, wavelength: float) -> None:
     """Raise ArgumentError for a source that is too large for integrals over directions."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
-            f"the source is too wide for integrals over directions: {lag / wavelength:.3g} "
-            f"wavelengths, at most {_MOST_WAVELENGTHS:.0e} are allowed; check the unit of the "
-            "wavelength (wide sources radiate all power except the fraction perimeter "
-            "wavelength/area)"
+            f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
+            f"directions allow at most {_MOST_WAVELENGTHS:.0e}; check the unit of the wavelength "
+            "(wide sources radiate all power except the fraction perimeter wavelength/area)"
         )
 
 

@@ -495,7 +495,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     def wrong(got: str) -> FileFormatError:
         return FileFormatError(
-            f"expected a ray file of OpticStudio, got {got} in {file.name}; export the file again"
+            f"expected {file.name} to be a ray file of OpticStudio, got {got}; export it again"
         )
 
     with at_key(file.name):

@@ -89,7 +89,8 @@ def sample_automean(
     >>> positions.shape, round(float(density.sum()), 6)
     ((100, 2), 100.0)
     """
-    flat: Any = flat_source(source)  # A curved wave has the same support.
+    # A curved wave has the same support as its flat source.
+    flat: Any = flat_source(source)
     numbers = _checked_numbers(samples, kernel_for("wigner", flat).dimension, seed)
     support = _support(flat)
     if isinstance(support, Slits):
@@ -117,7 +118,8 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
         return checked_generator(seed).random((count, columns))
     expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
     array = real_array(samples, expected, (None, columns))
-    inside = (array >= 0.0) & (array < 1.0)  # The comparison is False for NaN.
+    # The comparison is false for NaN.
+    inside = (array >= 0.0) & (array < 1.0)
     if not inside.all():
         raise ArgumentError(f"{expected}, got {array[~inside][0]}")
     return array

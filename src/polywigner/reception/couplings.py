@@ -251,7 +251,7 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return couplings of two parts before the division by the norms, and both errors."""
+        """Return couplings of two parts without the norms, and estimated and allowed errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         # Vector from the centre of the transmitter to the centre of the receiver.

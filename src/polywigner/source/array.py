@@ -392,7 +392,7 @@ def warn_of_overlaps(array: Array) -> None:
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
-        # Elements with different poses have no common plane.
+        # Elements of an array with different poses have no common plane.
         except GeometryError:
             return
         outlines = np.array([_outline(element) for element in elements], object)
@@ -464,7 +464,7 @@ def mutual_support(source: Aperture | Array) -> Aperture:
         If the source is an array of slits, or elements do not lie in the plane z = 0.
     """
     if isinstance(source, Array):
-        # Each element has at least one convex piece.
+        # An array has at least as many convex pieces as elements.
         if source.dimension > 1 and len(source) ** 2 > 2 * _MOST_AUTOMEAN_PAIRS:
             outlines = [element.polygons for element in source.elements_in_plane]
             return Aperture(shapely.GeometryCollection(outlines).convex_hull)
@@ -531,8 +531,8 @@ def segmented_pupil(
         raise ArgumentError("expected pupil as an Aperture, or as a list of apertures")
     count = len(segments)
     expected = (
-        f"expected piston as finite numbers ({count},) and tilt as ({count}, 2), or one value for "
-        "all segments"
+        f"expected piston as finite numbers of shape ({count},) and tilt of shape ({count}, "
+        "2), or one value for all segments"
     )
     steps = np.broadcast_to(finite_array(piston, expected, (), (count,)), (count,))
     slopes = (

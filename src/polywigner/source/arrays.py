@@ -284,7 +284,7 @@ def virtual_array(
     near = _EQUAL_POSITIONS * float(max(np.abs(sent).max(), np.abs(received).max()))
     order = np.argsort(positions, axis=0, kind="stable")
     ranks = np.empty_like(order)
-    # Equal coordinates get equal ranks.
+    # Coordinates that are equal up to rounding get equal ranks.
     for axis, along in enumerate(order.T):
         steps = np.diff(positions[along, axis]) > near
         ranks[along, axis] = np.concatenate([[0], np.cumsum(steps)])
@@ -374,7 +374,7 @@ def focusing_weights(
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     rays = focus - np.pad(positions, ((0, 0), (0, 1)))
-    # This is R_k + R.
+    # ``total`` is R_k + R.
     total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)
     # ``path`` is R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation.
     path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total

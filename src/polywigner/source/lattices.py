@@ -95,7 +95,8 @@ def _shortest(
 ) -> NDArray[np.float64] | None:
     """Return the shortest difference that is not parallel to ``other``, oriented to +x or +y."""
     best, length = None, np.inf
-    # The indices are equally spaced, because positions are usually ordered by rows.
+    # Differences are formed from equally spaced indices, because positions are usually ordered by
+    # rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start
@@ -274,7 +275,8 @@ def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
         raise IlluminationError(
             f"expected finite weights, not all zero, got {value_text(array.tolist())}"
         )
-    # Negative zeros would be equal to positive zeros, but with another hash.
+    # The addition of 0.0 replaces negative zeros, which are equal to positive zeros but have
+    # another hash.
     array += 0.0
     array.setflags(write=False)
     return array

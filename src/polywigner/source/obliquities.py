@@ -46,7 +46,8 @@ def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.comp
     The result is accurate to a few rounding errors of kappa, even near grazing.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
-    # A product of two roots is accurate for sines near 1 and does not overflow.
+    # The root of 1 - sine^2 is a product of two roots, which is accurate for sines near 1 and does
+    # not overflow.
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
@@ -63,8 +64,8 @@ def times_direction_cosine(
     def scaled(element: SourceElement) -> SourceElement:
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
-        # The factor is applied to the weight, so that a uniform element stays uniform and has
-        # faster kernels. Grazing waves become 0.
+        # The factor is applied to the weight of an element, so that a uniform element stays uniform
+        # and has faster kernels. Grazing waves become 0.
         if element.has_unit_field or not amplitudes.any():
             return replace(element, weight=element.weight * amplitudes[0])
         return replace(element, amplitudes=amplitudes)
@@ -120,8 +121,8 @@ class Forms(NamedTuple):
     def at_lags(self, q: Floats) -> Floats:
         """Return the transform of h over the disc of the hemisphere, at lags q/(2 pi) wavelengths.
 
-        Bessel functions are computed as means over n equidistant angles, exact to rounding for
-        n > q.
+        Bessel functions are computed as means over n equidistant angles, which are exact to
+        rounding for n > q.
         """
         total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
@@ -177,8 +178,8 @@ class Obliquity:
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # These are Python floats, because a NumPy scalar times a Dr.Jit array would be a NumPy
-            # array.
+            # The coefficients are Python floats, because a NumPy scalar times a Dr.Jit array would
+            # be a NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:

@@ -352,7 +352,7 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
 def parse_direction(text: str) -> tuple[float, float]:
     """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError otherwise."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
-    # This happens, for example, for degrees without a unit.
+    # Angles of 90 degrees and more occur, for example, if degrees are written without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '

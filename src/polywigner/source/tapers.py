@@ -47,7 +47,7 @@ def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
 
 def unit_vector(direction: Any) -> NDArray[np.float64]:
     """Return a unit vector (3,) with z >= 0; ArgumentError for other vectors."""
-    expected = "expected a direction as a unit vector (3,)"
+    expected = "expected a direction as a unit vector of shape (3,)"
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
         raise ArgumentError(
@@ -70,8 +70,8 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     angle.
     """
     expected = (
-        "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
-        "or the sine of an angle for slits"
+        "expected a direction as a unit vector of shape (3,), its components (2,) along the "
+        "aperture, or the sine of an angle for slits"
     )
     components = np.atleast_1d(finite_array(direction, expected, (), (1,), (2,), (3,)))
     if components.shape == (3,):
@@ -336,7 +336,7 @@ def _tapered(
     if width is None and (height is None or dimension == 1):
         raise ArgumentError("expected a width for the taper, got None")
     sizes = {"width": width, "height": height}.items()
-    # An Illumination raises an error for infinite frequencies.
+    # The class Illumination raises an error for infinite frequencies.
     with np.errstate(over="ignore"):
         along = [
             _CONSTANT if size is None else taper(checked_length(size, name)) for name, size in sizes
@@ -356,9 +356,9 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
     """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
     if number == 0:
-        # This is cos(0); te_mode raises an error for sin(0).
+        # The cosine of a mode with index 0 is constant; te_mode raises an error for a sine with
+        # index 0.
         return _CONSTANT
-    # This is exp(i number pi/2).
     phase = complex((1, 1j, -1, -1j)[number % 4])
     forward, backward = phase / 2, phase.conjugate() / 2
     amplitudes = [-1j * forward, 1j * backward] if sine else [forward, backward]
@@ -367,7 +367,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     """Return F_1 ... F_(nbar - 1) of `taylor_taper`."""
-    # This is arccosh(10^(sll/20)), without cancellation for small sll.
+    # ``a`` is arccosh(10^(sll/20))/pi, computed without cancellation for small sll.
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
@@ -486,7 +486,7 @@ def fit_illumination(
 
 
 def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    expected = "expected points (n, 2), or (n, 1) for slits"
+    expected = "expected points of shape (n, 2), or (n, 1) for slits"
     positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
         len(points), -1
     )

@@ -28,9 +28,7 @@ from polywigner.source.normal_form import normal_form, polygons_of
 
 Path = Callable[[Floats, Floats], ArrayLike]
 
-# ---- Zernike polynomials of the unit disc --------------------------------------------------------
-
-# With z = x + iy, the polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
+# With z = x + iy, the Zernike polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
 #
 #     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
 #
@@ -58,7 +56,7 @@ def osa(j: int) -> Order:
 
 def fringe(j: int) -> Order:
     """Return the order of a fringe (University of Arizona) index 1, 2, ..."""
-    d = math.isqrt(j - 1)  # (n + |m|)/2
+    d = math.isqrt(j - 1)
     rank = j - 1 - d * d
     m = d - rank // 2
     return 2 * d - m, m if rank % 2 == 0 else -m
@@ -139,9 +137,7 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
     return both.real if m >= 0 else both.imag
 
 
-# ---- aberrations ---------------------------------------------------------------------------------
-
-# Step of the finite differences for the slopes of a function, relative to the pupil's radius.
+# Step of the finite differences for the slopes of a path function, relative to the pupil's radius.
 _STEP = 1e-6
 # Largest radial order of Zernike polynomials.
 _HIGHEST = 200
@@ -321,7 +317,9 @@ class Aberration:
             pair = execution.numbers_of("coefficients", given, "Complex2f")
             traced, given = pair[0], execution.columns_of(pair)[:, 0]
         shape = (len(self.coefficients),)
-        values = finite_array(given, f"expected coefficients as finite numbers {shape}", shape)
+        values = finite_array(
+            given, f"expected coefficients as finite numbers of shape {shape}", shape
+        )
         return self._of(values, *self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
@@ -411,8 +409,8 @@ def zernike(
     """
     if not isinstance(coefficients, Mapping) or not coefficients:
         raise ArgumentError(
-            "expected coefficients as a mapping from indices to metres, such as {4: "
-            f"25e-9}}, got {coefficients!r:.80}"
+            "expected coefficients as a mapping from indices to values in metres, got "
+            f"{coefficients!r:.80}; pass for example {{4: 25e-9}}"
         )
     indices = _checked_indices(coefficients, indexing)
     values = [

@@ -133,7 +133,7 @@ def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
     """
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # Blocks of a grid have enough rows to be computed as grids.
+    # Blocks of a frequency grid have enough rows to be computed as grids.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
@@ -153,7 +153,6 @@ def checked_points(
     not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
-        # This is the usual case.
         return value
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):

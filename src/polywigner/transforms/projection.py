@@ -303,9 +303,6 @@ def _along_x(values: Floats, y: float = 0.0) -> Floats:
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
-# --- autocorrelation
-
-
 def _shadow_product(field: PlaneField, x: Floats, xi_x: Floats) -> Array:
     at = (x - field.centre[0])[:, None]
     ahead, behind = (column_integrals(field, (at + half).ravel()) for half in (xi_x / 2, -xi_x / 2))
@@ -328,12 +325,9 @@ def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
 
 
 def _of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts and rates for the columns at a and 2x - a, one of them moved up, (P5)."""
+    """Return shifts and rates for the columns at a and 2x - a, one of which is moved up, (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
-
-
-# --- Wigner function
 
 
 def _intensity(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
@@ -354,7 +348,7 @@ def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
 
 
 def _of_one_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts and rates for two points of one row with their midpoint at x, (P8)."""
+    """Return shifts and rates for two points of one row, with their midpoint at x, (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
 
@@ -365,9 +359,6 @@ def _column_powers(field: PlaneField, x: Floats, nu_y: Floats) -> Array:
 
 def _squared(values: Array) -> Array:
     return np.asarray(values.real**2 + values.imag**2)
-
-
-# --- ambiguity function
 
 
 def _at_opposite_points(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:

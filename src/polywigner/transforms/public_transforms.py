@@ -257,7 +257,7 @@ def autocorrelation(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Autocorrelation R(x, xi) = u(x + xi/2) conj(u(x - xi/2)) of the field at two points.
+    """Compute the autocorrelation R(x, xi) = u(x + xi/2) conj(u(x - xi/2)) of a field.
 
     This is the paper's eq. (auto_lag). The source includes its boundary on the left and lower
     sides, and excludes it on the right and upper sides.
@@ -265,8 +265,8 @@ def autocorrelation(
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
-        plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
+        may be uniform, a sum of plane waves, curved or partly coherent.
     x : array_like, shape (..., d)
         Positions in m, the mean of the two points.
     xi : array_like, shape (..., d)
@@ -277,8 +277,8 @@ def autocorrelation(
     Returns
     -------
     ndarray of complex, shape (...)
-        Without unit; 0 or 1 for a uniform source. Dr.Jit arrays and DataArrays as in
-        :func:`fourier`.
+        Values of R without unit, which are 0 or 1 for a uniform source. Dr.Jit arrays and
+        DataArrays as in :func:`fourier`.
 
     Raises
     ------
@@ -310,35 +310,36 @@ def wigner(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Wigner function W(x, nu) = integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
+    """Compute the Wigner function, int u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
 
     The closed form is the Fourier transform of the lag slice at x. (Erratum: in the paper's
     definition of the slice, the matrices M must translate by 2x.) W of an Array is given by (W2),
-    also if its elements overlap. The computing time is proportional to the number of pairs of edges
+    even if its elements overlap. The computing time is proportional to the number of pairs of edges
     that can cross. Frequencies at the same x share the slice.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        d = 2 for apertures and arrays of apertures, 1 for slits; or a source of
-        :func:`differentiable`.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        result of :func:`differentiable`.
     x : array_like, shape (..., d)
         Positions in m.
     nu : array_like, shape (..., d)
         Real spatial frequencies in 1/m.
     through : FirstOrder, optional
-        System between the source and the plane of ``x`` and ``nu``. W there is W of the source at
-        the origin of the ray, (O2). For slits it must keep x and y apart.
+        Optical system between the source and the plane of ``x`` and ``nu``. W in this plane equals
+        W of the source at the point from which the ray comes, (O2). For slits the system must not
+        couple x and y.
     wavelength : float, optional
-        In m; with ``through`` only.
+        Wavelength in m; only used together with ``through``.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
     ndarray of float, shape (...)
-        In m^d; zero outside the automean; float32 for single precision. Dr.Jit arrays and
-        DataArrays as in :func:`fourier`.
+        Values of W in m^d, which are zero outside the automean; float32 for single precision.
+        Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
@@ -373,7 +374,7 @@ def ambiguity(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Ambiguity function: integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
+    """Compute the ambiguity function, int u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
 
     The closed form is the Fourier transform of the position slice at xi. (Erratum: the paper has
     x.xi in place of upsilon.x in the kernel.) The computing time is proportional to twice the
@@ -382,24 +383,24 @@ def ambiguity(
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        d = 2 for apertures and arrays of apertures, 1 for slits; or a source of
-        :func:`differentiable`.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        result of :func:`differentiable`.
     upsilon : array_like, shape (..., d)
         Real frequency shifts in 1/m.
     xi : array_like, shape (..., d)
         Lags in m.
     through : FirstOrder, optional
-        System between the source and the plane of the lags, (O3). For slits it must keep x and y
-        apart.
+        Optical system between the source and the plane of the lags, (O3). For slits the system
+        must not couple x and y.
     wavelength : float, optional
-        In m; with ``through`` only.
+        Wavelength in m; only used together with ``through``.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
     ndarray of complex, shape (...)
-        In m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+        Values of A in m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
@@ -427,15 +428,15 @@ def ambiguity(
 def position_marginal(
     source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Values:
-    """Position marginal R_x(x): the autocorrelation integrated over lag, W(x, 0).
+    """Compute the position marginal R_x(x), the autocorrelation integrated over lag: W(x, 0).
 
     For a uniform source it is the area of the lag slice at x.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
-        plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
+        may be uniform, a sum of plane waves, curved or partly coherent.
     x : array_like, shape (..., d)
         Positions in m.
     precision, engine : str, optional
@@ -444,7 +445,7 @@ def position_marginal(
     Returns
     -------
     ndarray of float, shape (...)
-        In m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+        Values of R_x in m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
@@ -469,7 +470,7 @@ def position_marginal(
 def lag_marginal(
     source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Values:
-    """Lag marginal R_xi(xi): the autocorrelation integrated over position, A(0, xi).
+    """Compute the lag marginal R_xi(xi), the autocorrelation integrated over position: A(0, xi).
 
     For a uniform source it is the area of the position slice: the area of the source times the
     optical transfer function of a pupil of this shape.
@@ -477,8 +478,8 @@ def lag_marginal(
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        d = 2 for apertures and arrays of apertures, 1 for slits. Fields may be uniform, sums of
-        plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
+        may be uniform, a sum of plane waves, curved or partly coherent.
     xi : array_like, shape (..., d)
         Lags in m.
     precision, engine : str, optional
@@ -487,8 +488,8 @@ def lag_marginal(
     Returns
     -------
     ndarray, shape (...)
-        In m^d; real for a uniform source, complex for an Array and for a source with an
-        illumination. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+        Values of R_xi in m^d. They are real for a uniform source, and complex for an Array and for
+        a source with an illumination. Dr.Jit arrays and DataArrays as in :func:`fourier`.
 
     Raises
     ------
@@ -512,7 +513,7 @@ def lag_marginal(
 def energy_of(source: PhaseSpaceSource) -> float:
     """Return int |u|^2 = R_xi(0) of a source, in m^d times the unit of |u|^2.
 
-    Rounding may make it negative if elements cancel each other everywhere.
+    Rounding errors may make the value negative if elements cancel each other everywhere.
     """
     # NumPy computes a single value in less time than a kernel takes to compile.
     lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)

@@ -42,8 +42,9 @@ from polywigner.transforms.pupil_gradients import (
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Smallest ratio of the energy to the sum of the energies of the elements. If the fields cancel,
-# rounding leaves 1e-15. Values normalised by 1e-13 have hardly a correct digit.
+# Smallest ratio of the energy of a pupil to the sum of the energies of its elements. If the fields
+# cancel, rounding errors leave a ratio of 1e-15. Values that are normalised by a ratio of 1e-13
+# have hardly a correct digit.
 _DARK = 1e-13
 
 
@@ -148,7 +149,7 @@ def _otf_jets(
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
-        # In focus the OTF is an area, without sines.
+        # In focus the OTF is an area, which needs no sines.
         if bend == 0.0:
             values = lag_marginal(source, lags, **how) + 0j
         else:
@@ -292,7 +293,7 @@ def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
     finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
     if not finite or not given.any():
         raise ArgumentError(
-            f"expected {count} weights, one for each wavelength, of zero or more and not all "
+            f"expected {count} weights of zero or more, one for each wavelength and not all "
             f"zero, got {value_text(weights)}"
         )
     return lengths, np.asarray(given / given.sum())
@@ -347,12 +348,14 @@ def checked_energy(source: PhaseSpaceSource) -> float:
         incoherent = float(abs(source.weights) ** 2 @ contents)
     if energy > _DARK * incoherent and energy > 0.0:
         return energy
-    raise IlluminationError("expected a pupil with light in it, got fields that cancel everywhere")
+    raise IlluminationError(
+        "expected a pupil that transmits light, got fields that cancel everywhere"
+    )
 
 
-# Error of the rms, relative to the largest path.
+# Allowed error of the rms wavefront error, relative to the largest path length.
 _PRECISE = 1e-12
-# Frequencies of integrals without waves.
+# Band of frequencies of an integral that contains no further waves.
 _NO_BAND = np.zeros(2), np.zeros(2)
 
 
@@ -368,8 +371,8 @@ def strehl(
 ) -> float:
     """Compute the Strehl ratio of a pupil, |int u exp(2 pi i W/lambda)|^2/(int |u|)^2.
 
-    This is the irradiance of :func:`psf` on the axis, relative to a pupil of the same |u| in phase.
-    Pistons and tilts of segments count as aberrations.
+    The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance of a
+    pupil with the same |u| and no phase. Pistons and tilts of segments count as aberrations.
 
     Parameters
     ----------
@@ -473,7 +476,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     paths = normal_form(source).paths
 
     def moments(extra: int) -> tuple[Floats, Floats]:
-        """Return path lengths and weights of all nodes."""
+        """Return the path lengths and the weights of all quadrature nodes."""
         lengths, weights = [], []
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
@@ -491,7 +494,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
 
 
 def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
-    """Return the piston and tilt of a segment at x (..., 2) in m."""
+    """Return the path length of a segment's piston and tilt at x (..., 2) in m."""
     if paths is None:
         return 0.0
     return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

@@ -358,7 +358,7 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| over t from u to v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    # A negative product implies total > 0.
+    # If the product is negative, the numbers are not zero, and ``total`` is positive.
     crosses_zero = u * v < 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -77,7 +77,7 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
     """
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
-    # Frequencies may be NaN.
+    # Frequencies that are NaN give NaN without a warning.
     with np.errstate(invalid="ignore"):
         for element in normal_form(source).in_plane.elements:
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)

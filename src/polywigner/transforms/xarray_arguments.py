@@ -181,7 +181,7 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
-        # A list of rows of unequal lengths raises a ValueError.
+        # NumPy raises a ValueError for a list of rows of unequal lengths.
         except ValueError:
             is_point = False
         if not is_point:
@@ -209,7 +209,7 @@ def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
     with warnings.catch_warnings():
-        # The call with points issues the warnings.
+        # Warnings are suppressed here, because the call with points issues them.
         warnings.simplefilter("ignore")
         results = call(*empty)
     return [part.dtype for part in (results if isinstance(results, tuple) else (results,))]

@@ -203,7 +203,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
             "convert it to polylines, or move it to a layer that is off"
         )
-    # The coordinates of these entities refer to an object coordinate system.
+    # The coordinates of planar DXF entities refer to an object coordinate system.
     axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
@@ -324,7 +324,7 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 
 def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
-    # Shorter paths count as points.
+    # Paths shorter than the gap between connected ends count as points.
     paths = [path for path in paths if _size(_rough(path)) > gap]
     is_open = [_size(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
@@ -347,15 +347,14 @@ def _chords(path: Path, reach: float) -> Points:
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
     """Return closed chains of paths. `tips`: ends (2, 3) of each path, which meet in pairs.
 
-    Ends meet if their distance is at most `gap`. Each run contains the numbers of its paths, and
-    whether each path is reversed.
+    Ends meet if their distance is at most `gap`. A chain is a list of path indices, each with a
+    flag for a reversed path.
     """
     if not tips:
         return []
     points = np.concatenate(tips)
     geometries = shapely.points(points[:, :2])
     first, second = shapely.STRtree(geometries).query(geometries, predicate="dwithin", distance=gap)
-    # Each end is also close to itself.
     counts = np.bincount(first)
     if (counts != 2).any():
         worst = int(np.argmax(counts != 2))
@@ -370,7 +369,7 @@ def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
     runs: list[list[tuple[int, bool]]] = []
     used: set[int] = set()
     for start in range(len(tips)):
-        # The ends 2 k and 2 k + 1 belong to path k.
+        # The ends of path k have the indices 2 k and 2 k + 1.
         run, end = [], 2 * start
         while end // 2 not in used:
             used.add(end // 2)

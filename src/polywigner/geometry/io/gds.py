@@ -124,14 +124,14 @@ def load_gds(file: File) -> Drawing:
         length = float(np.hypot(*np.ptp(path.spine(), axis=0)))
         names = _layer_names(path.layers[0], path.datatypes[0])
         if length == 0 and not (requested and requested.isdisjoint(names)):
-            # Otherwise gdstk would drop these paths.
+            # Paths of length zero raise an error, because gdstk would drop them.
             raise FileFormatError(
                 f"expected paths with a length, got a path of length zero on layer {names[1]}; "
                 "draw a polygon instead"
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
-    # Boundaries without extent have no points.
+    # GDSII boundaries without extent have no points and are skipped.
     shapes = [shape for shape in _shapes(cell) if len(shape[2])]
     if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])

@@ -148,7 +148,7 @@ def _composed(layers: Layers) -> BaseGeometry:
         if not shapes:
             continue
         shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # Polygons outside the bounds of the new shape remain unchanged.
+        # Only polygons within the bounds of a new shape can change.
         near = shapely.intersects(copper, shapely.box(*shape.bounds))
         if near.any():
             around = shapely.MultiPolygon(list(copper[near]))
@@ -226,7 +226,7 @@ class _Shapes:
         along = ends[1] - ends[0]
         if not along.any():
             return self._polygon([_circle(ends[0], width / 2)])
-        # The half circle has vertices at its ends, where the straight sides begin.
+        # The half circle at the end of a stroke has vertices where the straight sides begin.
         half = _circle((0, 0), width / 2, math.atan2(along[1], along[0]) + math.pi / 2, math.pi)
         discs = [_circle(end, width / 2) for end in ends]
         side = chords(half, reach_of(discs, self._tolerance))
@@ -307,7 +307,8 @@ def load_gerber(file: File) -> Drawing:
         raise
     # The exceptions of gerbonara are not documented.
     except Exception as error:
-        # This line number refers to the checked statements, not to the file.
+        # The line number in gerbonara's message is removed, because it refers to the checked
+        # statements, not to the file.
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
         raise _refusal("a Gerber file that gerbonara can read", why[:200].rstrip(".")) from None
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]

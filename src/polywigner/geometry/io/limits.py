@@ -1,4 +1,4 @@
-"""Checks of all file readers: type and size of the file, encoding, and numbers."""
+"""Checks that all file readers use: type and size of the file, encoding, and numbers."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 
-# Largest sizes of files in bytes. A million vertices take about 40 MB as text. Scene files contain
-# no meshes.
+# Largest sizes of outline files and scene files in bytes. A million vertices take about 40 MB as
+# text. Scene files contain no meshes.
 LARGEST_FILE = 64 * 2**20
 LARGEST_SCENE = 8 * 2**20
 
-# Largest numbers of vertices and of outlines of an aperture, whose checks take about 10 s.
+# Largest number of vertices and of outlines of an aperture. The checks of such an aperture take
+# about 10 s.
 MOST_VERTICES = 1_000_000
 MOST_RINGS = 10_000
 
-# Largest number of triangles of a body, whose checks take about 10 s.
+# Largest number of triangles of a body. The checks of such a body take about 10 s.
 MOST_FACES = 200_000
 
-# Largest absolute value of a coordinate. Squares and products of such numbers do not overflow.
+# Largest absolute value of a coordinate in a file. Squares and products of such numbers do not
+# overflow.
 LARGEST_NUMBER = 1e100
 
 
@@ -37,17 +39,18 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
     """Raise FileFormatError for a file of more than `largest` bytes."""
     if size > largest:
         raise FileFormatError(
-            f"expected at most {largest >> 20} MiB{kind and f' of {kind}'}, got "
-            f"{size / 2**20:.0f} MiB; simplify the content, or save a part of it"
+            f"expected a file of at most {largest >> 20} MiB{kind and f' of {kind}'}, got "
+            f"{size / 2**20:.0f} MiB; simplify the content, or save only a part of it"
         )
 
 
 def check_coordinates(points: NDArray[Any]) -> None:
     """Raise FileFormatError for coordinates that are not finite or too large."""
-    if not (np.abs(points) <= LARGEST_NUMBER).all():  # the condition is also true for NaN
+    # This condition is also true for NaN.
+    if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
-            f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or NaN; "
-            "correct the file"
+            f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or "
+            "NaN; correct the file"
         )
 
 
@@ -55,7 +58,7 @@ _NUMBER = re.compile(r"[-+.,;:\s0-9eE]{1,12}", re.ASCII)
 
 
 def token(text: str, known: tuple[str, ...] = ()) -> str:
-    """Return a token for a message: short numbers and known words as they are, else the length."""
+    """Return a token of a file for an error message; unknown text is replaced by its length."""
     if text in known or _NUMBER.fullmatch(text):
         return repr(text)
     return f"{len(text)} characters of text" if text else "nothing"
@@ -77,7 +80,7 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
     except OSError as error:
         raise FileFormatError(f"expected a readable file, got: {error}") from None
     if not content.strip():
-        raise FileFormatError("expected content, got an empty file")
+        raise FileFormatError("expected a file with content, got an empty file")
     return content
 
 
@@ -90,5 +93,5 @@ def text_of(content: bytes) -> str:
     if "\0" in text:
         raise FileFormatError("expected text in UTF-8, got binary data; save it as text")
     if not text.strip():
-        raise FileFormatError("expected content, got an empty file")
+        raise FileFormatError("expected a file with content, got an empty file")
     return text

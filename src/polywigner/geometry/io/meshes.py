@@ -58,7 +58,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     kind = suffix.removeprefix(".").upper()
     try:
         mesh = readers[suffix](content)
-    # FileFormatError is also a ValueError.
+    # A FileFormatError is also a ValueError, which is handled below.
     except FileFormatError:
         raise
     except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
@@ -181,7 +181,7 @@ def _obj(content: bytes) -> Mesh:
             vertices.append([float(x), float(y), float(z)])
         elif word in (b"f", b"fo"):
             numbers = [int(value.partition(b"/")[0]) for value in values]
-            # Negative indices count backwards from the most recent vertex.
+            # Negative vertex indices of OBJ files count backwards from the most recent vertex.
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError

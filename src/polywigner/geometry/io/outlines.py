@@ -195,8 +195,8 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     check_coordinates(points)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # The distance is at least the rounding error of coordinates. Outlines as small as a point raise
-    # an error later.
+    # The allowed distance of chords is at least the rounding error of coordinates. Outlines as
+    # small as a point raise an error later.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
@@ -284,7 +284,7 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        # The outlines are cleaned later, together with the aperture.
+        # Outlines that do not cross are cleaned later, together with the aperture.
         return [rings]
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
@@ -302,7 +302,6 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
-    # Simple rings are cleaned later, together with the aperture.
     clean = [
         ring if simple else part_of_ring(ring, f"outline {k}")[0]
         for k, (ring, simple) in enumerate(zip(rings, is_simple.tolist(), strict=True))

@@ -55,7 +55,7 @@ def load_wkt(file: File) -> Drawing:
 
 def _polygons(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
     try:
-        # A NaN is reported later, together with its vertex.
+        # A NaN among the coordinates is reported later, together with its vertex.
         with np.errstate(invalid="ignore"):
             geometry = parse(text_of(file.content).strip())
     except (shapely.errors.GEOSException, NotImplementedError) as error:
@@ -95,7 +95,7 @@ def _columns_of(line: str) -> list[str]:
     else:
         fields = line.split()
     stripped = [field.strip().strip("\"'") for field in fields]
-    # The line ends with a separator.
+    # A line may end with separators, which give empty columns.
     while stripped and not stripped[-1]:
         stripped.pop()
     return stripped
@@ -219,7 +219,8 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        # This call raises the same error, with positions in the unit of the file.
+        # The aperture is built again in the unit of the file, so that the error contains positions
+        # in this unit.
         build(1.0)
         raise
 

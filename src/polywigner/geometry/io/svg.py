@@ -112,7 +112,7 @@ def _affine_of(text: str) -> Points:
     try:
         matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
         rows = np.array([float(getattr(matrix, letter)) for letter in "abcdef"]).reshape(3, 2)
-    # The pattern does not match, or the transform has too few arguments.
+    # The text is not a transform, or the transform has too few arguments.
     except (ValueError, IndexError, TypeError):
         raise _refusal("a transform such as translate(10 5) rotate(45)", text) from None
     return np.column_stack([rows, [0, 0, 1]])
@@ -202,13 +202,12 @@ def _parsed(content: bytes) -> Element:
     """Return the root element. A plain DOCTYPE is accepted; entities raise an error."""
     try:
         root: Element = import_module("defusedxml.ElementTree").fromstring(content)
-    # ParseError is a subclass of SyntaxError.
     except (SyntaxError, LookupError) as error:
         line = getattr(error, "position", (1, 0))[0]
         raise FileFormatError(
             f"expected SVG, got text that is not valid XML in line {line}"
         ) from None
-    # This exception is a DefusedXmlException.
+    # The library defusedxml raises a ValueError for entities and external files.
     except ValueError:
         raise FileFormatError(
             "expected an SVG file without entities or external files; save the drawing as plain SVG"

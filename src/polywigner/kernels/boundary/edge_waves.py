@@ -132,7 +132,7 @@ class _Evanescent:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return the same data as :class:`_Travelling`."""
+        """Return the same data as :meth:`_Travelling.shared_data`."""
         height = view.pz * view.z
         root = ops.exp(-math.pi * height)
         decay = root * root
@@ -151,7 +151,7 @@ class _Evanescent:
 
         The integral is a difference of logarithms along two vertical lines.
         """
-        # The sign multiplies s, so that the factor 1 + |along| is never 0.
+        # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
         end = _total(ops, view, view.last, view.radius_last)
@@ -336,7 +336,7 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Number:
-        """Return the angle of the edge about the axis, with roots clipped to a limit."""
+        """Return the angle that the edge subtends about the axis, with roots clipped to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, a product replaces the square root of the detour, which would
         # lose digits by cancellation.
@@ -355,13 +355,14 @@ def edge_wave(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return 2 pi times the boundary wave (real, imag) of a straight edge over the free wave.
+    """Return 2 pi times the ratio (real, imag) of an edge's boundary wave to the free wave.
 
-    The boundary wave is the integral of the wave of a point source along a directed edge of a
-    silhouette. With v the square root of the detour beyond the shortest detour, it is an integral
-    of exp(2 pi i v^2) times a smooth even function. The poles of that function at the boundary of
-    the shadow are subtracted and integrated in closed form. Beyond ``rule.turns`` the path of
-    integration is deformed into the complex plane, where the wave decays. Source: (SB3).
+    The boundary wave of a straight edge is the integral of the wave of a point source along a
+    directed edge of a silhouette. With v the square root of the detour beyond the shortest detour,
+    it is an integral of exp(2 pi i v^2) times a smooth even function. The poles of that function at
+    the boundary of the shadow are subtracted and integrated in closed form. Beyond ``rule.turns``
+    the path of integration is deformed into the complex plane, where the wave decays. Source:
+    (SB3).
 
     Parameters
     ----------
@@ -372,10 +373,11 @@ def edge_wave(
     aside : tuple of arrays, optional
         Position next to the point that decides on which side of the shadow boundary the point is.
     when : callable, optional
-        (condition, compute, arguments) -> computed numbers, and zeros if the condition is false.
+        Function (condition, compute, arguments) -> the computed numbers, or zeros if the condition
+        is false.
     blocked : array, optional
-        1 if another surface is in front of the boundary of the shadow, 0 if there is none, or
-        between. The step of the wave at this boundary is left out where it is 1, (SB5).
+        Fraction, from 0 to 1, to which another surface hides the boundary of the shadow. If it is
+        1, the step of the wave at this boundary is omitted, (SB5).
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))

@@ -46,7 +46,8 @@ def point_in_wavelengths(
 ) -> tuple[Doubled, Doubled, Doubled]:
     """Return the point (x, y, z) relative to the centre, in wavelengths; ``ops`` has float64."""
     scale = phases.doubled(1 / Fraction(wavelength))
-    # Most sources are centred at the origin, where the subtraction is not needed.
+    # For sources centred at the origin, which are the most frequent ones, the centre is not
+    # subtracted.
     aside = (
         phases.difference(v, c) if c else (v, 0.0) for v, c in zip((x, y), centre, strict=True)
     )
@@ -126,7 +127,7 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """Return the field with the phase of the distance from the centre, and its error."""
+    """Return the field including the phase of the distance from the centre, and its error."""
     real, imag, error = sums
     cosine, sine = cos_sin_cycles(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
@@ -192,7 +193,7 @@ def seen_from(
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
-    # In float32 kernels each of these sums rounds to its first term.
+    # In float32 kernels, the sum of a number and its remainder rounds to the number.
     z, distance = inner[4] + inner[5], inner[6] + inner[7]
     offset = _offset_of(inner, x, y)
     dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
@@ -308,7 +309,8 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # For distant points the interval rounds to 0, and the rule in the length is used instead.
+    # For points far from the panel the interval of v rounds to 0, and the rule in the length is
+    # used instead.
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
@@ -419,7 +421,7 @@ _GROWN = 3.6
 
 @dataclass(frozen=True)
 class _Strips:
-    """Quadrature rules, and one empty row, because the arguments contain all data of a panel."""
+    """Quadrature rules of the kernel STRIPS, and one empty row: its arguments contain all data."""
 
     frame: None
     edges: tuple[tuple[()], ...]

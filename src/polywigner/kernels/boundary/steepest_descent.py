@@ -78,7 +78,7 @@ def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 
 @dataclass(frozen=True)
 class _End:
-    """A position on an edge: t from its start, and at the distance R from the point."""
+    """A position on an edge, at the length t from its start and the distance R from the point."""
 
     t: Any
     s: Any
@@ -119,7 +119,7 @@ class _Line:
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
-        # This form has no cancellation close to the shadow boundary.
+        # This form of ``ahead`` has no cancellation close to the shadow boundary.
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
@@ -129,13 +129,13 @@ class _Line:
     def parabolic(cls, view: PanelView) -> _Line:
         """Return the line of an edge for paraxial waves, relative to the ray through the point.
 
-        All formulas then have R = z and c = z, except for the square of the phase.
+        All formulas then contain z instead of R and of c, except for the square of the phase.
         """
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the data of the position t on the edge."""
+        """Return the position at the length t from the start of the edge."""
         view, s = self.view, self.view.first + t
         radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
         slope, phase = s + view.along * radius, radius + view.along * s
@@ -147,7 +147,7 @@ class _Line:
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
         """Return the ends of the inner part of an edge, which is integrated with nodes on the edge.
 
-        An edge with few cycles of phase is an inner part as a whole.
+        If an edge has only a few cycles of phase, the whole edge is the inner part.
         """
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
@@ -229,7 +229,7 @@ class _Line:
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        # The integrand for parabolic waves has no singularity.
+        # The integrand for parabolic waves has no singularity, so its distance is infinite.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:

@@ -54,7 +54,8 @@ class _Exact:
     @staticmethod
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         rough = np.asarray(ax * by - ay * bx)
-        # This bound holds for vectors shorter than 8.
+        # The bound ROUNDED on the rounding error of a cross product holds for vectors shorter than
+        # 8.
         near = np.abs(rough) < ROUNDED
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
@@ -95,7 +96,7 @@ class _Cells:
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
     """Return the number of cells along the longer side of the plane of offsets T.
 
-    Finer cells have shorter lists, but take longer to build and more memory.
+    Smaller cells have shorter lists, but take longer to build and need more memory.
     """
     size, outlines = float(_reach(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
@@ -141,7 +142,7 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
     no_edge = (*_NO_EDGE[:2], *np.add(_NO_EDGE[:2], _NO_EDGE[2:]), 0.0, 1.0, 0.0, 0.0)
     others = np.vstack([others, no_edge])
-    # Differences on the grid are exact.
+    # Differences of vertices on the grid are exact.
     for ends_of in (edges, others):
         ends_of[:, 2:4] -= ends_of[:, :2]
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
@@ -157,8 +158,8 @@ def _reach(first: Outline, second: Outline) -> Array:
 def _leads(outline: Outline, far: float) -> Array:
     """Return (2 rings, 8) lines to the first vertex of each ring, from the left and the right.
 
-    The line from the left begins outside of the other copy where T_x >= 0, the line from the right
-    where T_x < 0.
+    The line from the left begins outside the other copy if T_x >= 0, and the line from the right if
+    T_x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)

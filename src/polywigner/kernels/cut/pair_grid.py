@@ -243,7 +243,7 @@ def cut_edges(
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
     np.subtract(levels[0], edges_cross, out=levels[1])
     np.add(levels[2], edges_cross, out=levels[3])
-    # This bound holds for vectors shorter than 8.
+    # The bound ROUNDED on the rounding error of a cross product holds for vectors shorter than 8.
     near: Array = abs(levels) < ROUNDED
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
@@ -257,12 +257,12 @@ def cut_edges(
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    # This sum runs over all samples of a call and would lose digits in double precision.
+    # A running sum of weights over all samples of a call would lose digits in double precision.
     if not grid.is_uniform:
         jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump
-    # The first row of each ring of a sample resets the level.
+    # For each sample, the first list entry of a ring resets the level.
     last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
     level = before + (grid.levels.take(level_of) - before).take(last)
     weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))

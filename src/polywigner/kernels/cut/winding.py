@@ -37,7 +37,7 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    # The view AHEAD uses the lists of the view BEHIND.
+    # The cuts of the view AHEAD use the same lists of edge pairs as those of the view BEHIND.
     name = view.point, group, other, double, across
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
@@ -93,7 +93,7 @@ class PairClipper(Clipper):
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
         grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
         if ops.key not in grid.copies:
-            # The method setdefault ensures that all threads use the same copy.
+            # The method setdefault of dictionaries ensures that all threads use the same copy.
             grid.copies.setdefault(ops.key, grid.on_device(ops.on_device))
         copy: PairGrid = grid.copies[ops.key]
         return copy

@@ -50,7 +50,7 @@ def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    # This condition is false for NaN.
+    # The comparison is false for NaN, which therefore remains.
     tiny = (abs(x) < floor) & (abs(y) < floor)
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
@@ -80,8 +80,8 @@ class EdgeTerms:
     ops: Any
     nu: Values
     by_part = False
-    """Whether each part of an edge has its own factors. Only :meth:`of_part` is implemented
-    then."""
+    """Whether each part of an edge has separate factors. If so, only :meth:`of_part` is
+    implemented."""
 
     def taken(self, owner: Any) -> EdgeTerms:
         """Return the terms at the frequencies with indices ``owner`` (k,), for NumPy arrays."""

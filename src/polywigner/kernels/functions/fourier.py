@@ -251,7 +251,7 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
     """Return the indices of vectors, in groups whose components are equal up to rounding."""
     clusters: list[list[int]] = []
-    # These clusters agree in x to within _EQUAL.
+    # ``near``: clusters of vectors that agree in x to within _EQUAL.
     near: list[list[int]] = []
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]

@@ -90,7 +90,7 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
     everywhere = rate == rate
     rule = arc.rule(everywhere)
     real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
-    # The result is NaN for NaN arguments.
+    # Adding ``undefined`` makes the result NaN for NaN arguments.
     undefined = 0.0 * (start + rate)
     return real + undefined, imag + undefined
 

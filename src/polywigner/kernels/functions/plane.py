@@ -142,8 +142,8 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
         rows = tables.edges[tables.names[:, 3] == group].tolist()
         weight = Pair(*ops.sum_over(rows, term, 2, like=x))
         total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
-    # Comparisons with NaN are false. Without this term, NaN arguments would count as outside and
-    # give 0.
+    # Comparisons with NaN are false. Without the term ``undefined``, NaN arguments would count as
+    # outside and give 0.
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined
 

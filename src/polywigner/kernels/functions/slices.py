@@ -194,7 +194,7 @@ class SliceSum:
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # The sums start with NaN if an argument is infinite or NaN.
+        # The sums of a slice start with NaN if an argument is infinite or NaN.
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
         for pairs, is_even, owner, part in self.parts(tables, position):
             for pair in pairs:
@@ -237,7 +237,7 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            # The weight of the copy AHEAD is conjugated.
+            # For the copy AHEAD, complex weights are conjugated.
             if weight.dtype.kind == "c":
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
@@ -413,7 +413,7 @@ class PartSum:
             values: Values = self.terms.of_part(*row, 1.0, 0.0)
             return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # The row of the part contains the shift of the frequency.
+        # A row of the list of edge parts may contain a shift of the frequency.
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total

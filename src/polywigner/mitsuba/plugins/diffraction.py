@@ -130,7 +130,10 @@ class Shadows:
             )
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
-        """Return |U|^2 at a point in front; close to the source from ``free``, without shadows."""
+        """Return |U|^2 at a point in front of the source.
+
+        Close to the source, ``free`` computes it without shadows.
+        """
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
         if not self._jit:

@@ -389,8 +389,8 @@ def aperture(
         :func:`polywigner.amplitude`, or ``paper`` for the paper's radiance W/lambda^2.
     power : float or str, optional
         Power through the hemisphere in front, as defined by :func:`polywigner.radiated_power`, in
-        watts or as a text such as "10 dBm". Default: the power of the unscaled field, with |u|^2 in
-        W/m^2.
+        watts or as a string such as "10 dBm". Default: the power of the unscaled field, with |u|^2
+        in W/m^2.
     bsdf : mapping, optional
         Entry of the BSDF of the surface. Default: ``null``, which transmits light. The integrators
         ``direct``, ``path`` and ``prb`` let it shadow lights behind: docs/plugin.md.
@@ -405,12 +405,13 @@ def aperture(
         points receive the exact irradiance |U|^2, to 1e-4 of its peak at any distance, without
         noise if they see all of the source; docs/plugin.md.
     bandwidth : float or str, optional
-        Bandwidth of the radiation (not of noise) in Hz or as a text such as "4 GHz", with the
+        Bandwidth of the radiation (not of noise) in Hz or as a string such as "4 GHz", with the
         estimator ``wigner``. Each sample has one frequency of the band, docs/coherence.md. Default:
         one wavelength.
     aperture_power : float or str, optional
-        Integral of |u|^2 over the source in watts or as a text, instead of ``power``. Small sources
-        radiate only a small fraction of this power, because most of their field is evanescent.
+        Integral of |u|^2 over the source in watts or as a string, instead of ``power``. Small
+        sources radiate only a small fraction of this power, because most of their field is
+        evanescent.
     diffraction : bool, default False
         With the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one edge at
         a time, like shadows of black bodies; docs/shadows.md.

@@ -355,7 +355,7 @@ def receiver(
         -1 to 1. The sum of the pixels is the received power in W. A mapping is the entry of a film
         with a box filter. Default: one pixel, which contains the received power.
     bandwidth, temperature, noise_figure : float or str, optional
-        Parameters of the receiver's noise in Hz, K and dB, or texts such as "1 GHz", "290 K" and
+        Parameters of the receiver's noise in Hz, K and dB, or strings such as "1 GHz", "290 K" and
         "3 dB". They do not change the received power.
     scene_unit : float, default 1.0
         Length of one unit of the scene, and of the translation of ``to_world``, in metres.

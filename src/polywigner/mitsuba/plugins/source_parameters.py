@@ -418,7 +418,7 @@ class _SceneValues:
                 "JSON)"
             )
         if not isinstance(value, str):
-            raise self._wrong_type(name, "a text", "string")
+            raise self._wrong_type(name, "a string", "string")
         return value
 
     def _wrong_type(self, name: str, expected: str, tag: str) -> SceneError:

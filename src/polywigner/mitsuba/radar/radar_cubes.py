@@ -44,7 +44,7 @@ Velocities = dict[str, Floats]
 # Relative error of the sums over scatterers.
 _OF_SUMS = 1e-7
 # Largest increase of a delay during the repetitions of a block, times the bandwidth. The phase that
-# the series of the motion expands is then at most 2 rad.
+# is expanded in a series is then at most 2 rad.
 _MOST_CYCLES = 1.25
 # Largest motion of a scatterer within a repetition, in range bins. The relative error of sums is
 # then 5e-5.
@@ -126,7 +126,7 @@ def radar_cube(
         Scene with ``wigner`` shapes and ``wigner_receiver`` sensors, all with the same frequency
         within the waveform's band. Load it with :func:`load_scene`, which keeps the ids of shapes.
     waveform : polywigner.radar.FMCW or str
-        Waveform, or a text as in :func:`polywigner.radar.parse_waveform`.
+        Waveform, or a string as in :func:`polywigner.radar.parse_waveform`.
     velocities : mapping of str to array_like, shape (3,), optional
         Velocities in m/s of shapes, bodies, emitters and receivers by id. Default: zero.
     bodies : mapping, optional

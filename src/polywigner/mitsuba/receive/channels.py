@@ -100,7 +100,7 @@ def channel(
     scene : mi.Scene
         Scene with ``wigner`` shapes and ``wigner_receiver`` sensors.
     frequencies : array_like, shape (n,), or float, optional
-        Frequencies in Hz, or texts with a unit. Default: the frequencies of the emitters.
+        Frequencies in Hz, or strings with a unit. Default: the frequencies of the emitters.
         Apertures, fields, weights and refractive indices are independent of the frequency.
     reflections : int, default 2
         Maximum number of specular reflections per path, 0 to 3.

@@ -113,7 +113,7 @@ def received_power(
     tolerance : float, default 1e-6
         Tolerance of couplings, as in :func:`polywigner.coupling`.
     bandwidth, temperature, noise_figure : float or str, optional
-        Parameters of the noise k T B F in Hz, K and dB, or texts such as "1 GHz", instead of the
+        Parameters of the noise k T B F in Hz, K and dB, or strings such as "1 GHz", instead of the
         receiver's parameters. Without a noise figure, F is 1. The bandwidth also determines which
         emitters are received.
     coherent : bool, default False
@@ -146,7 +146,7 @@ def received_power(
         If ``scene`` is not a scene, if there are several receivers and none is chosen, or if an
         argument is out of range.
     QuantityError
-        If a text is not a quantity.
+        If a string is not a quantity.
     """
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies

@@ -122,9 +122,9 @@ def render_file(
         Mitsuba XML file. Workers of a scheduler must be able to access the file, and the files that
         it names, at the same paths.
     integrator, spp, seed, sensor : optional
-        As of :func:`render`.
+        As in :func:`render`.
     variant, parameters : optional
-        As of :func:`load_scene`.
+        As in :func:`load_scene`.
     store : path, optional
         Folder of a zarr store to which finished parts of the image are written. After an
         interruption the same call completes the store. The store of a complete image is not
@@ -141,7 +141,7 @@ def render_file(
     Returns
     -------
     ndarray, shape (height, width, channels)
-        The image as of :func:`render`, up to the rounding of single-precision sums.
+        The image as in :func:`render`, up to the rounding of single-precision sums.
 
     Raises
     ------
