@@ -61,7 +61,6 @@ if TYPE_CHECKING:
     import xarray
 
 Quantity = Literal["irradiance", "amplitude", "phase"]
-Values = NDArray[Any]
 
 # Methods that accept the option ``obliquity``. The boundary condition of every other method implies
 # its obliquity.
@@ -101,7 +100,7 @@ class FieldOptions(StoreOptions, total=False):
 def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
-) -> Values:  # fmt: skip
+) -> NDArray[Any]:  # fmt: skip
     """Compute the field on a block of a grid, whose first point has the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)

@@ -75,11 +75,6 @@ def required(*names: str) -> ModuleType:
     return modules[-1]
 
 
-def require_stores(scheduler: Scheduler = None) -> None:
-    """Raise MissingExtraError unless the libraries for stores and schedulers are installed."""
-    required("zarr", "dask", *(() if scheduler is None else ("distributed",)))
-
-
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
     """Return the shape of chunks with up to ``samples`` samples, by halving the longest axes."""
     chunks = list(shape)
@@ -233,7 +228,7 @@ def _complete(
     The store is created if it does not exist.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
-    require_stores(scheduler)
+    required("zarr", "dask")
     import dask
     from dask.callbacks import Callback
 

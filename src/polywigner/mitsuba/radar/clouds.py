@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, in_place, real_numbers, rigid_pose
+from polywigner.geometry.arguments import checked_path, in_place, rigid_pose
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.radar.range_profile import checked_ranges
@@ -64,7 +64,9 @@ def element_responses(
     Raises
     ------
     ArgumentError
-        If ``cloud``, ``elements`` or ``to_world`` is of another type.
+        If ``cloud`` or ``elements`` is of another type.
+    GeometryError
+        If ``to_world`` is not a rigid pose.
     SceneError
         If an element cannot radiate.
     """
@@ -135,7 +137,7 @@ def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
     """Return the responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
-    pose = _pose(attrs["to_world"] if to_world is None else to_world)
+    pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
     front = local[:, 2] > 0.0
     result = np.zeros((len(sources), len(positions)), np.complex128)
@@ -189,18 +191,6 @@ def _sources(elements: Any) -> list[Aperture]:
             f"expected elements as an Array or a sequence of Apertures, got {elements!r}"
         )
     return list(parts)
-
-
-def _pose(value: Any) -> Floats:
-    try:
-        pose = real_numbers(value)
-        return rigid_pose(pose.reshape(4, 4) if pose.shape == (16,) else pose)
-    except GeometryError as error:
-        raise ArgumentError(str(error)) from None
-    except ValueError:
-        raise ArgumentError(
-            f"expected to_world as a rigid (4, 4) pose in m, got {value!r:.200}"
-        ) from None
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
