@@ -127,7 +127,7 @@ def test_elements_count_each_alone_and_places_behind_them_for_nothing():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"cloud": {"power": 1}}, "expected a cloud"),
+        ({"cloud": {"power": 1}}, "the result of .*scatterers"),
         ({"elements": []}, "expected elements"),
         ({"to_world": 2 * np.eye(4)}, "rigid"),
         ({"ranges": [1.0]}, "edges of bins"),

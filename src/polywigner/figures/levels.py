@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -123,23 +122,6 @@ def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
     if not isinstance(dataset, xarray.Dataset):
         raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(dataset).__name__}")
     return dataset
-
-
-def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
-    """Return the arrays of a dataset with the given names, each transposed to the given axes.
-
-    ``axes`` contains the axes of each name, separated by blanks; an empty string accepts any axes.
-    Raises ArgumentError if an array is missing or has other axes; ``maker`` is the name of the
-    function that returns such datasets, for the message.
-    """
-    try:
-        return [
-            np.asarray((dataset[name].transpose(*dims.split()) if dims else dataset[name]).values)
-            for name, dims in axes.items()
-        ]
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        got = type(dataset).__name__
-        raise ArgumentError(f"expected the result of {maker}, got {got}") from None
 
 
 class Difference(NamedTuple):

@@ -21,6 +21,7 @@ from polywigner.numerics import Complex, Floats
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.stores import write_netcdf
 from polywigner.source import Array
+from polywigner.transforms.xarray_arguments import arrays_of
 
 # Number of scatterers that are computed at once. The responses of all elements to this many
 # scatterers take tens of megabytes.
@@ -165,17 +166,12 @@ def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
 
 def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
     """Return the positions, intensities and attributes of a cloud."""
-    try:
-        positions, intensity = (
-            np.asarray(cloud[name].values, np.float64) for name in ("position", "intensity")
-        )
-        names = ("wavelength", "obliquity", "to_world", "normalise")
-        return positions, intensity, {name: cloud.attrs[name] for name in names}
-    except (AttributeError, KeyError, TypeError, IndexError, ValueError):
-        raise ArgumentError(
-            "expected a cloud returned by polywigner.mitsuba.scatterers, got "
-            f"{type(cloud).__name__} without the variables and attributes of a cloud"
-        ) from None
+    names = "wavelength", "obliquity", "to_world", "normalise"
+    arrays = dict.fromkeys(("position", "intensity"), "")
+    positions, intensity, *values = arrays_of(
+        cloud, arrays, "polywigner.mitsuba.scatterers", *names
+    )
+    return positions, intensity, dict(zip(names, values, strict=True))
 
 
 def _sources(elements: Any) -> list[Aperture]:
