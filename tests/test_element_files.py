@@ -98,7 +98,7 @@ def test_slits_and_many_elements_that_overlap_are_reported_as_well() -> None:
     [
         ("", "empty"),
         ("x,y\n", "row"),
-        ("x,z\n0,0\n", "each column only once"),
+        ("x,z\n0,0\n", "each only once"),
         ("x,x,y\n0,0,0\n", "once"),
         ("x,y,re,phase\n0,0,1,1\n", "once"),
         ("x,y\n0,nan\n", "line 2"),

@@ -154,7 +154,7 @@ def test_a_hemisphere_is_drawn_over_direction_cosines_all_around():
 def test_fields_that_cannot_be_drawn_are_refused():
     flat = plane("irradiance", "W m-2", exact=np.ones((7, 5)))
     cases = [
-        (draw_lines, flat, {}, "along one axis"),
+        (draw_lines, flat, {}, "along a single axis"),
         (draw_lines, line(exact=1 / Z), {"against": "kirchhoff"}, "kirchhoff"),
         (draw_lines, line(exact=0 / Z), {}, "above zero"),
         (draw_planes, line(exact=1 / Z), {}, "two axes"),

@@ -120,7 +120,7 @@ def test_what_cannot_be_drawn_is_refused():
     unfinished["wigner"][0, 0, 0] = np.nan
     cases = [
         (result, {"name": "kirchhoff"}, "kirchhoff"),
-        (renamed, {}, "x, y, z"),
+        (renamed, {}, "x, y and z"),
         (uneven, {}, "evenly"),
         (unfinished, {}, "NaN"),
         (result * -1.0, {}, "above zero"),

@@ -203,8 +203,8 @@ BAD_INPUT = {
     "None": (None, "NoneType"),
     "a text": ("0 0, 1 0, 1 1", "str"),
     "three columns": (np.zeros((4, 3)), "without z"),
-    "ragged rows": ([[0, 0], [1, 0], [1]], "array of real numbers"),
-    "numerals": ([["0", "0"], ["1", "0"], ["1", "1"]], "array of real numbers"),
+    "ragged rows": ([[0, 0], [1, 0], [1]], "real numbers of shape"),
+    "numerals": ([["0", "0"], ["1", "0"], ["1", "1"]], "real numbers of shape"),
     "complex numbers": ([[0, 0], [1j, 0], [1, 1]], "real numbers"),
     "masked vertices": (
         np.ma.masked_equal([[0.0, 0.0], [1.0, 0.0], [1.0, 7.0]], 7.0),

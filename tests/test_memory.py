@@ -24,8 +24,8 @@ ROUNDING = 1e-5
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("form", ["outer product", "one place", "one by one"])
 def test_no_copy_of_all_samples_is_made(form, engine):
-    rng, count = np.random.default_rng(3), 1 << 21
-    # of single precision: a copy of all in double precision would be 32 MiB for each argument
+    rng, count = np.random.default_rng(3), 1 << 22
+    # Single precision: four expanded components would take 64 MiB, and 128 MiB in double precision.
     x: Any = rng.random((count, 2), dtype=np.float32) - 0.5
     nu: Any = rng.random((count, 2), dtype=np.float32)
     if form == "outer product":

@@ -114,7 +114,9 @@ def test_screens_say_what_they_expect():
             call()
         assert isinstance(caught.value, ArgumentError)
     for z in (0.0, 1.0):
-        with pytest.raises(ArgumentError, match=r"front of the screen, at z < 0, got \(0\.0"):
+        with pytest.raises(
+            ArgumentError, match=r"front of the screen, at z < 0, got the position \(0\.0"
+        ):
             pw.Screen(outline, pw.PointSource((0.0, 0.0, z)))
 
 

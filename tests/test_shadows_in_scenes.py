@@ -325,7 +325,7 @@ def test_receiver_takes_light_over_edges() -> None:
 
 def test_what_diffraction_cannot_do_is_said() -> None:
     use("llvm_ad_mono")
-    with pytest.raises(SceneError, match='estimator "exact" with diffraction'):
+    with pytest.raises(SceneError, match='diffraction requires the estimator "exact"'):
         pm.aperture(SQUARE, WAVELENGTH, diffraction=True)
     partly = SQUARE.partially_coherent(0.005)
     with pytest.raises(SceneError, match="coherent light"):

@@ -267,7 +267,7 @@ def test_another_source_engine_or_version_is_another_store(name, tmp_path, monke
         BUILDERS[name](**how, engine="numpy")
     monkeypatch.undo()
     monkeypatch.setattr(pw, "__version__", "99.0")
-    with pytest.raises(StoreError, match="different: polywigner_version"):
+    with pytest.raises(StoreError, match=r"\(different: polywigner_version"):
         BUILDERS[name](**how, engine="numpy")
 
 

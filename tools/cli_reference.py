@@ -18,21 +18,25 @@ HEAD = """# Command line
 
 Every command of `polywigner`, with its arguments and options. Lengths, frequencies, angles and
 powers are texts with units, such as `"10 mm"`, `"94 GHz"`, `"20 deg"`, `"10 dBm"`. Bad input ends a
-command with one line and exit code 2. A command writes its files completely or not at all.
+command with one line and exit code 2. A command writes its files completely or not at all, into the
+current folder unless `--out` names another folder, or a path without suffix.
 
 Long work shows a progress bar if stderr is a terminal. Ctrl-C ends a command with exit code 130 and
 one line, once the current part of the work has finished: about a second for transforms, some
 seconds for fields near a source and for renders.
 """
 
+OF_SOURCES = ("mtf", "pattern", "propagate", "psf", "transform", "volume")
 GROUPS = {
-    "Options of sources": ("mtf", "pattern", "propagate", "psf", "transform", "volume"),
+    "Options of outlines": ("explore", "rcs", *OF_SOURCES),
+    "Options of sources": OF_SOURCES,
+    "Options of lenses": ("mtf", "psf"),
     "Options of fields": ("propagate", "volume"),
     "Options of scenes": ("receive", "render"),
 }
-"""Sections for the options that several commands share, except the folder of the results."""
+"""Sections for the options that several commands share. The head describes ``--out``."""
 
-TABLE = "| argument or option | meaning | default |", "|---|---|---|"
+TABLE = "| argument or option | meaning |", "|---|---|"
 
 
 def page() -> str:
@@ -56,7 +60,7 @@ def page() -> str:
 
 def _shared(tables: list[list[str]]) -> list[str]:
     first, *others = tables
-    return [row for row in first if "--out" not in row and all(row in other for other in others)]
+    return [row for row in first if all(row in other for other in others)]
 
 
 def _section(name: str, command: Any, rows: list[str]) -> Iterator[str]:
@@ -85,6 +89,7 @@ def _anchor(title: str) -> str:
 def _rows(command: Any) -> list[str]:
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     options = [p for p in command.params if p.param_type_name == "option" and not p.hidden]
+    options = [p for p in options if p.name != "out"]
     names = [f"`{_shown(a)}`" for a in arguments]
     names += [", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)) for p in options]
     return [_row(name, p) for name, p in zip(names, arguments + options, strict=True)]
@@ -92,7 +97,10 @@ def _rows(command: Any) -> list[str]:
 
 def _row(name: str, parameter: Any) -> str:
     text = " ".join((parameter.help or "").split()).replace("|", "\\|")
-    return f"| {name} | {text} | {_default(parameter)} |"
+    default = _default(parameter)
+    if default:
+        text = f"{text.removesuffix('.')} (default: {default})."
+    return f"| {name} | {text} |"
 
 
 def _shown(argument: Any) -> str:

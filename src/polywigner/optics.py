@@ -21,7 +21,7 @@ _SYMPLECTIC = 1e-9
 # Relative rounding error of matrix elements and of their products.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
-# Smallest magnitude of a focal length or a magnification, whose inverse is finite.
+# Smallest magnitude of a focal length or a magnification. Its inverse is still finite.
 _LEAST = 2.0**-1023
 
 
@@ -287,22 +287,22 @@ class FirstOrder:
 
     @property
     def A(self) -> Matrix:
-        """Output positions by input positions, shape (2, 2), without unit."""
+        """Matrix from input positions to output positions, shape (2, 2), without unit."""
         return self.matrix[:2, :2]
 
     @property
     def B(self) -> Matrix:
-        """Output positions by input directions, shape (2, 2), in m; zero for an image."""
+        """Matrix from input directions to output positions, shape (2, 2), in m; 0 for an image."""
         return self.matrix[:2, 2:]
 
     @property
     def C(self) -> Matrix:
-        """Output directions by input positions, shape (2, 2), in 1/m."""
+        """Matrix from input positions to output directions, shape (2, 2), in 1/m."""
         return self.matrix[2:, :2]
 
     @property
     def D(self) -> Matrix:
-        """Output directions by input directions, shape (2, 2), without unit."""
+        """Matrix from input directions to output directions, shape (2, 2), without unit."""
         return self.matrix[2:, 2:]
 
     @property

@@ -156,7 +156,7 @@ def explore(
     """
     if aperture is not None:
         reading.check_file(aperture)
-    wave.length()  # The call raises the error of a wrong option.
+    wave.length()  # A wrong option raises its error here.
     from polywigner.explorer import serve, start_state
 
     state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())

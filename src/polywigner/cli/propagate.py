@@ -116,10 +116,11 @@ def propagate(
         ),
     ] = None,
 ) -> None:
-    """Compute the field of a source in front of it, by several methods.
+    """Compute the field in front of a source by several methods.
 
-    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc,
-    and prints the differences of the methods. For volumes, see `polywigner volume`.
+    The points lie on a line, an arc, a plane or a hemisphere. The command writes a figure
+    NAME.png and the values NAME.nc, and prints the differences of the methods. For volumes,
+    see `polywigner volume`.
     """
     field.check()
     regions = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
@@ -130,7 +131,7 @@ def propagate(
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    required("h5netcdf")  # The call raises its error before the work instead of after it.
+    required("h5netcdf")  # If h5netcdf is missing, this raises an error before the work.
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))

@@ -123,7 +123,7 @@ def _steps(
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
-    pattern.at(azimuth[:1], elevation[:1])  # The call fills the caches before the timing.
+    pattern.at(azimuth[:1], elevation[:1])  # This call fills the caches before the timing.
     start = time.perf_counter()
     pattern.at(azimuth, elevation)
     seconds = (time.perf_counter() - start) / _TIMED
@@ -222,7 +222,7 @@ def radar(
     from polywigner.radar import parse_waveform, range_angle, range_doppler, window_of
 
     wave = parse_waveform(waveform)
-    window_of(window, wave.samples)  # The call raises the error of a bad window before the work.
+    window_of(window, wave.samples)  # A bad window raises its error here, before the work.
     required("zarr" if zarr else "h5netcdf", "dask")
     with options.warnings_of_mitsuba():
         loaded = load_scene(scene, choose_variant(variant))

@@ -93,7 +93,7 @@ class Reading:
         """Raise ArgumentError for options that do not apply to a kind of file."""
         for name in names:
             if getattr(self, name):
-                raise ArgumentError(f"--{name} does not apply to {kind}")
+                raise ArgumentError(f"--{name} does not apply to {kind}; omit it")
 
     def read_file(self, path: str) -> Aperture:
         """Return the aperture of a file."""

@@ -175,7 +175,7 @@ def terms_of(kernel: Kernel, tables: Any) -> int:
 
 
 def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Return whether compiled kernels take the source as data: F, and sums over edge pairs."""
+    """Return whether compiled code has the source as data, as for F and sums over edge pairs."""
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
     return kernel.slices is not None and isinstance(tables, Tables)

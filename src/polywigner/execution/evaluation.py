@@ -109,7 +109,7 @@ def plan_for_grid(
 
 def _is_grid(x: Array, y: Array) -> bool:
     """Return whether x is constant along the second axis and y along the first; False for NaN."""
-    # A comparison of the corners rejects most arrays that are not a grid, in little time.
+    # Comparing the corners quickly rejects most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
@@ -148,7 +148,7 @@ _LEAST_COLUMNS = 64
 # float64.
 _BLOCK = 1 << 22
 # Largest number of table rows times samples that are processed at a time, so that temporary arrays
-# take 2 MB for each number of a term.
+# take 2 MB for each result of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
@@ -332,16 +332,18 @@ def shared_rows(
         if not all(a or b for a, b in zip(in_head, in_tail, strict=True)):
             continue
         head, tail = math.prod(shape[:k]), math.prod(shape[k:])
+        transposed = not (tail >= _LEAST_COLUMNS and all(in_head[positions]))
+        if transposed and not (head >= _LEAST_COLUMNS and all(in_tail[positions])):
+            continue
         flat = [
             np.broadcast_to(c.reshape(c.shape[:k]), shape[:k]).reshape(-1, 1)
             if is_row
             else np.broadcast_to(c.reshape(c.shape[k:]), shape[k:]).reshape(1, -1)
             for c, is_row in zip(padded, in_head, strict=True)
         ]
-        if tail >= _LEAST_COLUMNS and all(in_head[positions]):
-            return SharedRows(tuple(flat), head, tail)
-        if head >= _LEAST_COLUMNS and all(in_tail[positions]):
+        if transposed:
             return SharedRows(tuple(f.T for f in flat), tail, head, transposed=True)
+        return SharedRows(tuple(flat), head, tail)
     return None
 
 

@@ -34,7 +34,7 @@ from polywigner.numerics import phases
 # Largest number of recorded functions in the cache, and of recordings of each function. Arguments
 # with a single entry need a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Number of samples in a chunk, for a source as code and for a source as data. The launch of a
+# Number of samples in a chunk, if the source is code and if the source is data. The launch of a
 # kernel takes little time compared with such a chunk, whose arguments take some 10 MB.
 _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 

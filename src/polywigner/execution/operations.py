@@ -93,7 +93,7 @@ class _Unfused(Operations):
 
 
 class NumpyOperations(_Unfused):
-    """NumPy arrays of float64; the axis of rows precedes the axis of samples."""
+    """Operations on NumPy arrays of float64, whose axis of rows precedes the axis of samples."""
 
     target = "numpy"
     key = "numpy"

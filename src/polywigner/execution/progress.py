@@ -83,7 +83,8 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
     """Yield an iterator over work items that draws the progress bar of :func:`slow_bar`.
 
-    As a context manager, it erases the bar at once after an exception; a generator would not.
+    The function is a context manager in order to erase the bar immediately after an exception. A
+    generator would erase it later.
     """
 
     def iterate() -> Iterator[Part]:

@@ -144,7 +144,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # The derivatives in closed form are those of the last arguments of the kernel.
+    # Derivatives in closed form exist only for the last arguments of a kernel.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -233,7 +233,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 def with_jacobian(
     values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
 ) -> Drjit:
-    """Return values (n,) as a ``Float`` whose derivatives by ``numbers`` are a Jacobian (n, m).
+    """Return values (n,) as a ``Float`` that has a Jacobian (n, m) with respect to ``numbers``.
 
     ``numbers``: Dr.Jit floats with m entries in total, in the order of the columns.
     """

@@ -46,7 +46,10 @@ def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
 
 
 class Editor:
-    """Outline editor: ``on_rings(rings, is_final)`` receives edits, ``on_position`` clicks."""
+    """Outline editor.
+
+    Edits are passed to ``on_rings(rings, is_final)`` and clicks to ``on_position``.
+    """
 
     def __init__(
         self, on_rings: Callable[[Rings, bool], None], on_position: Callable[[Point], None]

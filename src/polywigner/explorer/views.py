@@ -30,7 +30,7 @@ SAMPLES = 161
 FLOOR_DB = -40.0
 _LOBES = 8.0  # half width of frequency axes, in units of 1/diagonal of the source
 _MARGIN = 1.05  # ratio of the axes of positions and lags to the size of the source
-_BEAM = 3.0  # half width of the plane of the near field in lobes, in addition to half the source
+_BEAM = 3.0  # half width of the near-field image, in lobe widths beyond half the source
 _WIDE = 0.5  # sine of the angle above which all directions are shown
 
 _GRID = """
@@ -124,7 +124,10 @@ class View:
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
-    """Compute a view with a number of samples along each axis; PolywignerError if impossible."""
+    """Compute a view with a number of samples along each axis.
+
+    Raises PolywignerError if the view cannot be computed.
+    """
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"

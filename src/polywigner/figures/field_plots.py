@@ -304,8 +304,8 @@ def draw_planes(
 ) -> Figure:
     """Draw maps of a field on a plane, and a second row with phases or differences of methods.
 
-    The second row has the phases of complex fields, which fade with the level, or differences at
-    points where the reference is above -30 dB.
+    The second row shows the phases of complex fields, whose opacity decreases with the level, or
+    the differences between methods at points where the reference is above -30 dB.
 
     Parameters
     ----------

@@ -315,7 +315,7 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
     from matplotlib.transforms import Bbox
 
     figure: Any = axes.get_figure(root=True)
-    figure.draw_without_rendering()  # Drawing computes the final sizes of texts.
+    figure.draw_without_rendering()  # Drawing computes the final sizes of labels.
     frame = axes.get_window_extent()
     occupied: list[Bbox] = []
     directions = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))

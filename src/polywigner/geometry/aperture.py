@@ -288,7 +288,7 @@ class Aperture(TakesWaves):
         return Aperture(region).with_illumination(self.illumination)
 
     def placed(self, to_world: ArrayLike) -> PlacedAperture:
-        """Return this aperture in a pose in space, for transforms with three-component nu.
+        """Return this aperture in a pose in space, for transforms at three-dimensional nu.
 
         Parameters
         ----------
@@ -365,7 +365,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, which do not depend on the order of parts and the first vertices."""
+        """Field and outline, independent of the order of parts and of the first vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:

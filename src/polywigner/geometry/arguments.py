@@ -144,7 +144,7 @@ def checked_vectors(
 
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Return an array with ``dimension`` axes, none empty; raise ArgumentError for others."""
+    """Return a non-empty array with ``dimension`` axes; raise ArgumentError for others."""
     expected = f"expected {name} as a non-empty array of real numbers with {dimension} dimensions"
     return real_array(values, expected, (None,) * dimension)
 
@@ -330,7 +330,6 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 def _diameter(source: Any) -> float | None:
     """Return the diagonal of the bounds of a source in m; None for other objects."""
-    # The attribute ``source`` of a Differentiable is its source.
     outline = getattr(source, "source", source)
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
@@ -382,8 +381,8 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # A number at the position of the wavelength can be another argument, unless the next parameter
-    # has a default.
+    # If the next parameter has no default, a number at the position of the wavelength may be the
+    # value of that parameter, in a call that omits the wavelength.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -424,7 +423,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Return a source, or a container of arguments with its sources, at a wavelength in m."""
+    """Return a source, or a container with its sources, converted to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}

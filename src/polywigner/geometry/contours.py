@@ -62,7 +62,7 @@ class _Columns:
 
 @dataclass(frozen=True)
 class Surface(_Columns):
-    """Illuminated triangles, counter-clockwise for the observer."""
+    """Illuminated triangles, whose corners are counter-clockwise as seen by the observer."""
 
     corners: Floats
     """Positions of the corners, shape (t, 3, 3)."""
@@ -109,7 +109,7 @@ class Silhouette:
         return cls(edges, numbers, bodies, behind, touching)
 
     def is_like(self, other: Silhouette) -> bool:
-        """Return whether another silhouette has the same edges, which may be split elsewhere."""
+        """Return whether another silhouette has the same edges, which may be split differently."""
         keys, sums = self._lengths()
         other_keys, other_sums = other._lengths()
         within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
@@ -363,10 +363,10 @@ class _Pairing:
         self.free = [[(0.0, float(length))] for length in segments.length]
 
     def resolved(self) -> Silhouette:
-        """Return the net contours: all segments that no two surfaces have in common."""
+        """Return the net contours: of segments along each other, only the nearer one."""
         s, bodies = self.segments, self.surface.bodies
-        # Each piece consists of: index of a segment, start and end of an interval along it, and
-        # index of the segment behind it.
+        # Each piece is a tuple: segment, start and end of an interval along it, and the segment
+        # behind it.
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
@@ -404,7 +404,8 @@ class _Pairing:
         j, k = shapely.STRtree(boxes).query(boxes)
         is_opposite = (j < k) & (np.einsum("nk,nk->n", s.unit[j], s.unit[k]) < -0.5)
         j, k = j[is_opposite], k[is_opposite]
-        # Ends of the second segment in coordinates along and across the first segment.
+        # The ends of the second segment are converted to coordinates along and across the first
+        # segment.
         unit, to_end, to_begin = s.unit[j], s.end[k] - s.begin[j], s.begin[k] - s.begin[j]
         t0, t1 = (np.einsum("nk,nk->n", point, unit) for point in (to_end, to_begin))
         off0, off1 = (_cross(unit, point) for point in (to_end, to_begin))

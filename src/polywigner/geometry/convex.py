@@ -30,8 +30,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     vertices, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     triangles = numbers.reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # Triangles of zero area are included, because neighbours need their common edge in opposite
-        # directions.
+        # Triangles of zero area are kept, because every inner edge must belong to two triangles.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(

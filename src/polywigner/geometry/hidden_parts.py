@@ -27,7 +27,7 @@ Shapes = NDArray[np.object_]
 # the rounding error of a projection, and a part of this size casts no shadow.
 NOTHING = 1e-12
 # Smallest width of triangles, in units of NOTHING. Parts whose area is below NOTHING times their
-# perimeter count as hidden, and complete triangles must be larger.
+# perimeter count as hidden, and complete triangles must be wider.
 _WIDTH = 8.0
 # Largest number of pairs of triangles whose projections overlap, which need half a gigabyte for
 # polygons. Largest number of crossings, which are pairs of triangles in front of one triangle.
@@ -99,7 +99,8 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
 
     Notes
     -----
-    The map is projective: it makes lines through the observer parallel and keeps planes plane.
+    The map is projective: it maps lines through the observer to parallel lines, and planes to
+    planes.
     """
     x, y, z = np.moveaxis(corners @ frame.T, -1, 0)
     scale = distance / z
@@ -115,7 +116,7 @@ def _too_many(triangles: int) -> ArgumentError:
 
 
 def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
-    """Return the triangles (m,) and (m,) of all pairs whose projections overlap.
+    """Return the indices (m,) and (m,) of all pairs of triangles that overlap in projection.
 
     ``polygons``: the triangles, or boxes around them. Pairs whose boxes do not overlap are skipped.
     """
@@ -252,7 +253,7 @@ def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
 
 
 def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Return numbers (m,) of shapes, and starts and ends (m, 2) of the edges of their polygons.
+    """Return indices (m,) of shapes, and starts and ends (m, 2) of the edges of their polygons.
 
     Exteriors are counter-clockwise, holes clockwise.
     """
@@ -289,7 +290,7 @@ _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Return the intersections of pairs of polygons (m,), rounded to a grid if a size is given."""
+    """Return the intersections of pairs of polygons (m,), rounded to a grid of a given size."""
     return _overlay(shapely.intersection, one, other, grid)
 
 
@@ -328,8 +329,8 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
 
     Notes
     -----
-    GEOS may lose one of two polygons whose common edges differ by rounding. It does not on a grid,
-    which takes twice as long. The grid is used only if areas show an overlap or a loss.
+    GEOS may lose one of two polygons whose common edges differ by rounding. A grid prevents this,
+    but takes twice as long. It is used only if areas show an overlap or a loss.
     """
     groups = np.asarray(shapely.geometrycollections(polygons, indices=numbers))[:, None]
     sums = np.bincount(numbers, shapely.area(polygons))

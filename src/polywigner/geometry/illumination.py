@@ -91,7 +91,7 @@ class Illumination(Immutable):
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
 
     def moved(self, shift: ArrayLike) -> Illumination:
-        """Return the field shifted by (d,) m: u(x - shift)."""
+        """Return the field u(x - shift), shifted by (d,) in m."""
         phases = shift_phases(self.frequencies, checked_shift(shift, self.dimension))
         return Illumination(self.amplitudes * phases, self.frequencies)
 

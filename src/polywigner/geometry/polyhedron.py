@@ -33,8 +33,8 @@ _ROWS = 1024
 # Smallest sine of the angle between adjacent sides of a strictly convex face. It is above the
 # rounding errors of the sides.
 _BEND = 1e-9
-# Largest change of a face's area by triangulation, as a fraction of the area. Rounding errors are
-# smaller.
+# Largest change of a face's area by triangulation, as a fraction of the area. It exceeds rounding
+# errors.
 _LOST = 1e-9
 # Largest distance from a surface at which a point counts as lying on the surface, as a fraction of
 # the size of the surface.

@@ -35,7 +35,7 @@ _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
 
 
 def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    """Return twice the signed area of a triangle (a, b, c), with the exact sign."""
+    """Return twice the signed area of a triangle (a, b, c); its sign is exact."""
     first = (b[0] - a[0]) * (c[1] - a[1])
     second = (b[1] - a[1]) * (c[0] - a[0])
     value = first - second

@@ -165,7 +165,7 @@ def shells(body: Obstacle) -> list[Obstacle]:
 
 
 def _is_convex(points: Floats, triangles: Indices, normals: Floats) -> bool:
-    """Return whether no edge of a closed surface has a triangle in front of its neighbour's plane.
+    """Return whether no triangle of a closed surface lies in front of a neighbour's plane.
 
     ``normals`` (t, 3): normals of the triangles, of any length. If the surface is connected, it is
     convex.
@@ -362,7 +362,7 @@ class Obstacles:
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
         """Return the bodies, connected to a body by contacts, that have a face in a plane (4,).
 
-        ``planes``: (f, 4) planes of all faces.
+        ``planes`` (f, 4): planes of all faces.
         """
         (group,) = np.nonzero(self.groups == self.groups[body])
         if len(group) == 1:
@@ -424,7 +424,7 @@ class Obstacles:
         return hidden
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
-        """Return a mask of points (n, 3) inside a body, surfaces excluded."""
+        """Return a mask of points (n, 3) inside a body, without points on surfaces."""
         return self._turns(points, range(len(self.bodies))) > _IN
 
     def _turns(self, points: Floats, numbers: Iterable[int]) -> Floats:
@@ -478,7 +478,7 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
 def contacts(
     meshes: Sequence[Floats], rims: Sequence[Floats | None], within: float
 ) -> list[tuple[int, int]]:
-    """Return pairs of meshes that cross, or with a corner at most ``within`` from the other mesh.
+    """Return pairs of meshes that cross or have a corner at most ``within`` from the other.
 
     Each mesh has triangles with corners (t, 3, 3). ``rims`` contains the edges (m, 2, 3) around
     each sheet, or None for a closed mesh. A body is in contact with a sheet if it is close to the

@@ -54,7 +54,7 @@ class Accumulator(Protocol):
 
 @dataclass
 class Gradients:
-    """Derivatives of a complex value V by frequency, position, vertices and weights."""
+    """Derivatives of a complex V with respect to frequency, position, vertices and weights."""
 
     frequency: list[Pair]
     position: list[Pair]
@@ -358,7 +358,6 @@ class GradientKernel:
         """Return the change of V for given changes of all components of all arguments."""
         total = gradients.shared
         for number, name in enumerate(self.points):
-            # Spatial frequencies in three dimensions have three components.
             count = len(change) // len(self.points)
             components = change[count * number : count * (number + 1)]
             in_frame = (frame.frequency if name == "frequency" else frame.vector)(ops, *components)

@@ -50,8 +50,8 @@ class _Nodes:
     scale: float
     """Spacing of the nodes, in steps of the lattice: 1 for differences, 1/2 for midpoints."""
     windows: tuple[tuple[float, float, int, int], ...]
-    """For each direction (low, high, first node on the lattice, number of nodes on it). A node h
-    contributes at t if t - h lies in the open interval (low, high)."""
+    """For each direction, a tuple (low, high, first node on the lattice, number of nodes on it). A
+    node h contributes at t if t - h lies in the open interval (low, high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
         """Return the first node that contributes at (x, y), and the vector from it to (x, y)."""

@@ -37,7 +37,7 @@ from polywigner.numerics import Floats, phases
 from polywigner.source.normal_form import Source
 
 # Largest aspect ratio of a bounding box in the user's axes. Longer outlines are rotated to their
-# principal axes and stretched. At smaller ratios, rounding costs fewer ulps of the width than in
+# principal axes and stretched. At smaller ratios, rounding costs less accuracy in the frame than in
 # the kernels, and edges along the user's axes remain parallel to the axes of the frame.
 NEEDLE_ASPECT = 8.0
 

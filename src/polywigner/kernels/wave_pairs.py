@@ -84,7 +84,7 @@ class WavePair:
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """Return the (real, imaginary) derivatives of the amplitude by each coordinate."""
+        """Return the (real, imag) derivatives of the amplitude with respect to each coordinate."""
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])

@@ -19,7 +19,7 @@ Slopes = tuple[Any, ...]
 
 
 class Jet:
-    """A number or array, and its derivatives by the variables; () for a constant.
+    """A number or array, and its derivatives with respect to variables; () if it is constant.
 
     All arrays in a formula must be jets, because Dr.Jit arrays do not accept jets as operands.
     """

@@ -229,7 +229,7 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
 def _fewest(
     remainder: Callable[[int], float], error: float, below: int | None = None
 ) -> int | None:
-    """Return the smallest number of nodes whose remainder, a logarithm, is within ``error``."""
+    """Return the smallest number of nodes for which exp(remainder(n)) is at most ``error``."""
     allowed = math.log(error)
     for n in count(1) if below is None else range(1, below):
         if remainder(n) <= allowed:
@@ -272,7 +272,8 @@ Cells = NDArray[np.float64]
 # Number of quadrature nodes along a side per cycle of phase of the field. W oscillates at twice the
 # frequency of the field, and Gauss rules converge above pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Largest number of quadrature nodes along a side that :func:`counts_for` returns.
+# Largest number of quadrature nodes along a side. If more are needed, :func:`counts_for` returns a
+# larger number.
 LARGEST = 4096
 
 

@@ -104,9 +104,10 @@ def amplitude(
         axis) or "fraunhofer" (far field about the centre of the source).
     through : FirstOrder or sequence, optional
         First-order system from the plane of the source to the plane of ``points``, or a sequence
-        of systems and stops in the order of the light. The field is Collins' integral (O4) without
-        the factor exp(ikL) of the axial path L, and replaces ``method``. An image (B = 0) is u
-        itself. Stops are Apertures and Arrays, whose field is their transmission (O8).
+        of systems and stops in the order in which the light passes them. The field is Collins'
+        integral (O4) without the factor exp(ikL) of the axial path L; ``method`` is not used. In an
+        image (B = 0) the field is u itself. Stops are Apertures and Arrays, whose field is their
+        transmission (O8).
     obstacles : Polyhedron, placed Aperture or sequence, optional
         Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Radiation
         passes at most one edge (docs/shadows.md, (SB1)): the field is smooth across the boundaries
@@ -117,10 +118,11 @@ def amplitude(
     aberration : Aberration, optional
         Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
-        Allowed error, as a fraction of the incident amplitude or, if that is less, of
-        |u| area/(wavelength distance), the field of the source in phase (within a wavelength, of
-        the static field |u| area/(2 pi distance^2)). Default 1e-9, at least 1e-13. With obstacles:
-        default 1e-6, at least 1e-8, of the largest field, from three wavelengths off the source.
+        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude
+        or, if that is smaller, of |u| area/(wavelength distance), the field with all parts of the
+        source in phase. Within a wavelength of the source, the static field
+        |u| area/(2 pi distance^2) replaces the latter. With obstacles the default is 1e-6, at least
+        1e-8, as a fraction of the largest field at three or more wavelengths from the source.
         Not for "fraunhofer" without an aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.

@@ -50,7 +50,7 @@ class _Element:
 
     @property
     def edges(self) -> int:
-        """Number of edges of all copies, once for each wave."""
+        """Number of edges of all copies, counted once for each wave."""
         return sum(map(len, self.outline.rings)) * len(self.amplitudes) * len(self.weights)
 
 

@@ -369,7 +369,7 @@ def _rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Return the highest frequency in 1/m of a stop's field times the waves to all points."""
+    """Return the highest frequency in 1/m of a stop's field, times the waves to all points."""
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre

@@ -120,7 +120,7 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 def _spectra(
     source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Return the far fields of the field and of the normal derivative of a boundary condition.
+    """Return the far fields of both terms of a boundary condition: field and normal derivative.
 
     Far fields are in units of a square wavelength, with the phase relative to the centre.
     """

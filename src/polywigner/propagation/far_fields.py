@@ -326,8 +326,8 @@ def _climbed(
 ) -> tuple[Floats, Floats]:
     """Return the positions (n, 2) and heights (n,) of the largest peak, or of several equal peaks.
 
-    ``evaluate``: (points (n, m, 2)) -> the points moved into the domain of the function, and values
-    (n, m). ``points`` (n, 2): samples, as :func:`_near_largest` returns them.
+    ``evaluate`` maps points (n, m, 2) to points in the domain of the function, and to values (n,
+    m). ``points`` (n, 2) are samples, as :func:`_near_largest` returns them.
     """
     around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
     window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)

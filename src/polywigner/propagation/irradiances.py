@@ -151,7 +151,7 @@ def irradiance(
     -----
     PolywignerWarning
         If points are nearer than two wavelengths, where rays are not valid; if the tolerance is not
-        met; and for fits of which :func:`amplitude` warns.
+        met; and in the cases in which :func:`amplitude` warns.
 
     See Also
     --------

@@ -150,7 +150,7 @@ _STEEP = 0.8
 # Width of the cut-off in wavelengths for waves along the normal. It reduces the contribution of the
 # rim of the hemisphere to exp(-32).
 _SOFT = 1.8
-# Positions of the two cut-offs, in units of the width of the cut-off.
+# Positions of two cut-offs of the integral over lags, in units of the width of the cut-off.
 _ENDS = (4.5, 6.5)
 # Distance from the cut-off to the end of the integral, in units of the width of the cut-off. Beyond
 # it, 1e-14 of the power is left.

@@ -126,21 +126,22 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
 
 
 def _support(source: Any) -> Aperture | Slits:
-    """Return the automean."""
+    """Return the automean of a source."""
     if isinstance(source, Array) and source.dimension > 1:
         return automean(source.support)
     if isinstance(source, Aperture):
         return automean(source)
     ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
-    # The midpoints between two slits form an interval. With begins and ends sorted separately, the
-    # union of all intervals has a gap between ends[k] and begins[k + 1] if that begin is larger.
+    # The midpoints between two slits form an interval. If the first ends and the last ends of all
+    # intervals are each sorted, the union of the intervals has a gap between ends[k] and
+    # begins[k + 1] if begins[k + 1] is larger.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
     gaps = np.flatnonzero(begins[1:] > ends[:-1])
     return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the part that each number in [0, 1) selects by size, and the position in the part."""
+    """Return the part that each number in [0, 1) selects by size, and the position in this part."""
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)

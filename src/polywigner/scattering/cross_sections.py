@@ -449,7 +449,7 @@ class Pattern:
         rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
         try:
             return self.at(self.azimuth[rows, None], self.elevation[columns])
-        except ArgumentError as error:  # In these directions there are too many overlaps or beams.
+        except ArgumentError as error:  # The directions have too many overlaps or beams.
             if origin[0] == 0:
                 raise
             warn_caller(f"the cross sections at some azimuths are NaN: {error}")

@@ -437,7 +437,10 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 
 def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return F over twice the area of triangles, from nu.p of a corner and both sides: (F5)."""
+    """Return F over twice the area of triangles by (F5).
+
+    The arguments are the products nu.p of the first corner and of both sides of each triangle.
+    """
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return np.asarray(real + 1j * imag)
 

@@ -98,7 +98,7 @@ def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None
     Raises
     ------
     ArgumentError
-        As :func:`grid_positions`.
+        For the same arguments as in :func:`grid_positions`.
     """
     return _rows(nx, ny, pitch_x, pitch_y, math.sqrt(0.75), True)
 
@@ -530,8 +530,8 @@ def _columns(text: str) -> dict[str, NDArray[np.float64]]:
     has_both = {"re", "im"} & set(names) and {"amplitude", "phase"} & set(names)
     if len({"x", "y", *names}) != len(names) or not set(names) <= set(_COLUMNS) or has_both:
         raise FileFormatError(
-            "expected each column only once: x and y; optionally amplitude and phase, or re "
-            f"and im; optionally angle; got {value_text(', '.join(names))}"
+            "expected the columns x and y, optionally amplitude and phase, or re and im, and "
+            f"optionally angle, each only once; got {value_text(', '.join(names))}"
         )
     values = []
     for number, fields in rows:

@@ -33,8 +33,8 @@ _PROPORTIONAL = 1e-15
 # Smallest number of elements that the normal form tests for being copies of one element.
 _LEAST_COPIES = 24
 # Largest deviation of vertices and of amplitudes of shifted copies, as fractions of the largest
-# coordinate and of the largest amplitude. A few rounding errors are smaller. The second limit is
-# larger because the phases of shifted amplitudes are rounded as well.
+# coordinate and of the largest amplitude. Both limits exceed a few rounding errors. The second
+# limit is larger because the phases of shifted amplitudes are rounded as well.
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
@@ -269,7 +269,7 @@ class Source:
         return self.with_elements(flat)
 
     def moved(self, shift: ArrayLike) -> Source:
-        """Return the source and its field shifted by (d,)."""
+        """Return the source and its field, shifted by (d,) in m."""
         offset = np.asarray(shift, np.float64)
         if not offset.any():
             return self

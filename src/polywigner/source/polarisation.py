@@ -154,7 +154,8 @@ Stokes = tuple[float, float, float, float]
 """Stokes parameters S0 to S3 of a wave towards the observer, with respect to x and y; S3 > 0 is
 left-handed (IEEE)."""
 
-# Largest relative size of weights and differences of Jones vectors that count as rounding errors.
+# Largest relative size at which weights, and differences of Jones vectors, count as rounding
+# errors.
 _ROUNDING = 1e-12
 
 

@@ -355,7 +355,7 @@ def read_polarisation(
     Raises
     ------
     FileFormatError
-        As :func:`read_source`, whose other errors are raised as well.
+        For the same files as in :func:`read_source`, whose other errors are raised as well.
     ArgumentError
         If the polarisation is invalid.
 
@@ -491,7 +491,8 @@ def write_source(
     path : str or path
         The file; its suffix selects the format.
     polarisation : str or array_like, optional
-        As in :func:`polywigner.field`, for :func:`read_polarisation`; default: none.
+        Polarisation for :func:`read_polarisation`, given as in :func:`polywigner.field`; default:
+        none.
 
     Raises
     ------

@@ -263,14 +263,14 @@ def _parts(text: str) -> list[Any]:
 
 
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
-    """Apply short strings for field, layout, weights and wave to a source.
+    """Apply the short strings for field, layout, weights and wave to a source.
 
     Lengths without a unit are in metres, angles in radians.
 
     Parameters
     ----------
     source : Aperture or Array
-        With `steering`, `focus`, `curved` and `coherence` also a phased array.
+        The source. For `steering`, `focus`, `curved` and `coherence` it may be a phased array.
     texts : mapping of str to str
         Texts by their names, :data:`SOURCE_TEXTS`; docs/source_files.md has their grammar.
     wavelength : float or None

@@ -121,9 +121,10 @@ def uniform(dimension: int = 2) -> Illumination:
 
 @takes_frequency
 def steering(direction: ArrayLike, wavelength: float) -> Illumination:
-    """Return the phase that steers a beam: u(x) = exp(2 pi i s.x/wavelength), s transverse.
+    """Return the phase that steers a beam: u(x) = exp(2 pi i s.x/wavelength).
 
-    The Fourier transform of the aperture with this field peaks at nu = s/wavelength.
+    The vector s consists of the components of the direction along the aperture. The Fourier
+    transform of the aperture with this field peaks at nu = s/wavelength.
 
     Parameters
     ----------

@@ -310,8 +310,8 @@ def region_integrals(
     triangles, part = triangles_of(parts[plane])
     owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
     counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
-    # The integrand is also evaluated at no points, because its number of rows is required even if
-    # all regions are empty.
+    # The integrand is evaluated at zero points, because its number of rows is needed even if all
+    # regions are empty.
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
     for some in _blocks(counts):

@@ -338,7 +338,7 @@ class Aberration:
         return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, ...) of W by its coefficients at positions x, y (...) in m."""
+        """Return the derivatives (k, ...) of W with respect to its coefficients at points in m."""
         return np.concatenate([modes.values(x, y) for modes in self._modes])
 
     def __add__(self, other: Aberration) -> Aberration:
@@ -511,7 +511,7 @@ def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
             )
     if len(set(indices)) != len(indices) or not len(indices):
         raise ArgumentError(
-            f"expected different indices, got repeated ones in {value_text(list(indices))}"
+            f"expected one or more different indices, got {value_text(list(indices))}"
         )
     return [int(index) for index in indices]
 
@@ -531,7 +531,7 @@ def _zernike_modes(
 
 
 def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
-    """Return sums (k, k) of modes, lower triangular, that are orthonormal on a pupil."""
+    """Return a lower triangular matrix (k, k) that makes modes orthonormal on a pupil."""
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))
     # Products of polynomials have twice the degree, and the map to a triangle adds one.

@@ -3,7 +3,8 @@
 A call is reduced in four steps. Points behind an optical system are mapped to points in front of
 it, (O2) and (O3). A partly coherent source is replaced by the coherent source times the degree of
 coherence, or by a closed form (PC3). A curved wave is replaced by a flat wave at sheared points,
-(Q1) to (Q5). The flat source has a kernel. With u = u0 exp(i pi (x - c).Q (x - c)):
+(Q1) to (Q5). The transform of the flat source is computed by a kernel. With u = u0 exp(i pi
+(x - c).Q (x - c)):
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
@@ -184,8 +185,8 @@ def _flat(
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # The special kernels of arrays have no derivatives. The following kernels have, and also
-        # accept an Array.
+        # The special kernels of arrays have no derivatives. The following kernels have derivatives
+        # and also accept an Array.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(
@@ -351,7 +352,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     """
     if name == "fourier":
         raise IlluminationError(
-            f"expected a coherent source for {name}, got a coherence width of "
+            f"expected a coherent source for {name}, got one with a coherence width of "
             f"{wave.coherence_width:g} m, whose spectrum has no phase; use "
             "polywigner.radiant_intensity, or wigner and ambiguity"
         )

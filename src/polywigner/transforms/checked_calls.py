@@ -42,7 +42,7 @@ def in_plane(nu: Any) -> Values:
 def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Kernel:
     """Return the kernel of a transform, cached in the source, and check the options.
 
-    Raises ArgumentError for unknown options, and as `kernels.kernel_for` does.
+    Raises ArgumentError for unknown options, and the errors of `kernels.kernel_for`.
     """
     if precision is not None:
         execution.checked_precision(precision)
@@ -58,7 +58,7 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Ker
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
-    """Return the broadcast shape of points (..., d). Raises ArgumentError."""
+    """Return the broadcast shape of points (..., d); ArgumentError if they do not broadcast."""
     try:
         return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     except ValueError:

@@ -42,7 +42,7 @@ from polywigner.transforms.sections import edges_of
 
 # Largest number of intersections of polygons, which take some minutes and 2 GB of memory.
 _MOST = 1 << 20
-# Number of values of waves in a block, which takes 64 MB.
+# Number of wave values in a block, which takes 64 MB.
 _BLOCK = 1 << 22
 # Number of pairs of diffraction orders in a block.
 _PAIRS = 1 << 15

@@ -56,7 +56,7 @@ _MARGIN = 9 / 8
 # Default range of frequencies, in units of 1/width of the source.
 _LOBES = 8.0
 
-# Bound on the rounding error relative to the scale of a tile. The largest error for the shapes of
+# Bound on the rounding error of a tile, relative to its scale. The largest error for the shapes of
 # the tests was 2e-13, for |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
@@ -278,7 +278,7 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 
 
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
-    """Return a function of (field, first, second), optionally with x and y exchanged."""
+    """Return a function that evaluates ``function`` on a field, possibly with x and y exchanged."""
 
     def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
         field = field_of(source)

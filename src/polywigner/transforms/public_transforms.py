@@ -430,7 +430,7 @@ def position_marginal(
 ) -> Values:
     """Compute the position marginal R_x(x), the autocorrelation integrated over lag: W(x, 0).
 
-    For a uniform source it is the area of the lag slice at x.
+    For a uniform source the marginal is the area of the lag slice at x.
 
     Parameters
     ----------
@@ -472,8 +472,8 @@ def lag_marginal(
 ) -> Values:
     """Compute the lag marginal R_xi(xi), the autocorrelation integrated over position: A(0, xi).
 
-    For a uniform source it is the area of the position slice: the area of the source times the
-    optical transfer function of a pupil of this shape.
+    For a uniform source the marginal is the area of the position slice: the area of the source
+    times the optical transfer function of a pupil of this shape.
 
     Parameters
     ----------

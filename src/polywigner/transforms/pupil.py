@@ -43,8 +43,8 @@ from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 # Smallest ratio of the energy of a pupil to the sum of the energies of its elements. If the fields
-# cancel, rounding errors leave a ratio of 1e-15. Values that are normalised by a ratio of 1e-13
-# have hardly a correct digit.
+# cancel, rounding errors leave a ratio of 1e-15. At a ratio of 1e-13, normalised values have hardly
+# any correct digits.
 _DARK = 1e-13
 
 
@@ -61,7 +61,7 @@ def otf(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.complexfloating[Any]]:
-    """Compute the optical transfer function of a pupil, in or out of focus, 1 at xi = 0.
+    """Compute the optical transfer function of a pupil, in or out of focus; OTF(0) = 1.
 
     ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function A of the pupil in focus,
     because the difference of the aberration exp(2 pi i w |x|^2/a^2) on both copies is linear in x.
@@ -379,7 +379,7 @@ def strehl(
     source : Aperture or Array
         Field in the pupil, of elements that do not overlap.
     wavelength : float or array_like, shape (k,)
-        In m; k wavelengths of a polychromatic source.
+        Wavelength in m, or k wavelengths of a polychromatic source.
     aberration : Aberration, optional
         Path length in m.
     defocus : float, default 0
@@ -394,7 +394,7 @@ def strehl(
     Returns
     -------
     float
-        From 0 to 1. For several wavelengths the mean of their ratios.
+        Strehl ratio from 0 to 1; for several wavelengths the weighted mean of their ratios.
 
     Raises
     ------

@@ -1,11 +1,12 @@
-"""Derivatives of transfer and spread functions by vertices, weights and aberration coefficients.
+"""Derivatives of transfer and spread functions with respect to the parameters of the pupil.
 
-Quadrature rules on triangles and trapezoids give the values. The derivative of an integral by the
-vertices of a polygon is an integral of the integrand along the edges, (G1), computed by Gauss
-rules. The derivative by a coefficient of the path length is the integral of the integrand times 2
-pi i/lambda times the term of the coefficient. Values and derivatives are the columns of one array
-(n, 1 + m), called a jet, so that sums over wavelengths are sums of jets. If edges of both copies of
-a pupil coincide, the derivative is the mean of both one-sided derivatives.
+The parameters are vertices, weights and aberration coefficients. Quadrature rules on triangles and
+trapezoids give the values. The derivative of an integral with respect to the vertices of a polygon
+is an integral of the integrand along the edges, (G1), computed by Gauss rules. The derivative with
+respect to a coefficient of the path length is the integral of the integrand times 2 pi i/lambda
+times the term of the coefficient. Values and derivatives are the columns of one array (n, 1 + m),
+called a jet, so that sums over wavelengths are sums of jets. If edges of both copies of a pupil
+coincide, the derivative is the mean of both one-sided derivatives.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ from polywigner.transforms.aberrated_pupils import (
 from polywigner.transforms.aberrations import Aberration
 
 Jets = NDArray[np.complex128]
-"""Values in column 0, and their derivatives by the variables of a pupil in the other columns."""
+"""Values in column 0, and their derivatives with respect to the parameters of a pupil in the other
+columns."""
 Parts = tuple[Indices, Floats, Floats]
 """Parts of edges: indices (k,) of the edges, and the positions t (k,) at which the parts start and
 end."""
@@ -48,18 +50,18 @@ _NEAR = 1e-9
 
 
 class Derivatives(Protocol):
-    """Derivatives of n integrals over a pupil by its variables."""
+    """Derivatives of n integrals over a pupil with respect to the parameters of the pupil."""
 
     def vertices(self) -> Complex:
-        """Return the derivatives (n, vertices, 2) by the vertices."""
+        """Return the derivatives (n, vertices, 2) with respect to the vertices."""
         ...
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives (n, elements) by the weights and by their conjugates."""
+        """Return the derivatives (n, elements) with respect to the weights and their conjugates."""
         ...
 
     def coefficients(self) -> Complex:
-        """Return the derivatives (n, terms) by the aberration coefficients."""
+        """Return the derivatives (n, terms) with respect to the aberration coefficients."""
         ...
 
 
@@ -90,7 +92,7 @@ class PupilNumbers:
         return arrays if self.coefficients is None else [*arrays, self.coefficients]
 
     def joined(self, values: Complex, derivatives: Derivatives) -> Jets:
-        """Return the jet of values (n,) and their derivatives by all variables."""
+        """Return the jet of values (n,) and of their derivatives with respect to all parameters."""
         columns = [values[:, None]]
         if self.vertices is not None:
             by_vertices = derivatives.vertices()
@@ -226,7 +228,7 @@ def _autocorrelation_jets(
 
 @dataclass(frozen=True, eq=False)
 class _OfSlices:
-    """Derivatives of autocorrelations by the variables of a pupil."""
+    """Derivatives of autocorrelations with respect to the parameters of a pupil."""
 
     pupil: AberratedPupil
     regions: Slices
@@ -246,7 +248,7 @@ class _OfSlices:
         return total
 
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
-        """Return derivatives (n, 2) by the vertices of element ``one`` of one copy.
+        """Return derivatives (n, 2) with respect to the vertices of element ``one`` of one copy.
 
         The derivatives are int N (1 - t, t) u_one(p) u_other*(p + shift) dt along the edges, over
         points p for which p + shift lies in element ``other``.

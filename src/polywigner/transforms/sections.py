@@ -44,9 +44,9 @@ _BLOCK = 1 << 20
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""Function (frequencies (m, 2) of the first waves, frequencies (m, 2) of the second waves) ->
-shifts (m, 2) and rates (m, r). The transform of the overlap is evaluated at its frequency minus the
-shift. The rates are frequencies of the pair's phase along r coordinates."""
+"""Function of the frequencies (m, 2) of the first waves and (m, 2) of the second waves, which
+returns shifts (m, 2) and rates (m, r). The transform of the overlap is evaluated at its frequency
+minus the shift. The rates are frequencies of the pair's phase along r coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +219,8 @@ class Overlaps:
 
 
 Image = tuple[tuple[float, float], Floats]
-"""Scales of n images of a field along x and y, and shifts (n, 2) that are added after scaling."""
+"""Images of a field: their scales along x and y, and n shifts (n, 2) that are added after scaling.
+"""
 
 
 def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:

@@ -68,7 +68,7 @@ def differentiable(
     GeometryError
         For vertices that form no valid outline or reverse its orientation.
     IlluminationError
-        As `Array` raises it.
+        If the weights are not finite numbers, or all zero.
 
     Examples
     --------

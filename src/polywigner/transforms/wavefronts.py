@@ -51,8 +51,9 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     """Return the source. Raises IlluminationError if it is partly coherent."""
     if not wave.is_coherent:
         raise IlluminationError(
-            f"expected a coherent source, got a coherence width of {wave.coherence_width:g} "
-            "m, whose field has no phase; use polywigner.irradiance or radiant_intensity"
+            "expected a coherent source, got one with a coherence width of "
+            f"{wave.coherence_width:g} m, whose field has no phase; use polywigner.irradiance "
+            "or radiant_intensity"
         )
     return wave
 
@@ -120,7 +121,7 @@ def _bent(
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
-    """Return the coherent source times exp(2 pi i tilt.x), a Wavefront if its wave is curved."""
+    """Return the coherent source with its curved wave, multiplied by exp(2 pi i tilt.x)."""
     flat = source.source if tilt is None else normal_form(source.source).tilted(tilt).public
     return Wavefront(flat, source.curvature, source.centre).coherent
 

@@ -128,8 +128,8 @@ def _curves(kind: str, item: Any) -> Path:
         centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
     control = _array(tool.control_points)
-    # Splines that are not clamped are only evaluated between the first and the last knot in use,
-    # because ezdxf would evaluate them beyond.
+    # Splines that are not clamped are evaluated only between the first and the last knot in use,
+    # because ezdxf would also evaluate them outside this range.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
@@ -211,7 +211,8 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
 def load_dxf(file: File) -> Drawing:
     """Load outlines and hatches in the model space of a DXF file, from layers that are on."""
     document = importlib.import_module("ezdxf").readfile(file.path)
-    # The unit counts as unknown if the file contains no $INSUNITS, for which ezdxf assumes metres.
+    # If the file contains no $INSUNITS, its unit counts as unknown, whereas ezdxf would assume
+    # metres.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
     if code not in (0, *_UNITS):
         raise FileFormatError(

@@ -114,7 +114,8 @@ def _checked(text: str) -> tuple[str, str]:
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # The parser of gerbonara accepts neither names of one letter nor G1 for G01.
+        # Names of one letter, and G1 in place of G01, are rewritten, because gerbonara does not
+        # accept them.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
@@ -305,7 +306,7 @@ def load_gerber(file: File) -> Drawing:
         copper = _composed(layer for item in _objects_of(text) for layer in shapes.of(item))
     except (PolywignerError, ImportError):
         raise
-    # The exceptions of gerbonara are not documented.
+    # Every exception is caught, because gerbonara does not document its exceptions.
     except Exception as error:
         # The line number in gerbonara's message is removed, because it refers to the checked
         # statements, not to the file.

@@ -46,7 +46,7 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 def check_coordinates(points: NDArray[Any]) -> None:
     """Raise FileFormatError for coordinates that are not finite or too large."""
-    # This condition is also true for NaN.
+    # The comparison is negated, so that NaN raises an error as well.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
             f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or "

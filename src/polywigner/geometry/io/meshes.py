@@ -58,7 +58,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     kind = suffix.removeprefix(".").upper()
     try:
         mesh = readers[suffix](content)
-    # A FileFormatError is also a ValueError, which is handled below.
+    # A FileFormatError is also a ValueError, but needs no further explanation.
     except FileFormatError:
         raise
     except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:

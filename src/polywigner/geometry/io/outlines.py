@@ -241,8 +241,7 @@ class File:
     unit_metres: float
     """Length of the file's unit in metres; ignored if the file itself states its unit."""
     tolerance: float | None
-    """Largest distance in metres between a curve and its chords; for None see
-    :func:`~polywigner.geometry.io.curves.flattened`."""
+    """Largest distance in metres between a curve and its chords; for None see :func:`flattened`."""
     layers: tuple[str, ...]
     """Names of the layers to read, even if they are hidden; if empty, all visible layers are
     read."""

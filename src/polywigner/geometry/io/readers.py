@@ -165,8 +165,8 @@ def _loaded(file: File) -> Drawing:
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected layer only for drawings (SVG, DXF, GDSII), got it for a file without "
-            "layers; omit layer"
+            "expected the argument layer only for drawings (SVG, DXF, GDSII), got it for a "
+            "file without layers; omit layer"
         )
     try:
         # Warnings of the libraries that read the file are hidden.
@@ -183,7 +183,7 @@ def _loaded(file: File) -> Drawing:
             "expected elements with fewer levels of nesting, got too many levels, or an "
             "element that contains itself; ungroup the elements"
         ) from None
-    # The libraries document only a few of their exceptions.
+    # Every exception is caught, because the libraries document only a few of theirs.
     except Exception as error:
         raise FileFormatError(
             f"the library for this format cannot read the file ({type(error).__name__}); the "

@@ -39,8 +39,8 @@ from polywigner.geometry.rings import rings_of_polygon
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-# Grammar of valid attributes, because svgelements silently skips invalid text. Possessive
-# quantifiers limit the time of a match.
+# Grammar of the attributes that are accepted. Other text would be silently skipped by svgelements.
+# Possessive quantifiers limit the time of a match.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")
@@ -308,7 +308,7 @@ class _Document:
         children: Iterable[Any] = element
         if tag == "use":
             inside, children = self._used(inside)
-        # A switch draws its first element without required extensions.
+        # A switch element draws the first of its elements that requires no extension.
         elif tag == "switch":
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:

@@ -1,6 +1,6 @@
 """Exact fields at points, as integrals along the edges of apertures.
 
-``integrals`` contains fields and integrals along panels, ``steepest_descent`` fields from the ends
-of edges, and ``edge_waves`` the contributions at an edge: of plane waves, and of a point source
-behind an opening.
+``integrals`` contains fields and integrals along panels. ``steepest_descent`` contains fields from
+the ends of edges. ``edge_waves`` contains the contributions of an edge to a plane wave, and to the
+wave of a point source behind an opening.
 """

@@ -331,8 +331,8 @@ class _EdgePaths:
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # Square roots of the detours over both ends of the edge, each minus the shortest detour. A
-        # root is negative before the foot of the perpendicular.
+        # Square roots of the detours over both ends of the edge, measured from the shortest detour.
+        # A root is negative before the foot of the perpendicular.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def angle(self, ops: Any, limit: float) -> Number:
@@ -497,14 +497,15 @@ def path_over(
     axis = difference(point, source)
     rho, radius, distance = (ops.sqrt(dot(v, v)) for v in (first, last, axis))
     product, ahead, normal = rho * radius, dot(first, last), cross(first, last)
-    # This form of product - ahead has no cancellation if the path is almost straight.
+    # ``bent`` is product - ahead, in a form without cancellation for paths that are almost
+    # straight.
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
-    """Return the inverse hyperbolic sine of ``sinh``; ``cosh`` is the cosine of the result."""
+    """Return the inverse hyperbolic sine v of ``sinh``; ``cosh`` is the hyperbolic cosine of v."""
     logarithm = ops.log(abs(sinh) + cosh)
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 

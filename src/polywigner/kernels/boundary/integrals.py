@@ -37,7 +37,7 @@ from polywigner.numerics.nodes import (
 from polywigner.numerics.phases import Doubled, Pair, cos_sin_cycles, unit_wave
 
 # Distance in wavelengths beyond which a sum of two floats does not resolve the phase, and the
-# rounding errors of products overflow.
+# computation of rounding errors of products overflows.
 _FARTHEST = 1e30
 
 

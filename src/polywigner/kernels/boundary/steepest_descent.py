@@ -233,12 +233,12 @@ class _Line:
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
-            # Lower bound on the sine of the angle between the point and the mirrored ray.
+            # ``tilt``: lower bound on the sine of the angle between the point and the mirrored ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
-        # A phase of q radians that is quadratic in the position grows by q sinh(u) cosh(u) within
-        # the ellipse with parameter u, but nodes_needed assumes 2 q sinh(u). The excess is below 1
-        # for ellipses up to ``largest``.
+        # For a phase of q radians that is quadratic in the position, the logarithm of the integrand
+        # grows by q sinh(u) cosh(u) within the ellipse with parameter u. The function nodes_needed
+        # assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))

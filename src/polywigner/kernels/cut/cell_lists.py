@@ -37,8 +37,8 @@ _BLOCK = 1 << 15
 _DENSE = 1 << 18
 # Margin by which cells are enlarged, in units of the frame. It is far larger than rounding errors.
 _MARGIN = 1e-12
-# Levels are sums of weights. Levels below _NO_WEIGHT of the largest weight are rounding errors of
-# 0, and levels that agree to 1/_LEVELS of it are merged.
+# Levels are sums of weights. A level below _NO_WEIGHT times the largest weight counts as 0, and
+# levels that differ by less than 1/_LEVELS of the largest weight are merged.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
 # Largest number of cells along a side, and largest number of list entries in all cells. With 64
 # cells along a side, a cell of a regular 30-gon has about 4 pairs of edges

@@ -200,9 +200,9 @@ _MOST_SLENDER = 512.0
 _NEAR, _TERMS = 0.1, 5
 # Number of values in a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
-# Largest number of multiplications of one matrix product, and smallest number of rows. BLAS divides
-# larger products among threads, which on a busy machine takes up to a hundred times as long. A
-# stack of smaller products costs only a tenth more.
+# Largest number of multiplications, and smallest number of rows, of a matrix product that is
+# computed at once. BLAS divides larger products among threads, which on a busy machine takes up to
+# a hundred times as long. A stack of smaller products costs only a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
 # Largest number of edges whose waves are in memory at a time: about 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
@@ -343,7 +343,8 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # nu.e and cross(nu, e) are sums of a part from each axis; sin(pi nu.e) is a matrix product.
+        # The products nu.e and cross(nu, e) are sums of a term from each axis, and sin(pi nu.e) is
+        # a matrix product.
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_cycles(ops, 0.5 * nu_x * family.ex)

@@ -39,7 +39,7 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 Interval = tuple[Fraction, Fraction, Waves]
-"""Begin and end of a slit in the frame as exact numbers, and the field in the slit."""
+"""Start and end of a slit in the frame as exact numbers, and the field in the slit."""
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
@@ -165,7 +165,8 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # In a lag slice, the waves (v, w) and (w, v) of one slit also have conjugate fields.
+        # In a lag slice, the wave pairs (v, w) and (w, v) of one slit have conjugate fields, so one
+        # of the pairs is counted twice.
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice

@@ -77,7 +77,7 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        # The edges of the other copy are mirror images of the edges of this copy, and their terms
+        # The edges of the other copy are mirror images of the edges of this copy. Their terms are
         # the complex conjugates.
         return 2.0 * sums[0], 2.0 * sums[1]
 

@@ -48,14 +48,14 @@ _SAMPLES = 1 << 9
 # Largest number of pairs of waves that are compiled as code, which takes 20 ms per pair. More pairs
 # become rows of a table.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns in this table of pairs of waves (amplitude, shift and rate), padded to a
-# multiple of four.
+# Number of columns in the table of pairs of waves (amplitude, shift and rate), padded to a multiple
+# of four.
 _ROW = 8
 
 
 @dataclass(frozen=True, eq=False)
 class SliceSum:
-    """A kernel's sum over the edges of a slice, which are parts of the edges of the outline."""
+    """Sum of a kernel over the edges of a slice, which are parts of edges of the outline."""
 
     views: tuple[View, ...]
     """Views in which edges are cut: one view for W, two for A."""
@@ -101,7 +101,7 @@ class SliceSum:
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """Return the keys of all lists of pairs that the sums use."""
+        """Return the keys of all lists of pairs of edges that the sums use."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
@@ -189,7 +189,8 @@ class SliceSum:
     def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
         """Return the sums at points (n,), each with its own frequency.
 
-        Frequencies (n,) give (n,); frequencies (1, m) or (n, m) give (n, m).
+        Frequencies of shape (n,) give sums of shape (n,). Frequencies of shape (1, m) or (n, m)
+        give sums of shape (n, m).
         """
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]

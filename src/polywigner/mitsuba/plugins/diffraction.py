@@ -141,7 +141,7 @@ class Shadows:
         return dr.if_stmt((point,), far, self.intensity, free, mode="symbolic")
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 at a point in front in units of the scene, relative to |u|^2 = 1."""
+        """Return |U|^2 at a point in front, in units of the scene, for a source with |u|^2 = 1."""
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
             # The point moves in front of its surface by more than rounding errors.
@@ -364,7 +364,10 @@ class Shadows:
         return Pair(*self._if(dot(group[3:6], at) + group[6] < 0.0, behind, free))
 
     def _path(self, row: Drjit, at: Point) -> tuple[Point, Drjit]:
-        """Return the vector from a radiating point, and its extra cycles over the origin's path."""
+        """Return the vector from a radiating point to ``at``, and its excess of cycles.
+
+        The excess is the length of the vector less the distance of ``at`` from the origin.
+        """
         ops, (x, y, z) = self._ops, at
         a, b = row[:2]
         ahead = x - a, y - b, z

@@ -123,13 +123,13 @@ def _mirrored(source: SceneSource) -> SceneSource:
 
 
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:
-    """Return a wigner emitter with its pose; ``number`` names an emitter without an id."""
+    """Return a wigner emitter with its pose; ``number`` is its name if it has no id."""
     name = emitter.get_shape().id() or f"emitter {number}"
     return replace(_placed(emitter, name), power=_single(emitter.power, emitter.spec.power))
 
 
 def placed_receiver(sensor: Any, number: int) -> PlacedSource:
-    """Return a wigner receiver with its pose; ``number`` names a receiver without an id."""
+    """Return a wigner receiver with its pose; ``number`` is its name if it has no id."""
     placed = _placed(sensor, sensor.id() or f"receiver {number}")
     return replace(placed, medium=sensor.get_medium())
 

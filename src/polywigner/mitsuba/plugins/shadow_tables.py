@@ -94,7 +94,8 @@ def edge_tables(
     """
     blocked = shadows.blocked_edges(obstacles, silhouettes, nodes.centre)
     is_shared = len(silhouettes) < len(nodes.positions)
-    # Ends of edges as each node sees them, then as the centre sees them, and first and end node.
+    # A part contains the ends of edges seen from its nodes and from the centre, in this order, the
+    # planes of the faces, and the range of its nodes.
     parts: list[tuple[Floats, Floats, tuple[int, int]]] = []
     groups = []
     for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):

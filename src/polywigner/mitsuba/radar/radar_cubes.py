@@ -115,7 +115,7 @@ def radar_cube(
     """Return the samples that the receivers of a radar record in a scene.
 
     The samples are a sum of three parts. Coherent paths are the line of sight (leakage), specular
-    paths by flat mirrors, and echoes of conducting bodies, with their complex couplings over the
+    paths via flat mirrors, and echoes of conducting bodies, with their complex couplings over the
     band. Scattered fields are speckle, with the exact response of each receiving element. The third
     part is thermal noise. The delay of a path changes from sample to sample, so objects migrate
     through range bins. See (RC1) and docs/radar.md.

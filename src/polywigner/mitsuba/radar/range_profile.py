@@ -242,7 +242,7 @@ def _bins_of(by_light: Floats, direct: Floats) -> Values:
             "direct_power",
             of_direct[:, 1:-1],
             bins,
-            "power of a bin, line of sight and by flat mirrors",
+            "power of a bin, line of sight and via flat mirrors",
         ),
         ("scattered_power", scattered[:, 1:-1], bins, "scattered power of a bin"),
         ("emitter_power", of_light[..., 1:-1], ("emitter", *bins), "power of one emitter"),

@@ -222,7 +222,7 @@ def scatterers(
         - ``power``: received power in W; the estimator ``wigner`` can make it negative
         - ``intensity``: radiant intensity in W/sr towards the receiver, for
           :func:`element_responses`
-        - ``path_length`` in m, from the emitter by all surfaces to the receiver; the range is half
+        - ``path_length`` in m, from the emitter via all surfaces to the receiver; the range is half
           of it. It is infinite for the light of an environment
         - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
         - ``shape``, ``emitter``: ids of the first surface and of the light

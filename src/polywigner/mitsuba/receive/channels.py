@@ -89,7 +89,7 @@ def channel(
 ) -> xarray.Dataset:
     """Return complex amplitudes h and delays between all emitters and receivers of a scene.
 
-    h is the sum over the line of sight and the specular paths by flat mirrors, with exact near
+    h is the sum over the line of sight and the specular paths via flat mirrors, with exact near
     fields of images (docs/channel.md). \\|h\\|^2 is the ratio of received and transmitted power.
     The parameter ``normalise`` of the plugins defines both powers. By default they are radiated
     powers, so in the far field Friis' formula holds with directivities. Waves are
@@ -442,7 +442,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Return the polynomial through values at Chebyshev nodes, at frequencies (n,)."""
+    """Return values at frequencies (n,) of the polynomial through values at Chebyshev nodes."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)

@@ -88,7 +88,7 @@ def received_power(
 ) -> ReceivedPower:
     """Return the power at a receiver of a scene in W, with its standard error.
 
-    Direct light of each emitter, along the line of sight and by flat mirrors, is computed exactly
+    Direct light of each emitter, along the line of sight and via flat mirrors, is computed exactly
     by :func:`polywigner.coupling` of the receiver with the emitter or its images, times the
     fraction of rays that pass obstacles. Light that surfaces and fog scatter is sampled by the
     ``wigner_receiver`` sensor. Powers add without interference, unless ``coherent`` is true. See

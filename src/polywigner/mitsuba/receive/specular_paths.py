@@ -428,7 +428,7 @@ def _between_axes(
     ]
     first, last = result.first, result.last
     if is_direct and emitter is not None:
-        # The axes are those for a ray along the line between the centres, as for amplitudes.
+        # The polarisation axes are those of a ray between the centres, as for amplitudes.
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
