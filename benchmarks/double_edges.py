@@ -1,6 +1,7 @@
 """Question: where do waves over two edges, one behind the other, matter?
 
-Run ``python benchmarks/double_edges.py FOLDER``; takes some minutes, and writes double_edges.png. A
+Run ``python benchmarks/double_edges.py FOLDER``; takes some minutes, writes double_edges.png, and
+prints a Markdown table of the differences in dB for some separations. A
 plane wave passes two half planes, which reach down from their edges. Shadows by silhouettes, one
 edge at a time, are compared with two screens of Kirchhoff in a row: the field in the plane of the
 second one, behind the first, is integrated over what the second leaves open. Lengths are in
@@ -27,6 +28,15 @@ TILTS = np.linspace(-19.5, 19.5, 40)  # degrees, of the line from the first edge
 ANGLES = np.linspace(-20.0, 45.0, 66)  # degrees into the shadow of the second edge
 APART = 30.0  # the edges', where the tilt varies
 BEHIND = 100.0  # of points from the second edge
+# Angles, separations, and heights of the second edge as functions of the separation, of the table.
+SHOWN = (0.0, 5.0, 10.0, 20.0, 40.0)
+SPACINGS = (1.0, 10.0, 100.0, 300.0)
+HEIGHTS = {
+    "10° above the boundary": lambda n: n * np.tan(np.radians(10.0)),
+    "just in the light": lambda n: GRAZING * n**0.5,
+    "just in the shadow": lambda n: -GRAZING * n**0.5,
+    "5° below the boundary": lambda n: -n * np.tan(np.radians(5.0)),
+}
 FLOOR = -36.0  # dB of the free field: darker points are left out
 DISTANCE = 1e5  # of the source that stands for a plane wave: probes beside edges are 1e-7 of it off
 REACH = 1500.0  # of the half planes
@@ -75,9 +85,9 @@ def cascade(top: float, separation: float, x: Array, z: Array) -> Array:
     return behind(first, x, z) - (weights * (here * wave_slope - slope * wave)).sum(axis=1)
 
 
-def compared(top: float, separation: float) -> tuple[Array, Array]:
+def compared(top: float, separation: float, degrees: Any = ANGLES) -> tuple[Array, Array]:
     """|u| at all angles: by silhouettes, and by two screens in a row."""
-    angles = np.radians(ANGLES)
+    angles = np.radians(degrees)
     x, z = top - BEHIND * np.sin(angles), separation + BEHIND * np.cos(angles)
     both = [half_plane(0.0, 0.0), half_plane(top, separation)]
     return np.abs(behind(both, x, z)), np.abs(cascade(top, separation, x, z))
@@ -115,8 +125,20 @@ def draw(lit: Any, hidden: Any, tilted: Any) -> Any:
     return figure
 
 
+def print_table() -> None:
+    """Print levels of silhouettes minus levels of the cascade in dB, and the latter."""
+    print("| second edge | separation | " + " | ".join(f"{a:g}°" for a in SHOWN) + " |")
+    print("|---|--:|" + "--:|" * len(SHOWN))
+    for name, height in HEIGHTS.items():
+        for n in SPACINGS:
+            one, both = (20 * np.log10(u) for u in compared(height(n), n, SHOWN))
+            cells = (f"{a - b:+.1f} ({b:.0f})" for a, b in zip(one, both, strict=True))
+            print(f"| {name} | {n:g} λ | " + " | ".join(cells) + " |")
+
+
 def main(folder: Path) -> None:
-    """Draw both figures."""
+    """Draw both figures, and print the table."""
+    print_table()
     level = [[compared(side * GRAZING * n**0.5, n) for n in SEPARATIONS] for side in (1, -1)]
     tilted = [compared(APART * np.tan(np.radians(tilt)), APART) for tilt in TILTS]
     folder.mkdir(parents=True, exist_ok=True)

@@ -50,6 +50,20 @@ FLOOR = dict.fromkeys(("phased_array_77ghz", "focused_array", "te10_horn"), ("--
 COMMANDS = {
     "two_chevrons_volume": ["volume", str(CHEVRONS), *chain.from_iterable(VOLUME.items())],
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
+    "hard_plate": [
+        "propagate",
+        str(BODIES / "patch.wkt"),
+        "--frequency",
+        "94 GHz",
+        "--plane",
+        "-80 mm to 80 mm, 0 mm, 20 mm to 260 mm",
+        "--samples",
+        "161 x 241",
+        "--obstacle",
+        f"{BODIES / 'plate.wkt'} at 0 mm, 0 mm, 80 mm towards 35 deg, 180 deg",
+        "--edge",
+        "hard",
+    ],
     "behind_obstacles": [
         "propagate",
         str(BODIES / "patch.wkt"),

@@ -121,3 +121,25 @@ def test_what_contradicts_a_drjit_array_is_refused():
         pw.wigner(CHEVRON, point, double)
     with pytest.raises(PolywignerError):
         pw.wigner(CHEVRON, point, point, engine="cuda")
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
+def test_many_drjit_samples_of_many_edges_keep_their_order_and_derivatives(transform):
+    """The samples are sorted for the computation; the results and derivatives are not."""
+    import drjit as dr
+    from drjit.llvm.ad import Array2f64, Float64
+
+    source, count = pw.shapes.regular_polygon(64, 1.0), 5000
+    x, nu = 2.0 * _points(count) - 1.0, 4.0 * _points(count, seed=1)
+    arrays = [Array2f64(*(Float64(np.ascontiguousarray(c)) for c in v.T)) for v in (x, nu)]
+    dr.enable_grad(arrays[1])
+    value = transform(source, *arrays)
+    real = value if transform is pw.wigner else value.real
+    expected = transform(source, x, nu, engine="numpy").real
+    assert real.numpy() == pytest.approx(expected, abs=1e-13)
+    dr.backward(dr.sum(real * Float64(np.arange(count) % 7.0)))
+    step = 1e-6 * np.array([1.0, 0.0])
+    change = sum(s * transform(source, x, nu + s * step, engine="numpy").real for s in (1.0, -1.0))
+    slopes = np.arange(count) % 7.0 * change / 2e-6
+    assert dr.grad(arrays[1]).x.numpy() == pytest.approx(slopes, abs=1e-6)

@@ -58,6 +58,7 @@ class FieldOptions(FieldSourceOptions):
     against: Annotated[Text, "Reference method (default: the last exact method)."] = None
     accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
+    edge: Annotated[Text, "Edges of obstacles: black, soft or hard (default: black)."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
     out: options.Out = None
 
@@ -94,6 +95,7 @@ class FieldOptions(FieldSourceOptions):
             "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
             "tolerance": self.accuracy,
             "obstacles": obstacles or None,
+            "edge": self.edge,
             "engine": self.engine,
         }
 

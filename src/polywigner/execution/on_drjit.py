@@ -24,10 +24,10 @@ from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_resu
 from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
-from polywigner.kernels.cut.pair_grid import cells_at
-from polywigner.kernels.cut.winding import pairs_of
+from polywigner.kernels.cut.pair_grid import PairGrid, cells_at
+from polywigner.kernels.cut.winding import Pass, pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE
+from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
@@ -354,18 +354,23 @@ class _Slices:
         """Return indices that sort samples by cell, so that neighbours read the same lists."""
         if not self.sorts:
             return ...
-        x, y = inner[self.slices.position]
-        (view, *_), grid = next(iter(self.pairs.items()))
-        scale = view.side * self.slices.scale
-        cell = cells_at(grid.on_host, scale * x, scale * y)
-        # Since there are fewer than 2^16 cells, their numbers fit into 16 bits, which NumPy sorts
-        # in linear time.
-        return np.argsort(cell.astype(np.uint16), kind="stable")
+        key, grid = next(iter(self.pairs.items()))
+        return order_by_cell(self.slices, key, grid, inner)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
         """Return the sums of the kernel from the tables of any source of this class."""
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
+
+
+def order_by_cell(slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[Array]) -> Array:
+    """Return indices that sort samples by the cell of a grid, for arguments in the frame."""
+    x, y = inner[slices.position]
+    scale = key[0].side * slices.scale
+    cell = cells_at(grid.on_host, scale * x, scale * y)
+    # Since there are fewer than 2^16 cells, their numbers fit into 16 bits, which NumPy sorts in
+    # linear time.
+    return np.argsort(cell.astype(np.uint16), kind="stable")
 
 
 class _Edges:

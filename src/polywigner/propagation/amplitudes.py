@@ -23,6 +23,7 @@ from polywigner.optics import FirstOrder
 from polywigner.propagation import shadows
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.collins import field_behind
+from polywigner.propagation.conducting_sheets import Edge, check_edge
 from polywigner.propagation.curved_fields import curved_field
 from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.point_grids import (
@@ -59,6 +60,7 @@ class AmplitudeOptions(TypedDict, total=False):
 
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
     obstacles: Obstacle | Sequence[Obstacle] | None
+    edge: Edge
     obliquity: BoundaryCondition | None
     aberration: Aberration | None
     tolerance: float | None
@@ -75,6 +77,7 @@ def amplitude(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: BoundaryCondition | None = None,
     aberration: Aberration | None = None,
     tolerance: float | None = None,
@@ -112,6 +115,9 @@ def amplitude(
         Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Radiation
         passes at most one edge (docs/shadows.md, (SB1)): the field is smooth across the boundaries
         of shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer".
+    edge : {"black", "soft", "hard"}, default "black"
+        Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
+        zero. Soft and hard obstacles are plates in one plane, and reflect (docs/shadows.md, (SB9)).
     obliquity : str, optional
         Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
         (default), "kirchhoff" or "rayleigh-sommerfeld-2".
@@ -159,7 +165,7 @@ def amplitude(
     0.3103
     """
     return field_and_error(
-        source, points, wavelength, method, through=through, obstacles=obstacles,
+        source, points, wavelength, method, through=through, obstacles=obstacles, edge=edge,
         obliquity=obliquity, aberration=aberration, tolerance=tolerance, engine=engine,
     )[0]  # fmt: skip
 
@@ -212,6 +218,7 @@ def field_and_error(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: BoundaryCondition | None = None,
     aberration: Aberration | None = None,
     tolerance: float | None = None,
@@ -241,6 +248,7 @@ def field_and_error(
         positions = checked_points(points)
     execution.checked_engine(engine)
     flat = positions.reshape(-1, 3)
+    check_edge(edge, obstacles)
     if obstacles is not None:
         limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
         allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
@@ -252,7 +260,7 @@ def field_and_error(
     if obstacles is not None:
         bodies = obstacles_of(obstacles, length)
         change, inside, missed = shadows.shadow_of(
-            source, bodies, flat, length, name, allowed, engine, with_error
+            source, bodies, flat, length, name, allowed, engine, with_error, edge
         )
         field = np.where(inside, 0.0, field + change)
         errors = np.where(inside, 0.0, errors + missed)

@@ -32,6 +32,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.silhouettes import listed_bodies, obstacle_of
 from polywigner.kernels import kernel_for
 from polywigner.propagation.amplitudes import Obstacle, amplitude
+from polywigner.propagation.conducting_sheets import Edge
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.point_grids import (
     METHODS,
@@ -91,6 +92,7 @@ class FieldOptions(StoreOptions, total=False):
     bandwidth: float | None
     """Bandwidth of the light in Hz, or None for a single wavelength. See :func:`irradiance`."""
     obstacles: Obstacle | Sequence[Obstacle] | None
+    edge: Edge
     tolerance: float | None
     dtype: str
     engine: Engine
@@ -300,6 +302,8 @@ def plane(
     obstacles : sequence of bodies and plates, optional
         Obstacles as in :func:`amplitude`; their shadows include diffraction (docs/shadows.md). They
         require an exact method and a single wavelength.
+    edge : {"black", "soft", "hard"}, default "black"
+        Boundary condition on the obstacles, as of :func:`amplitude`.
     dtype : {"float64", "float32"}
         Type of the values. Amplitudes are complex, with parts of this type.
     engine : str, optional

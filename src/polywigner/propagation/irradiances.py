@@ -22,6 +22,7 @@ from polywigner.propagation.collins import (
     squared_field,
     systems_and_stops,
 )
+from polywigner.propagation.conducting_sheets import Edge, check_edge
 from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.point_grids import (
     DEFAULT_TOLERANCE,
@@ -65,6 +66,7 @@ class IrradianceOptions(TypedDict, total=False):
 
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
     obstacles: Obstacle | Sequence[Obstacle] | None
+    edge: Edge
     obliquity: ObliquityName | None
     bandwidth: float | None
     tolerance: float
@@ -81,6 +83,7 @@ def irradiance(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: ObliquityName | None = None,
     bandwidth: float | None = None,
     tolerance: float = _TOLERANCE,
@@ -112,6 +115,8 @@ def irradiance(
     obstacles : Polyhedron, placed Aperture or sequence, optional
         Bodies and plates whose shadows diffract, as in :func:`amplitude`. Requires "auto" or a
         method of :func:`amplitude`, and no ``bandwidth``.
+    edge : {"black", "soft", "hard"}, default "black"
+        Boundary condition on the obstacles, as in :func:`amplitude`.
     obliquity : str, optional
         Boundary condition that rays are matched to, as in :func:`radiation_pattern`, or "paper",
         a factor cos(theta) that corresponds to no boundary condition. It applies to each pair of
@@ -164,7 +169,7 @@ def irradiance(
     0.0963
     """
     return _irradiance_and_error(
-        source, points, wavelength, method, through=through, obstacles=obstacles,
+        source, points, wavelength, method, through=through, obstacles=obstacles, edge=edge,
         obliquity=obliquity, bandwidth=bandwidth, tolerance=tolerance, engine=engine,
     )[0]  # fmt: skip
 
@@ -217,6 +222,7 @@ def _irradiance_and_error(
     *,
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None = None,
     obstacles: Obstacle | Sequence[Obstacle] | None = None,
+    edge: Edge = "black",
     obliquity: Any = None,
     bandwidth: float | None = None,
     tolerance: float = _TOLERANCE,
@@ -244,6 +250,7 @@ def _irradiance_and_error(
             f'method={method!r} and bandwidth={bandwidth!r}; pass method="auto", and omit '
             "through= and bandwidth="
         )
+    check_edge(edge, obstacles)
     if method == "wigner" and isinstance(source, PointSource):
         method = DEFAULT  # The rays of a point source have the irradiance |exp(ikR)/R|^2 exactly.
     field_tolerance = min(allowed, DEFAULT_TOLERANCE)
@@ -260,7 +267,7 @@ def _irradiance_and_error(
         if obstacles is None and not isinstance(part, (Screen, PointSource)):
             part = checked_radiator(part)
         field = field_and_error(
-            part, positions, length, method, obstacles=obstacles, obliquity=obliquity,
+            part, positions, length, method, obstacles=obstacles, edge=edge, obliquity=obliquity,
             tolerance=field_tolerance, engine=engine, with_error=with_error,
         )  # fmt: skip
         return np.stack(squared_field(*field))

@@ -42,6 +42,7 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics.phases import Pair, unit_wave
+from polywigner.propagation.conducting_sheets import Edge, change_by_sheet
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
@@ -101,18 +102,29 @@ def shadow_of(
     tolerance: float,
     engine: str,
     with_error: bool = False,
+    edge: Edge = "black",
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
     """Return the change of the field at points (n, 3) in m that obstacles cause.
 
     Also return a mask of the points inside a body, where the field is zero, and the estimated
-    errors (n,), which are zero unless ``with_error``. ``bodies`` are in wavelengths. ``source`` is
-    a source that :func:`equivalent_grid` accepts, or a PointSource.
+    errors (n,), which are zero unless ``with_error``. ``bodies`` are in wavelengths, and
+    plates in one plane if the edge is not "black". ``source`` is a source that
+    :func:`equivalent_grid` accepts, or a PointSource.
 
     Raises ArgumentError for obstacles around the source, and for sources that need too many points.
     """
     positions = points / wavelength
     sources, seen = _seen(source, bodies, positions, wavelength, method, tolerance)
-    change, free, off = diffracted(bodies, sources, seen, positions, engine, with_error, tolerance)
+    compute: Any = partial(
+        diffracted, bodies, sources, engine=engine, with_error=with_error, tolerance=tolerance
+    )
+    if edge == "black":
+        change, free, off = compute(seen, positions)
+    else:
+        compute = partial(compute, is_sheet=True)
+        origins = np.array([position for position, *_ in sources])
+        least = 2.0 * _ON_SURFACE * _resolution(bodies.vertices, origins, positions)
+        change, free, off = change_by_sheet(compute, edge, bodies, origins, positions, least)
     if with_error and len(sources) > 1:
         off += _OF_GRID * tolerance * np.abs(free).max(initial=0.0)
     return change, bodies.inside(positions), off
@@ -126,10 +138,15 @@ def diffracted(
     engine: str,
     with_error: bool = False,
     tolerance: float = DEFAULT_TOLERANCE,
+    is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
-    """Return the change by bodies, the free field and the error at positions in wavelengths."""
+    """Return the change by bodies, the free field and the error at positions in wavelengths.
+
+    ``is_sheet``: whether the edges are those of a conducting sheet, whose plane is the plane in
+    ``seen`` with its normal towards the source.
+    """
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule)
+    summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule, is_sheet=is_sheet)
     change, free, off = summed(positions, coarser=coarser if with_error else None)
     near, across = _near_corners(sources, seen, positions)
     if near.any():
@@ -191,6 +208,7 @@ def _summed(
     engine: str,
     rule: EdgeRule,
     coarser: EdgeRule | None = None,
+    is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change of the field, the free field, and the error (0 without a coarser rule)."""
     count = len(positions)
@@ -235,7 +253,7 @@ def _summed(
             parts = (np.broadcast_to(part, count) for part in (passed.real, passed.imag))
             columns = np.column_stack([samples, margin, *parts])
         real, imag, off = execution.evaluate_rows(
-            partial(_edge, rule, coarser, is_oblique, surface is not None),
+            partial(_edge, rule, coarser, is_oblique, surface is not None, is_sheet),
             rows,
             columns,
             np.zeros(1),
@@ -271,6 +289,7 @@ def _edge(
     coarser: EdgeRule | None,
     is_oblique: bool,
     is_blocked: bool,
+    is_sheet: bool,
     ops: Any,
     row: Point,
     sample: Point,
@@ -283,25 +302,29 @@ def _edge(
     and the real and imaginary part of the amplitude of edge waves behind the blocker.
     ``is_oblique``: whether the point of the source has a weight of the field, whose edge waves
     (SB5) depend on the direction from the point to the edge. ``is_blocked``: whether a surface is
-    behind the edge.
+    behind the edge. ``is_sheet``: whether the edge belongs to a conducting sheet in the
+    plane of the row.
     """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
-    blocked = None
+    blocked = in_front = None
+    if is_sheet:
+        in_front = ops.select(dot(row[13:16], aside) + row[16] > 0.0, 1.0, 0.0)
     if is_blocked:
         blocked = behind_face(ops, source, start, end, row[13:17], point, sample[7])
     path = source, point, start, end, aside
+    sides: dict[str, Any] = {"blocked": blocked, "in_front": in_front}
     ahead = tuple(a - b for a, b in zip(point, source, strict=True))
     bend = Pair(0.0, 0.0)
     if is_oblique:
-        boundary, rate = edge_wave_and_rate(ops, rule, *path, blocked=blocked)
+        boundary, rate = edge_wave_and_rate(ops, rule, *path, **sides)
         bend = oblique_change(ops, ahead, field, rate)
     else:
-        boundary = Pair(*edge_wave(ops, rule, *path, blocked=blocked))
+        boundary = Pair(*edge_wave(ops, rule, *path, **sides))
     off = 0.0 * boundary.real
     wave = wave_ahead(ops, ahead, field, slope)
     if coarser is not None:
-        other = boundary - Pair(*edge_wave(ops, coarser, *path, blocked=blocked))
+        other = boundary - Pair(*edge_wave(ops, coarser, *path, **sides))
         off = ops.sqrt(wave.norm() * other.norm()) / (2.0 * math.pi)
     change = (wave * boundary).scaled(-0.5 / math.pi) + bend
     if is_blocked:

@@ -335,7 +335,24 @@ class _EdgePaths:
         # A root is negative before the foot of the perpendicular.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
-    def angle(self, ops: Any, limit: float) -> Number:
+    def sheet_turn(self, ops: Any, in_front: Any) -> Number:
+        """Return ``turn`` over the sine of half the angle at the edge, for a thin plate.
+
+        The sign is the sign of ``turn`` behind the plate, and positive in front of the plate.
+        """
+        near = 2.0 * self.both * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
+        steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
+        size = ops.select(self.closing > 1.0, steep, near)
+        return ops.select(self._is_hidden(in_front), -size, size)
+
+    def _is_hidden(self, in_front: Any) -> Any:
+        """Return whether the point is in the half-space of the shadow of the edge.
+
+        ``in_front``: 1 for points on the side of the source of a thin plate, 0 for other points.
+        """
+        return (self.turn < 0.0) & (in_front < 0.5)
+
+    def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
         """Return the angle that the edge subtends about the axis, with roots clipped to a limit."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, a product replaces the square root of the detour, which would
@@ -343,7 +360,7 @@ class _EdgePaths:
         steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
-        return ops.select(self.turn < 0.0, -angle, angle)
+        return ops.select(self._is_hidden(in_front), -angle, angle)
 
 
 def _limited(ops: Any, v: Any, limit: float) -> Number:
@@ -353,7 +370,7 @@ def _limited(ops: Any, v: Any, limit: float) -> Number:
 def edge_wave(
     ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
-    blocked: Any = None,
+    blocked: Any = None, in_front: Any = None,
 ) -> tuple[Any, Any]:  # fmt: skip
     """Return 2 pi times the ratio (real, imag) of an edge's boundary wave to the free wave.
 
@@ -378,29 +395,43 @@ def edge_wave(
     blocked : array, optional
         Fraction, from 0 to 1, to which another surface hides the boundary of the shadow. If it is
         1, the step of the wave at this boundary is omitted, (SB5).
+    in_front : array, optional
+        For edges of conducting plates: 1 if the point is on the same side of the plate as the
+        source, 0 if not. The result is the boundary wave of the incident field, (SB9). Default: a
+        black edge.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
     along = tuple(a / length for a in along)
     paths = _EdgePaths(ops, source, point, start, along, length)
     detour, total_path = paths.detour, paths.total
-    distance, turn = paths.distance, paths.turn
+    distance = paths.distance
+    # A factor of the integrand distinguishes conducting from black edges, (SB9). It cancels the
+    # growth of a root of (SB3), and changes ``turn`` and ``half_closing``.
+    is_black = in_front is None
+    if is_black:
+        turn, half_closing, side = paths.turn, 0.5 * paths.closing, 0.0
+    else:
+        turn, half_closing, side = paths.sheet_turn(ops, in_front), 1.0, in_front
     slant = 0.5 / paths.shortest
     # From here on, v denotes the position along the edge, such that the detour is ``detour + v^2``.
     foot = 4.0 * paths.both * slant
+    # square of the distance of the nearest branch point of the integrand
+    branch = foot if is_black else 2.0 * paths.shortest
 
     def density(q: Any) -> Number:
         stretched = 1.0 + slant * q
-        return slant / ((total_path + q) * ops.sqrt(stretched * (q * stretched + foot)))
+        growing = q * stretched + foot if is_black else foot
+        return slant / ((total_path + q) * ops.sqrt(stretched * growing))
 
     limit = math.sqrt(rule.turns)
     low, high = (_limited(ops, v, limit) for v in (paths.low, paths.high))
-    pole = density(ops.select(detour < 0.5 * foot, -detour, 0.0))
+    pole = density(ops.select(detour < 0.5 * branch, -detour, 0.0))
     tiny = 1e-300 if ops.double else 1e-37
 
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
         """Return the integral over v from ``low`` to ``high``, with the pole subtracted."""
-        scale = ops.sqrt(ops.minimum(foot, 4.0 * rule.turns))
+        scale = ops.sqrt(ops.minimum(branch, 4.0 * rule.turns))
         first, last = (
             inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
         )
@@ -426,7 +457,8 @@ def edge_wave(
             stretched = Pair(1.0 + slant * q, slant * y)
             z = Pair(q, y)
             risen = z * stretched
-            rooted = root(ops, z * stretched * Pair(risen.real + foot, risen.imag))
+            growing = Pair(risen.real + foot, risen.imag) if is_black else Pair(foot, 0.0)
+            rooted = root(ops, z * stretched * growing)
             below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
@@ -446,30 +478,30 @@ def edge_wave(
     real, imag = when(low < high, near_foot, low, high)
     ends = paths.low, paths.high
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    step = 4.0 * distance * pole * ops.sqrt(0.5 * paths.both * total_path * paths.closing)
+    step = 4.0 * distance * pole * ops.sqrt(half_closing * paths.both * total_path)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
     # The angle of the edge is discontinuous where the axis meets the edge, and winds around the
     # ends of the edge. All edges evaluate the angle at a position with the same offset from the
     # point, so that their sum is smooth.
     beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
-    step = step * beside.angle(ops, limit)
+    step = step * beside.angle(ops, limit, side)
     return real + step + farther[0], imag + farther[1]
 
 
 def edge_wave_and_rate(
     ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
-    blocked: Any = None,
+    blocked: Any = None, in_front: Any = None,
 ) -> tuple[Pair, Pair]:  # fmt: skip
     """Return the boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
     beside = None if aside is None else jets.constants(aside)
-    (blocked_jet,) = (None,) if blocked is None else jets.constants((blocked,))
+    flags = (None if flag is None else jets.constants((flag,))[0] for flag in (blocked, in_front))
     source_jets = (*jets.constants(source[:2]), height)
-    parts = edge_wave(jets, rule, source_jets, point, start, end, beside, when, blocked_jet)
+    parts = edge_wave(jets, rule, source_jets, point, start, end, beside, when, *flags)
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
