@@ -144,7 +144,7 @@ def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Return the results of a kernel with derivatives in its arguments and in ``traced``."""
+    """Return results of a kernel, with derivatives with respect to its arguments and ``traced``."""
     import drjit as dr
 
     closed = gradient_kernel_of(kernel)
@@ -260,7 +260,7 @@ def _in_memory(component: Drjit) -> Drjit:
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
-    """Return sum_k w_k exp(-2 pi i nu.p_k), (L3), with derivatives in nu and in the weights.
+    """Return sum_k w_k exp(-2 pi i nu.p_k), (L3), differentiable with respect to nu and weights.
 
     ``nu`` is an ``Array2f``, ``positions`` (n, 2), ``weights`` a ``Complex2f`` (n,).
     """

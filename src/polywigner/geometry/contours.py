@@ -363,7 +363,7 @@ class _Pairing:
         self.free = [[(0.0, float(length))] for length in segments.length]
 
     def resolved(self) -> Silhouette:
-        """Return the net contours: of segments along each other, only the nearer one."""
+        """Return the net contours, with only the nearer of segments that run along each other."""
         s, bodies = self.segments, self.surface.bodies
         # Each piece is a tuple: segment, start and end of an interval along it, and the segment
         # behind it.

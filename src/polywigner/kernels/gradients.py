@@ -1,10 +1,11 @@
-"""Gradients of F, W and A in frequency, position or lag, vertices and weights, in closed form.
+"""Gradients of F, W and A in closed form.
 
-All three transforms are integrals of a plane wave over a polygon: the outline itself, or a slice
-whose sides are parts of the outline's edges. If the boundary of the polygon moves, such an integral
-changes by the values of the wave along the boundary. The derivatives in vertices, positions and
-lags are therefore sums over the cut edges, like the functions themselves (docs/gradients.md, (G1)
-to (G4)). The positions of the cuts do not matter to first order. Derivatives in frequency are first
+Variables are frequency, position or lag, vertices and weights. All three transforms are integrals
+of a plane wave over a polygon: the outline itself, or a slice whose sides are parts of the
+outline's edges. If the boundary of the polygon moves, such an integral changes by the values of the
+wave along the boundary. The derivatives with respect to vertices, positions and lags are therefore
+sums over the cut edges, like the functions themselves (docs/gradients.md, (G1) to (G4)). The
+positions of the cuts do not matter to first order. Derivatives with respect to frequency are first
 moments of the slice, (G4), without a division by the frequency.
 
 If corners of a slice meet edges, only one-sided derivatives exist. The result is the derivative on
@@ -97,7 +98,7 @@ class Axes:
         return e0, e1, area, along, across
 
     def gradient(self, along: Pair, twice_across: Pair) -> tuple[Pair, Pair]:
-        """Return the derivative in nu, -2 pi i M, from the moments M in these coordinates."""
+        """Return the derivative -2 pi i M with respect to nu for moments M in these axes."""
         (c, s), across = self.along, twice_across.scaled(0.5)
         x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
         y = (along.scaled(s) + across.scaled(c)).scaled(-2 * math.pi)

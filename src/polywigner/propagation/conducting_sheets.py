@@ -1,4 +1,4 @@
-"""Soft and hard plates in one plane: side of the source, and mirrored points. Source: (SB9).
+"""Fields behind and in front of soft and hard plates in one plane. Source: (SB9).
 
 The field of a conducting half-plane is the sum of two fields with a shadow: the incident field at
 the point, and the incident field at the mirror image of the point. Both shadows have edge waves of
@@ -27,7 +27,7 @@ EDGES = ("black", "soft", "hard")
 
 @dataclass(frozen=True)
 class Sheet:
-    """The plane of all obstacles. Lengths in wavelengths."""
+    """Plane of all obstacles. Lengths are in wavelengths."""
 
     plane: Floats
     """(4,): n.x + d is the height of a position x; n is the unit normal."""
@@ -42,7 +42,7 @@ class Sheet:
         if uneven or any(body.is_solid for body in bodies.bodies):
             raise ArgumentError(
                 "soft and hard edges require plates in one plane as obstacles, got bodies or "
-                'several planes; leave edge="black", or keep the plates of one plane'
+                'several planes; use edge="black", or pass only plates in one plane'
             )
         return cls(np.append(normal, -heights.mean()))
 
@@ -85,8 +85,8 @@ def change_by_sheet(
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change by soft or hard plates, the free field and the error at positions (n, 3).
 
-    ``compute``: function with the same results for the incident field alone. ``least``: distances
-    (n,) from a plate below which a position is on the illuminated side.
+    ``compute`` returns the same values for the shadow of the incident field alone. Positions whose
+    distance from a plate is below ``least`` (n,) are on the illuminated side.
     """
     sheet, count = Sheet.of(bodies), len(positions)
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
@@ -94,7 +94,7 @@ def change_by_sheet(
     both = sheet.with_images(positions, sources.mean(axis=0), raised)
     changes, waves, error = compute(sheet.silhouettes(bodies, sources), both)
     (here, mirrored), (wave, image) = np.split(changes, 2), np.split(waves, 2)
-    free = np.where(on_plate, 0.5 * (wave + image), wave)  # at the position that is not moved
+    free = np.where(on_plate, 0.5 * (wave + image), wave)  # at the position before it is moved
     if edge == "soft":
         change = np.where(on_plate, -free, here + mirrored)
     else:
@@ -106,4 +106,6 @@ def check_edge(edge: object, obstacles: object) -> None:
     """Raise ArgumentError for an unknown boundary condition, or one without obstacles."""
     checked_choice(edge, "edge", EDGES)
     if obstacles is None and edge != "black":
-        raise ArgumentError(f'edge="{edge}" requires obstacles; add plates, or leave edge out')
+        raise ArgumentError(
+            f'edge="{edge}" requires obstacles; pass plates as obstacles, or omit edge'
+        )

@@ -303,7 +303,7 @@ def plane(
         Obstacles as in :func:`amplitude`; their shadows include diffraction (docs/shadows.md). They
         require an exact method and a single wavelength.
     edge : {"black", "soft", "hard"}, default "black"
-        Boundary condition on the obstacles, as of :func:`amplitude`.
+        Boundary condition on the obstacles, as in :func:`amplitude`.
     dtype : {"float64", "float32"}
         Type of the values. Amplitudes are complex, with parts of this type.
     engine : str, optional

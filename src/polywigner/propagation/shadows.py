@@ -142,8 +142,8 @@ def diffracted(
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change by bodies, the free field and the error at positions in wavelengths.
 
-    ``is_sheet``: whether the edges are those of a conducting sheet, whose plane is the plane in
-    ``seen`` with its normal towards the source.
+    With ``is_sheet``, the edges belong to a conducting sheet. Its plane is the plane in ``seen``,
+    with the normal towards the source.
     """
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
     summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule, is_sheet=is_sheet)

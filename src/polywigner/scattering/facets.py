@@ -165,7 +165,7 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     return parts
 
 
-# The cache pays: hashing a body of a million vertices takes some ms, and computing its triangles
+# Hashing a body of a million vertices for the cache takes some ms, and computing its triangles
 # takes longer.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:

@@ -93,10 +93,10 @@ def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
 
 def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
-    """Return derivatives (k, 2, ...) in x and y of :func:`zernike_values`.
+    """Return derivatives (k, 2, ...) of :func:`zernike_values` with respect to x and y.
 
     The recurrences are d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1), and with n V_(n-1)^(m+1) on
-    the right for the derivative in conj(z).
+    the right for the derivative with respect to conj(z).
     """
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
     return np.array([_gradient(table, order) for order in orders])
@@ -292,7 +292,8 @@ class Aberration:
         ----------
         coefficients : array_like or Dr.Jit Float, shape (k,)
             Values in the order of :attr:`coefficients`. For a Dr.Jit array, :func:`psf`,
-            :func:`otf` and :func:`mtf` return Dr.Jit arrays with derivatives in the coefficients.
+            :func:`otf` and :func:`mtf` return Dr.Jit arrays that are differentiable with respect
+            to the coefficients.
 
         Returns
         -------

@@ -336,7 +336,7 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` over the sine of half the angle at the edge, for a thin plate.
+        """Return ``turn`` divided by the sine of half the angle at the edge, for a thin plate.
 
         The sign is the sign of ``turn`` behind the plate, and positive in front of the plate.
         """
@@ -416,7 +416,7 @@ def edge_wave(
     slant = 0.5 / paths.shortest
     # From here on, v denotes the position along the edge, such that the detour is ``detour + v^2``.
     foot = 4.0 * paths.both * slant
-    # square of the distance of the nearest branch point of the integrand
+    # ``branch``: |v|^2 at the branch point of the integrand that is nearest to the foot, v = 0.
     branch = foot if is_black else 2.0 * paths.shortest
 
     def density(q: Any) -> Number:
@@ -494,7 +494,7 @@ def edge_wave_and_rate(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None, in_front: Any = None,
 ) -> tuple[Pair, Pair]:  # fmt: skip
-    """Return the boundary wave of :func:`edge_wave`, and its derivative in the z of the source."""
+    """Return the boundary wave of :func:`edge_wave`, and its derivative d/dz at the source."""
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))

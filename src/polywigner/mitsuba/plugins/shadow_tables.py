@@ -45,17 +45,21 @@ class EdgeTables(NamedTuple):
     (6).
     """
     edges: Floats
-    """Rows (m, 20) of the edges: ends from the centre (6), plane of the face behind the edge (4),
-    first and end node whose waves it diffracts (2), row in ``ends`` and the step between nodes (2),
-    row in ``samples`` and the number of intervals (2), detour up to which the nodes' waves at the
-    point are used and detour from which on the centre is the only node (2), square of the amplitude
-    of its wave over the largest free field, times the square root of the detour (1), and 0.
+    """Rows (m, 20) of the edges.
+
+    The columns contain the ends of the edge seen from the centre (6), the plane of the face behind
+    the edge (4), the range of the nodes whose waves it diffracts (2), the row in ``ends`` and the
+    step between nodes (2), the row in ``samples`` and the number of intervals (2), the detour up to
+    which the waves of the nodes at the point are used, and the detour from which the centre is the
+    only node (2), the square of the amplitude of its wave over the largest free field, times the
+    square root of the detour (1), and 0.
     """
     ends: Floats
-    """Rows (e, 8) of edges as a node sees them: both ends (6), and 0."""
+    """Rows (e, 8) of edges seen from a node: both ends (6), and two zeros."""
     samples: Floats
-    """Rows (s, 4) for each interval and node, and for the centre: wave at the edge, at both ends of
-    the interval (4).
+    """Rows (s, 4) for each interval and each node or the centre.
+
+    The columns contain the real and imaginary parts of the wave at both ends of the interval.
     """
     triangles: Floats
     """Rows (t, 10) of the triangles of blockers: normals of the planes through the group's midpoint
