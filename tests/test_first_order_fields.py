@@ -169,7 +169,7 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
     ("call", "message"),
     [
         ({"points": (0.0, 0.0, 0.1)}, r"with through=, .*\(\.\.\., 2\)"),
-        ({"points": (0.0, math.nan)}, "points with finite coordinates"),
+        ({"points": (0.0, math.nan)}, "must be finite"),
         ({"method": "kirchhoff"}, "method='kirchhoff' cannot be combined with through="),
         ({"obliquity": "kirchhoff"}, "obliquity='kirchhoff' cannot be combined with through="),
         ({"through": "lens"}, "polywigner.FirstOrder.* of type str"),

@@ -347,9 +347,10 @@ def test_missing_files_and_libraries_are_reported(
 
 def test_a_file_is_replaced_as_a_whole_or_not_written_at_all(tmp_path: Path) -> None:
     (tmp_path / "taken.json").mkdir()
+    (tmp_path / "taken.json" / "a.toml").touch()
     for source, name, error, words in (
-        (SQUARE, "no folder/a.toml", ArgumentError, "cannot be written"),
-        (SQUARE, "taken.json", ArgumentError, "cannot be written"),
+        (SQUARE, "taken.json/a.toml/a.toml", ArgumentError, "cannot write"),
+        (SQUARE, "taken.json", ArgumentError, "cannot write"),
         (SQUARE, "a.txt", FileFormatError, r"\.toml or \.json"),
         (3, "a.toml", ArgumentError, "got int"),
     ):

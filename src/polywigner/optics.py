@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import checked_number, checked_vectors
+from polywigner.geometry.arguments import checked_number, checked_vectors, finite_array
 from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
@@ -89,11 +89,7 @@ class FirstOrder:
 
     def __init__(self, matrix: ArrayLike) -> None:
         expected = "expected a ray matrix of finite real numbers with shape (4, 4) or (2, 2)"
-        given = checked_vectors(matrix, expected, ())
-        if given.shape not in ((2, 2), (4, 4)):
-            raise ArgumentError(f"{expected}, got shape {given.shape}")
-        if not np.isfinite(given).all():
-            raise ArgumentError(f"{expected}, got {given.tolist()}")
+        given = finite_array(matrix, expected, (2, 2), (4, 4))
         check_symplectic(given)
         full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
         _set(self, full, _ULP * abs(full))

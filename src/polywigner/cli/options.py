@@ -328,11 +328,11 @@ class SceneOptions:
         the store is removed, and Mitsuba's log messages become warnings.
         """
         from polywigner.mitsuba.radar.range_film import require_transients
-        from polywigner.propagation.stores import require_stores, required
+        from polywigner.propagation.stores import required
 
         store = None
         if self.resumable or self.scheduler is not None:
-            require_stores(self.scheduler)
+            required("zarr", "dask")
             store = file.with_suffix(".parts.zarr")
         with warnings_of_mitsuba():
             if self.range_text is not None:

@@ -24,10 +24,7 @@ from polywigner.execution.choice import (
     checked_precision,
     uncompiled,
 )
-from polywigner.execution.chunks import (
-    MOST_THREADS,
-    kernel_threads,
-)
+from polywigner.execution.chunks import MOST_THREADS, kernel_threads
 from polywigner.execution.drjit_operations import DrjitOperations, ops_for
 from polywigner.execution.evaluation import (
     Shear,

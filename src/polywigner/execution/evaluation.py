@@ -16,15 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import (
-    DATA,
-    GRID,
-    LISTED,
-    Plan,
-    planned,
-    resolved,
-    terms_of,
-)
+from polywigner.execution.choice import DATA, GRID, LISTED, Plan, planned, resolved, terms_of
 from polywigner.execution.chunks import Launched, parts_of_results, ready, store
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
 from polywigner.execution.operations import NumpyOperations

@@ -160,7 +160,7 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
-        """Add a state; successive states of one gesture, such as a drag, form a single step."""
+        """Return whether the history has a state ``steps`` states after the current one."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
-from polywigner.figures.levels import arrays_of, check_floor
+from polywigner.figures.levels import check_floor
 from polywigner.geometry.arguments import checked_choice, checked_length
 from polywigner.numerics import Floats
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, cut_metrics
@@ -25,6 +25,7 @@ from polywigner.propagation.patterns import (
     cuts_of,
     front_of,
 )
+from polywigner.transforms.xarray_arguments import arrays_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_array, checked_length, real_numbers
+from polywigner.geometry.arguments import checked_array, checked_length, checked_vectors
 from polywigner.numerics import Floats
 from polywigner.source.obliquities import OBLIQUITIES
 
@@ -99,10 +98,7 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
         If the values are not real numbers, the reference is not positive, or the floor is not below
         0 dB.
     """
-    try:
-        power = real_numbers(values)
-    except ValueError as error:
-        raise ArgumentError(f"expected values as real numbers, got {error}") from None
+    power = checked_vectors(values, "expected values as real numbers", ())
     levels = np.full(power.shape, check_floor(floor_db))
     if reference is None:
         return levels
@@ -126,23 +122,6 @@ def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
     if not isinstance(dataset, xarray.Dataset):
         raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(dataset).__name__}")
     return dataset
-
-
-def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str) -> list[NDArray[Any]]:
-    """Return the arrays of a dataset with the given names, each transposed to the given axes.
-
-    ``axes`` contains the axes of each name, separated by blanks; an empty string accepts any axes.
-    Raises ArgumentError if an array is missing or has other axes; ``maker`` is the name of the
-    function that returns such datasets, for the message.
-    """
-    try:
-        return [
-            np.asarray((dataset[name].transpose(*dims.split()) if dims else dataset[name]).values)
-            for name, dims in axes.items()
-        ]
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        got = type(dataset).__name__
-        raise ArgumentError(f"expected the result of {maker}, got {got}") from None
 
 
 class Difference(NamedTuple):

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.figures import style
-from polywigner.figures.levels import arrays_of, check_floor, dbm, image_peak, level_db
+from polywigner.figures.levels import check_floor, dbm, image_peak, level_db
 from polywigner.geometry.arguments import checked_array, checked_count
 from polywigner.numerics import Floats
+from polywigner.transforms.xarray_arguments import arrays_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

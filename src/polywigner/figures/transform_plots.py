@@ -25,9 +25,6 @@ from polywigner.source.array import mutual_support
 from polywigner.transforms.wavefronts import flat_source
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure

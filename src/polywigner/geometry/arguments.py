@@ -7,7 +7,8 @@ import inspect
 import math
 import os
 import warnings
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from numbers import Real
 from pathlib import Path
@@ -121,10 +122,11 @@ def finite_array(
 ) -> NDArray[np.float64]:
     """Return a :func:`real_array` whose numbers are finite and below 1e100."""
     array = real_array(values, expected, *shapes, error=error)
-    is_finite = (np.abs(np.atleast_1d(array)) < _LARGEST).reshape((*array.shape[:1], -1))
+    is_finite = np.abs(array) < _LARGEST
     if not is_finite.all():
-        row = int(is_finite.all(axis=-1).argmin())
-        got = f"{array[row].tolist()} in row {row}" if array.ndim else array.item()
+        row = np.argwhere(~is_finite)[0].tolist()[: max(array.ndim - 1, 1)]
+        where = f" in row {', '.join(map(str, row))}" if row else ""
+        got = f"{array[tuple(row)].tolist()}{where}"
         raise error(f"{expected}, got {got}; numbers must be finite and below {_LARGEST:g}")
     return array
 
@@ -501,15 +503,28 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     return poses
 
 
+@contextmanager
+def in_place(path: Path) -> Iterator[Path]:
+    """Yield a temporary path for a file or folder, which replaces ``path`` after the block.
+
+    Raises ArgumentError if the path cannot be written to.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as scratch:
+            yield scratch
+    except PolywignerError:
+        raise
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write {path}: {error.strerror or error}; choose another location"
+        ) from error
+
+
 def write_lines(file: Path, lines: Iterable[str]) -> None:
     """Write lines to a file in UTF-8, completely or not at all; an existing file is replaced.
 
     Raise ArgumentError if the file cannot be written.
     """
-    text = "".join(f"{line}\n" for line in lines)
-    try:
-        with atomic_path(file) as scratch:
-            scratch.write_text(text, encoding="utf-8", newline="\n")
-    # A path with a null character raises a ValueError.
-    except (OSError, ValueError) as error:
-        raise ArgumentError(f"{file} cannot be written: {error}") from None
+    with in_place(file) as scratch:
+        scratch.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8", newline="\n")

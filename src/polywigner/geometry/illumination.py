@@ -16,6 +16,7 @@ from polywigner.geometry.arguments import (
     Immutable,
     checked_length,
     checked_number,
+    checked_vectors,
     finite_array,
     real_numbers,
 )
@@ -85,12 +86,8 @@ class Illumination(Immutable):
 
     def __call__(self, x: ArrayLike) -> NDArray[np.complex128]:
         """Return the complex field, shape (...), at positions x (..., d) in m."""
-        try:
-            points = real_numbers(x)
-        except ValueError as error:
-            raise ArgumentError(f"expected x as real numbers, got {error}") from None
-        if points.ndim == 0 or points.shape[-1] != self.dimension:
-            raise ArgumentError(f"expected x of shape (..., {self.dimension}), got {points.shape}")
+        expected = f"expected x as real numbers of shape (..., {self.dimension})"
+        points = checked_vectors(x, expected, (self.dimension,))
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
 
     def moved(self, shift: ArrayLike) -> Illumination:

@@ -462,18 +462,13 @@ def point_distances(points: Vertices, corners: Vertices) -> Vertices:
     for k in range(3):
         side = corners[..., (k + 1) % 3, :] - corners[..., k, :]
         ahead = points - corners[..., k, :]
-        fraction = dot_products(ahead, side) / np.maximum(dot_products(side, side), _TINY)
+        fraction = np.vecdot(ahead, side) / np.maximum(np.vecdot(side, side), _TINY)
         off = ahead - np.clip(fraction, 0.0, 1.0)[..., None] * side
         best = np.minimum(best, np.linalg.norm(off, axis=-1))
-        above = above & (dot_products(ahead, np.cross(normal, side)) >= 0.0)
+        above = above & (np.vecdot(ahead, np.cross(normal, side)) >= 0.0)
     area = np.linalg.norm(normal, axis=-1)
-    height = np.abs(dot_products(ahead, normal)) / np.maximum(area, _TINY)
+    height = np.abs(np.vecdot(ahead, normal)) / np.maximum(area, _TINY)
     return np.where(above & (area > 0.0), height, best)
-
-
-def dot_products(a: Vertices, b: Vertices) -> Vertices:
-    """Return the dot products of vectors (..., 3), with broadcasting."""
-    return np.asarray(np.einsum("...k,...k", a, b))
 
 
 def windings_about(points: Vertices, corners: Vertices) -> Vertices:
@@ -501,7 +496,7 @@ def windings_about(points: Vertices, corners: Vertices) -> Vertices:
         block = slice(start, start + step)
         a, b, c = np.moveaxis(corners - points[block, None, None], -2, 0)
         x, y, z = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
-        below = x * y * z + dot_products(a, b) * z + dot_products(b, c) * x + dot_products(c, a) * y
-        triple = dot_products(a, np.cross(b, c))
+        below = x * y * z + np.vecdot(a, b) * z + np.vecdot(b, c) * x + np.vecdot(c, a) * y
+        triple = np.vecdot(a, np.cross(b, c))
         windings[block] = np.arctan2(triple, below).sum(axis=1) / (2 * np.pi)
     return windings

@@ -117,6 +117,11 @@ def extent(points: Ring) -> float:
     return float(np.hypot(size[0], size[1]))
 
 
+def sides_of(bounds: Sequence[float]) -> NDArray[np.float64]:
+    """Return the sides (d,) of a box, from the coordinates of its lower and its upper corner."""
+    return np.ptp(np.reshape(bounds, (2, -1)), axis=0)
+
+
 def without_straight_vertices(ring: Ring) -> Ring:
     """Drop vertices that lie exactly on the segment between their neighbours.
 

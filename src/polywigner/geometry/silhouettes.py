@@ -23,7 +23,6 @@ from polywigner.geometry.parts import connected
 from polywigner.geometry.polyhedron import (
     Polyhedron,
     distances_from,
-    dot_products,
     point_distances,
     windings_about,
 )
@@ -539,13 +538,13 @@ def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:
     for mine, theirs in ((one, other), (other, one)):
         a, b, c = np.moveaxis(theirs, 1, 0)
         normal = np.cross(b - a, c - a)
-        height = np.stack([dot_products(mine[:, k] - a, normal) for k in range(3)])
+        height = np.stack([np.vecdot(mine[:, k] - a, normal) for k in range(3)])
         far = np.abs(height) > depth * np.linalg.norm(normal, axis=1)
         for k in range(3):
             j = (k + 1) % 3
             p, along = mine[:, k], mine[:, j] - mine[:, k]
             sides = (a, b), (b, c), (c, a)
-            turns = np.stack([dot_products(np.cross(s - p, e - p), along) for s, e in sides])
+            turns = np.stack([np.vecdot(np.cross(s - p, e - p), along) for s, e in sides])
             inside = (turns > 0.0).all(axis=0) | (turns < 0.0).all(axis=0)
             crosses |= inside & far[k] & far[j] & (height[k] * height[j] < 0.0)
     return crosses

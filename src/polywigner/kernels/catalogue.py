@@ -6,10 +6,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.geometry.rings import sides_of
 from polywigner.kernels import element_pairs, lattice_arrays
 from polywigner.kernels.array_factors import array_factor_kernel
 from polywigner.kernels.element_pairs import is_scattered
@@ -67,8 +66,7 @@ _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 def _widths_in(source: Wavefront) -> float:
     """Return the number of coherence widths in the area (or length) of a source's box."""
-    low, high = np.reshape(source.bounds, (2, -1))
-    return math.prod((1.0 + (high - low) / source.coherence_width).tolist())
+    return math.prod((1.0 + sides_of(source.bounds) / source.coherence_width).tolist())
 
 
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:

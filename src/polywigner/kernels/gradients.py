@@ -24,11 +24,7 @@ from polywigner.kernels.cut.winding import PairClipper
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.functions.slices import (
-    Views,
-    difference_pairings,
-    mean_pairings,
-)
+from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline import Tables
 from polywigner.kernels.wave_pairs import WavePair

@@ -37,12 +37,7 @@ from polywigner.propagation.point_grids import (
     warn_of_missed,
 )
 from polywigner.propagation.pupil_fields import aberrated_fresnel_field, aberrated_spectrum
-from polywigner.propagation.screens import (
-    PointSource,
-    Screen,
-    field_of_screen,
-    incident_of_point,
-)
+from polywigner.propagation.screens import PointSource, Screen, field_of_screen, incident_of_point
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition

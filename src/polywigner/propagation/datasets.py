@@ -25,8 +25,8 @@ from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import (
     check_options,
     checked_choice,
-    checked_row,
     checked_wavelength,
+    finite_array,
     takes_frequency,
 )
 from polywigner.geometry.silhouettes import listed_bodies, obstacle_of
@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     import xarray
 
 Quantity = Literal["irradiance", "amplitude", "phase"]
-Values = NDArray[Any]
 
 # Methods that accept the option ``obliquity``. The boundary condition of every other method implies
 # its obliquity.
@@ -103,7 +102,7 @@ class FieldOptions(StoreOptions, total=False):
 def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
-) -> Values:  # fmt: skip
+) -> NDArray[Any]:  # fmt: skip
     """Compute the field on a block of a grid, whose first point has the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)
@@ -609,8 +608,6 @@ def _table(
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     expected = f"expected {name} as finite numbers of shape (n,)"
-    array = checked_row(values, expected)
-    if np.ndim(values) != 1 or not np.isfinite(array).all():
-        raise ArgumentError(f"{expected}, got {values!r:.200}")
+    array = finite_array(values, expected, (None,))
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
     return labelled_array(array, (name,), {"units": units})

@@ -22,6 +22,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
+from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.point_grids import unit_vectors
@@ -241,7 +242,7 @@ class FarField:
         """
         if self.known_beam is not None:
             return self.known_beam
-        extent = np.ptp(np.reshape(flat_source(self.source).bounds, (2, 2)), axis=0)
+        extent = sides_of(flat_source(self.source).bounds)
         width = extent / self.wavelength
         steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
         windows = [(np.zeros(2), steps // 2)]
@@ -272,10 +273,10 @@ class FarField:
         """
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
-        sides = [np.ptp(np.reshape(e.bounds, (2, 2)), axis=0) for e in flat.elements_in_plane]
+        sides = [sides_of(e.bounds) for e in flat.elements_in_plane]
         reach = _LOBES * wavelength / np.min(sides, axis=0)
         if isinstance(source, Wavefront):
-            half = np.ptp(np.reshape(flat.bounds, (2, 2)), axis=0) / 2
+            half = sides_of(flat.bounds) / 2
             reach = reach + wavelength * np.abs(source.curvature) @ half
         counts = np.ceil(np.minimum(reach, 1.0) / step).astype(np.intp)
         waves = normal_form(flat).frequencies

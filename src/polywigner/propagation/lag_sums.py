@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in, shifted
+from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.nodes import (
     chirp_node_counts,
@@ -81,8 +82,7 @@ def _sum_over_lags(
 
 
 def _longest_lags(source: Wavefront) -> Floats:
-    sides = np.subtract(*np.reshape(source.bounds, (2, 2))[::-1])
-    return np.asarray(np.minimum(sides, _LONGEST * source.coherence_width))
+    return np.asarray(np.minimum(sides_of(source.bounds), _LONGEST * source.coherence_width))
 
 
 def _lag_cells(source: Wavefront) -> Trapezoids:

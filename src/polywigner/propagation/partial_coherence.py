@@ -24,6 +24,7 @@ import numpy as np
 
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.optics import FirstOrder
@@ -74,10 +75,6 @@ def partly_coherent_irradiance(
 
 def _with_error(values: Floats, error: float) -> Floats:
     return np.stack([values, np.full(len(values), error * float(values.max(initial=0.0)))])
-
-
-def _sides(source: Wavefront) -> Floats:
-    return np.asarray(np.subtract(*np.reshape(source.bounds, (2, 2))[::-1]))
 
 
 # ---- parabolic waves -----------------------------------------------------------------------------
@@ -161,7 +158,7 @@ def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
     A tilt t shifts the irradiance by wavelength B t.
     """
     axes, scales, right = np.linalg.svd(transfer)
-    reaches = (abs(right) @ _sides(source)) / source.coherence_width
+    reaches = (abs(right) @ sides_of(source.bounds)) / source.coherence_width
     spreads = wavelength * scales / (2 * math.pi * source.coherence_width)
     return _Blur(axes, spreads, reaches)
 
@@ -320,7 +317,7 @@ def _in_spherical_waves(
     method.
     """
     tail = math.sqrt(2 * math.log(8 / error))
-    reaches = _sides(source) / source.coherence_width + tail
+    reaches = sides_of(source.bounds) / source.coherence_width + tail
     count = math.prod((tail * reaches / math.pi + 1).tolist())
     axes = [_tilt_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
     channels, form = channels_of(source, condition), normal_form(source)
@@ -348,7 +345,7 @@ def _in_spherical_waves(
     cycles = sum(element.shape.polygons.length for element in elements) / wavelength
     per_tilt = _WAVELENGTH * cycles + _EDGE * sum(len(ring) for ring in form.rings)
     by_boundaries = len(points) * min(count * per_tilt, _LONGEST_TIME)
-    if (_sides(source) > _SHORT * source.coherence_width).all():
+    if (sides_of(source.bounds) > _SHORT * source.coherence_width).all():
         longest = min(time, by_boundaries)
         values = summed_over_pairs(source, points, wavelength, condition, error, longest)
         if values is not None:

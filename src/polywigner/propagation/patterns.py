@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
+from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Floats
 from polywigner.propagation.element_patterns import (
     MOST_PHI,
@@ -32,7 +33,7 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.source.polarisation import checked_polarisation
 from polywigner.transforms.wavefronts import flat_source
-from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
+from polywigner.transforms.xarray_arguments import arrays_of, labelled_array, labelled_arrays
 
 if TYPE_CHECKING:
     import xarray
@@ -194,9 +195,7 @@ def beam_cuts(
     [9.29, 8.09]
     """
     far = checked_far_field(source, wavelength, options)
-    extent = float(
-        np.linalg.norm(np.ptp(np.reshape(flat_source(far.source).bounds, (2, 2)), axis=0))
-    )
+    extent = math.hypot(*sides_of(flat_source(far.source).bounds))
     steps = math.ceil(_STEPS_PER_LOBE * math.pi * extent / far.wavelength)
     return _great_circles(far, math.pi / min(max(steps, _LEAST_STEPS), _MOST_STEPS))
 
@@ -370,8 +369,7 @@ class Cut(NamedTuple):
 
 def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, float]]:
     """Return theta (n,), phi (m,), directivity (n, m) in dBi, and the numerical attributes."""
-    levels, about = _checked_levels(pattern, ("theta", "phi"))
-    theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
+    theta, phi, levels, about = _checked_levels(pattern, ("theta", "phi"))
     if np.isnan(levels).any():
         raise ArgumentError(
             "the pattern contains NaN at some angles; expected numbers, or minus infinity "
@@ -380,21 +378,17 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
     return theta, phi, levels, about
 
 
-def _checked_levels(pattern: Any, axes: tuple[str, str]) -> tuple[Floats, dict[str, float]]:
-    """Return the directivity in dBi over two axes, and the numerical attributes of a pattern."""
-    try:
-        for name in axes:
-            len(pattern[name].values)
-        levels = np.asarray(pattern["directivity"].transpose(*axes).values, np.float64)
-        about = {name: float(pattern.attrs[name]) for name in _ATTRIBUTES}
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise ArgumentError(
-            f"expected a pattern with directivity over {' and '.join(axes)}, got "
-            f"{type(pattern).__name__}; use a result of polywigner.radiation_pattern"
-        ) from None
+def _checked_levels(
+    pattern: Any, axes: tuple[str, str]
+) -> tuple[NDArray[Any], Floats, Floats, dict[str, float]]:
+    """Return two axes, the directivity in dBi, and the numerical attributes of a pattern."""
+    names = dict(zip(axes, axes, strict=True)) | {"directivity": " ".join(axes)}
+    first, second, levels, *values = arrays_of(
+        pattern, names, "polywigner.radiation_pattern", *_ATTRIBUTES
+    )
     if not levels.size:
         raise ArgumentError("the pattern contains no angles; expected at least one angle")
-    return levels, about
+    return first, second, levels, dict(zip(_ATTRIBUTES, map(float, values), strict=True))
 
 
 def _cross_polar(
@@ -454,12 +448,11 @@ def cuts_in(pattern: Any) -> list[Cut]:
             for (azimuth, angles, values), (_, _, others) in zip(co, cross, strict=True)
         ]
     else:
-        levels, about = _checked_levels(pattern, ("cut", "angle"))
+        kinds, angles, levels, about = _checked_levels(pattern, ("cut", "angle"))
         crossed = _cross_polar(pattern, ("cut", "angle"), about, levels)
-        azimuths, angles = pattern["azimuth"].values.tolist(), pattern["angle"].values
-        kinds = pattern["cut"].values.tolist()
+        azimuths = pattern["azimuth"].values.tolist()
         cuts = [
-            Cut(azimuths[k], angles[ahead], levels[k, ahead], kinds[k], crossed[k, ahead])
+            Cut(azimuths[k], angles[ahead], levels[k, ahead], kinds.item(k), crossed[k, ahead])
             for k, ahead in enumerate(~np.isnan(levels))
         ]
     is_scalar = "cross_field" not in pattern

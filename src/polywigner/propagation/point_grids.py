@@ -17,8 +17,7 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_row,
-    real_numbers,
-    shape_of,
+    finite_array,
     warn_caller,
 )
 from polywigner.numerics import Floats
@@ -88,19 +87,7 @@ _LEAST = 1e-13
 
 def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
     """Return finite coordinates (..., *shape) in metres; raise ArgumentError otherwise."""
-    try:
-        array = real_numbers(points)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, in metres, got {error}") from None
-    if array.shape[-len(shape) :] != shape:
-        raise ArgumentError(f"{expected}, in metres, got shape {shape_of(points)}")
-    if not np.isfinite(array).all():
-        bad = ~np.isfinite(array).all(axis=-1)
-        raise ArgumentError(
-            f"expected points with finite coordinates, got {array[bad][0].tolist()}; remove such "
-            "points"
-        )
-    return array
+    return finite_array(points, f"{expected}, in metres", (..., *shape))
 
 
 def checked_points(points: Any) -> Floats:

@@ -12,8 +12,8 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from itertools import product
 from pathlib import Path
 from types import ModuleType
@@ -32,7 +32,7 @@ from polywigner.errors import (
 )
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import checked_count, checked_path
+from polywigner.geometry.arguments import checked_count, checked_path, in_place
 from polywigner.interruption import atomic_path
 from polywigner.source.source_files import SOURCE_COORDINATE, source_json
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
@@ -73,11 +73,6 @@ def required(*names: str) -> ModuleType:
         require(name, "datasets", "large results are stored and distributed with") for name in names
     ]
     return modules[-1]
-
-
-def require_stores(scheduler: Scheduler = None) -> None:
-    """Raise MissingExtraError unless the libraries for stores and schedulers are installed."""
-    required("zarr", "dask", *(() if scheduler is None else ("distributed",)))
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
@@ -233,7 +228,7 @@ def _complete(
     The store is created if it does not exist.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
-    require_stores(scheduler)
+    required("zarr", "dask")
     import dask
     from dask.callbacks import Callback
 
@@ -408,24 +403,6 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.
         _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
-
-
-@contextmanager
-def in_place(path: Path) -> Iterator[Path]:
-    """Yield a temporary path for a file or folder, which replaces ``path`` after the block.
-
-    Raises ArgumentError if the path cannot be written to.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as scratch:
-            yield scratch
-    except PolywignerError:
-        raise
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write {path}: {error.strerror or error}; choose another location"
-        ) from error
 
 
 def _opened(dataset: Stored) -> xarray.Dataset:

@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     checked_wavelength,
     takes_frequency,
 )  # fmt: skip
+from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Floats
 from polywigner.propagation.point_grids import box_grid, line_grid, unit_vectors
 from polywigner.radiometry.directions import checked_source
@@ -212,7 +213,7 @@ def suggest_sampling(
     else:
         plane, length = checked_source(source), checked_wavelength(wavelength)
         if quantity == "pattern":
-            step = length / (2 * float(np.linalg.norm(np.ptp(np.reshape(plane.bounds, (2, 2)), 0))))
+            step = length / (2 * math.hypot(*sides_of(plane.bounds)))
             ends = (("theta", math.pi / 2), ("phi", 2 * math.pi))
             bands = [(name, "rad", 0.0, end, step, True) for name, end in ends]
         else:

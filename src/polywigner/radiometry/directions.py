@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import checked_number, checked_vectors
+from polywigner.geometry.arguments import checked_number, finite_array
 from polywigner.numerics import Floats
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -124,10 +124,7 @@ def checked_directions(direction: Any) -> Floats:
 def checked_positions(x: Any) -> Floats:
     """Return finite positions (..., 2) on the aperture in m; raise ArgumentError otherwise."""
     check_no_drjit(x=x)
-    array = checked_vectors(x, "expected finite positions x of shape (..., 2)", (2,))
-    if not np.isfinite(array).all():
-        raise ArgumentError("expected finite positions x, got inf or NaN; remove them")
-    return array
+    return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
 
 # ---- integrals over directions -------------------------------------------------------------------

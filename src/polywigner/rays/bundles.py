@@ -20,14 +20,14 @@ from polywigner.geometry.arguments import (
     checked_flag,
     checked_number,
     checked_path,
-    checked_row,
     checked_vectors,
+    finite_array,
+    in_place,
     rigid_pose,
     shape_of,
     warn_caller,
 )
 from polywigner.geometry.io.limits import check_regular
-from polywigner.interruption import atomic_path
 from polywigner.numerics import Floats
 
 if TYPE_CHECKING:
@@ -326,8 +326,8 @@ def _pose(plane: Any) -> Floats:
 def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     """Return the edges of the pixels along x and along y."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
-    row = checked_row(bounds, expected)
-    if row.shape != (4,) or not np.isfinite(row).all() or not (row[2:] > row[:2]).all():
+    row = finite_array(bounds, expected, (4,))
+    if not (row[2:] > row[:2]).all():
         raise ArgumentError(f"{expected}, got {np.asarray(bounds).tolist()}")
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
         raise ArgumentError(f"expected shape as two integers, (nx, ny) in pixels, got {shape!r}")
@@ -411,14 +411,8 @@ def save(
     if not is_split:
         _warn_of_negative(weight)
     columns = np.column_stack([position / _METRES[_MM], direction, weight])
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        parts = _SPLIT if is_split else (_SIGNED,)
-        return tuple(_write_part(rays, columns, target, *part) for part in parts)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write {path}: {error.strerror or error}; choose another path"
-        ) from error
+    parts = _SPLIT if is_split else (_SIGNED,)
+    return tuple(_write_part(rays, columns, target, *part) for part in parts)
 
 
 def _checked_file(path: str | os.PathLike[str]) -> Path:
@@ -447,7 +441,7 @@ def _write_part(
     header["DimensionUnits"] = _MM
     header["Scale"] = 1.0
     # Coordinates of lost rays may overflow.
-    with atomic_path(path) as scratch, np.errstate(over="ignore"):
+    with in_place(path) as scratch, np.errstate(over="ignore"):
         scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
     return path
 

@@ -19,7 +19,7 @@ from polywigner.geometry.arguments import (
     checked_generator,
     checked_number,
     checked_wavelength,
-    real_numbers,
+    real_array,
     rigid_pose,
     takes_frequency,
 )
@@ -117,12 +117,7 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
     expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
-    try:
-        array = real_numbers(samples)
-    except ValueError:
-        raise ArgumentError(f"{expected}, got {type(samples).__name__}") from None
-    if array.ndim != 2 or array.shape[1] != columns:
-        raise ArgumentError(f"{expected}, got shape {array.shape}")
+    array = real_array(samples, expected, (None, columns))
     # The comparison is false for NaN.
     inside = (array >= 0.0) & (array < 1.0)
     if not inside.all():

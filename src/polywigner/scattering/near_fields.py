@@ -19,12 +19,7 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import (
-    checked_choice,
-    checked_vectors,
-    rigid_poses,
-    warn_caller,
-)
+from polywigner.geometry.arguments import checked_choice, checked_vectors, rigid_poses, warn_caller
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of

@@ -20,7 +20,6 @@ from polywigner.geometry.arguments import (
     checked_number,
     checked_path,
     finite_array,
-    real_numbers,
     takes_frequency,
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
@@ -191,15 +190,12 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     """
     layout = checked_positions(positions, (1, 2, 3))
     fraction = checked_number(fill, "fill", "a fraction above 0 and up to 1")
-    try:
-        density = np.ones(len(layout)) if taper is None else real_numbers(taper)
-    except ValueError:
-        density = np.empty(0)
-    if density.shape != layout.shape[:1] or not (density >= 0).all() or not density.any():
-        raise ArgumentError(
-            f"expected a taper of {len(layout)} real weights of zero or more, got "
-            f"{value_text(taper)}; pass the moduli of complex weights"
-        )
+    expected = f"expected a taper of {len(layout)} real weights of zero or more"
+    density = np.ones(len(layout))
+    if taper is not None:
+        density = finite_array(taper, expected, layout.shape[:1])
+    if not (density >= 0).all() or not density.any():
+        raise ArgumentError(f"{expected}, got {value_text(taper)}")
     most = float(density.mean() / density.max())
     if not 0 < fraction <= most:
         raise ArgumentError(

@@ -18,10 +18,7 @@ from polywigner.execution import Differentiable
 from polywigner.transforms.aberrations import Aberration, fit_zernike, zernike
 from polywigner.transforms.calls import explain
 from polywigner.transforms.checked_calls import PhaseSpaceSource, Source
-from polywigner.transforms.imaging import (
-    partially_coherent_image,
-    transmission_cross_coefficient,
-)
+from polywigner.transforms.imaging import partially_coherent_image, transmission_cross_coefficient
 from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.public_transforms import (
     ambiguity,

@@ -26,19 +26,16 @@ from polywigner.geometry.arguments import (
     checked_array,
     checked_length,
     checked_wavelength,
+    finite_array,
     takes_frequency,
 )
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
-from polywigner.transforms.aberrated_pupils import (
-    checked_aberration,
-    converged,
-    region_integrals,
-)
+from polywigner.transforms.aberrated_pupils import checked_aberration, converged, region_integrals
 from polywigner.transforms.aberrations import Aberration
-from polywigner.transforms.checked_calls import broadcast_shape, checked_points
+from polywigner.transforms.checked_calls import broadcast_shape
 from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
@@ -462,12 +459,9 @@ def _checked_amplitude(name: str, value: complex) -> complex:
 
 
 def _lags(name: str, values: Any) -> Floats:
-    lags: Floats = checked_points(name, values, 2)
-    if not np.isfinite(lags).all():
-        raise ArgumentError(
-            f"expected {name} as finite numbers of shape (..., 2) in m, got inf or nan"
-        )
-    return lags
+    return finite_array(
+        values, f"expected {name} as finite numbers of shape (..., 2) in m", (..., 2)
+    )
 
 
 def _checked_lattice(period: Any) -> Floats:

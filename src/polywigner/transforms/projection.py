@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_count, real_numbers
+from polywigner.geometry.arguments import checked_choice, checked_count, finite_array
+from polywigner.geometry.rings import sides_of
 from polywigner.kernels import kernel_for
 from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
@@ -156,7 +157,7 @@ def projections(
     available = _tiles_of(dimension, kind)
     names = _requested(available, tiles)
     axes = _axes(source, available, samples, coordinates)
-    amplitude, side = _largest_amplitude(source), max(_widths(source))
+    amplitude, side = _largest_amplitude(source), max(sides_of(source.bounds).tolist())
     arrays, used = {}, set()
     for name in names:
         tile = available[name]
@@ -212,7 +213,7 @@ def _axes(
             f"{type(requested).__name__}"
         )
     _check_names(requested, names, "coordinates")
-    low, widths = np.reshape(source.bounds, (2, -1))[0], _widths(source)
+    low, widths = np.reshape(source.bounds, (2, -1))[0], sides_of(source.bounds).tolist()
     axes = {}
     for name in names:
         axis = int(name.endswith("y"))
@@ -229,26 +230,13 @@ def _axes(
 
 
 def _numbers(name: str, values: ArrayLike) -> Floats:
-    try:
-        array = real_numbers(values)
-    except ValueError:
-        array = np.empty(0)
-    if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
-        raise ArgumentError(
-            f"expected {name} as finite numbers of shape (n,), got {value_text(values)}"
-        )
+    array = finite_array(values, f"expected {name} as finite numbers of shape (n,)", (None,))
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
             f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute "
             "several datasets"
         )
     return array
-
-
-def _widths(source: PhaseSpaceSource) -> list[float]:
-    """Return the sides (d,) of the bounding box in m."""
-    widths: list[float] = np.diff(np.reshape(source.bounds, (2, -1)), axis=0)[0].tolist()
-    return widths
 
 
 def _largest_amplitude(source: PhaseSpaceSource) -> float:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits, Wavefront
+from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
 from polywigner.numerics.nodes import normal_product_rule
@@ -139,7 +140,7 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     largest lag in m along each axis that contributes to the mean. Raises ArgumentError if the mean
     needs too many tilts.
     """
-    sides = _sides(source)
+    sides = sides_of(source.bounds)
     reaches = np.minimum(sides, longest) / source.coherence_width
     if math.prod(1.0 + reaches) > kernels.MOST_WIDTHS:
         least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
@@ -153,11 +154,6 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 
-def _sides(source: Wavefront) -> Floats:
-    """Return the sides (d,) of the source's box in m."""
-    return np.asarray(np.subtract(*np.reshape(source.bounds, (2, -1))[::-1]))
-
-
 def within_widths(
     closed_form: Callable[..., Any],
     of_coherent: Callable[..., Any],
@@ -167,7 +163,7 @@ def within_widths(
     double: bool,
 ) -> Values:
     """Return W for any coherence width, from ``closed_form(source, x, nu)`` for limited widths."""
-    most, width = _WIDEST[double] * math.hypot(*_sides(wave)), wave.coherence_width
+    most, width = _WIDEST[double] * math.hypot(*sides_of(wave.bounds)), wave.coherence_width
     values = closed_form(wave._with(coherence_width=min(width, most)), x, nu)
     if width <= most:
         return values

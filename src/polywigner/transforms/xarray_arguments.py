@@ -45,6 +45,21 @@ def labelled_arrays(
     return xarray.Dataset(dict(data_vars), coords=dict(coords), attrs=dict(attrs or {}))
 
 
+def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str, *attrs: str) -> list[Any]:
+    """Return arrays of a dataset, each transposed to the given axes, and then its attributes.
+
+    ``axes`` contains the axes of each array, separated by blanks; an empty string accepts any axes.
+    Raises ArgumentError if an array or attribute is missing, or an array has other axes; ``maker``
+    is the name of the function that returns such datasets, for the message.
+    """
+    try:
+        arrays = [dataset[n].transpose(*d.split()) if d else dataset[n] for n, d in axes.items()]
+        return [np.asarray(a.values) for a in arrays] + [dataset.attrs[name] for name in attrs]
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
+        got = type(dataset).__name__
+        raise ArgumentError(f"expected the result of {maker}, got {got}") from None
+
+
 if TYPE_CHECKING:
     import xarray
 

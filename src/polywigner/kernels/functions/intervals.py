@@ -21,12 +21,7 @@ from typing import Any
 from polywigner.geometry import Slits
 from polywigner.kernels.functions.gauss_schell import wave_over_interval
 from polywigner.kernels.functions.plane import enter_both_ends, product_of_both
-from polywigner.kernels.kernel import (
-    Kernel,
-    Values,
-    leave_real,
-    leave_wave,
-)
+from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline import power_of_two
 from polywigner.kernels.wave_pairs import (
     Wave,

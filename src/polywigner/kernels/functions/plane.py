@@ -21,12 +21,7 @@ from polywigner.kernels.functions.fourier import (
     outline_tables,
 )
 from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
-from polywigner.kernels.kernel import (
-    Kernel,
-    Values,
-    leave_real,
-    leave_wave,
-)
+from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline import Tables, build_tables, enter_position_and_frequency, frame_of
 from polywigner.kernels.wave_pairs import field_of
 from polywigner.numerics import phases

@@ -22,12 +22,7 @@ from numpy.typing import NDArray
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Cuts, Edge, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
 from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
-from polywigner.kernels.functions.edge_terms import (
-    EdgeTerms,
-    ambiguity_terms,
-    scaled,
-    wigner_terms,
-)
+from polywigner.kernels.functions.edge_terms import EdgeTerms, ambiguity_terms, scaled, wigner_terms
 from polywigner.kernels.outline import Tables
 from polywigner.kernels.wave_pairs import (
     WavePair,

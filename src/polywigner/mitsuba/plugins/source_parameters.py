@@ -34,11 +34,7 @@ from polywigner.mitsuba.plugins.mixtures import (
     norm_of,
     support_of,
 )
-from polywigner.mitsuba.plugins.registration import (
-    is_key,
-    register_source,
-    registered_source,
-)
+from polywigner.mitsuba.plugins.registration import is_key, register_source, registered_source
 from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import (

@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, checked_row, real_numbers, rigid_pose
+from polywigner.geometry.arguments import checked_path, in_place, rigid_pose
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
+from polywigner.mitsuba.radar.range_profile import checked_ranges
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.amplitudes import amplitude
-from polywigner.propagation.stores import in_place, write_netcdf
+from polywigner.propagation.stores import write_netcdf
 from polywigner.source import Array
+from polywigner.transforms.xarray_arguments import arrays_of
 
 # Number of scatterers that are computed at once. The responses of all elements to this many
 # scatterers take tens of megabytes.
@@ -63,7 +65,9 @@ def element_responses(
     Raises
     ------
     ArgumentError
-        If ``cloud``, ``elements`` or ``to_world`` is of another type.
+        If ``cloud`` or ``elements`` is of another type.
+    GeometryError
+        If ``to_world`` is not a rigid pose.
     SceneError
         If an element cannot radiate.
     """
@@ -110,7 +114,7 @@ def covariance(
     count = 1
     gates = np.zeros(len(intensity), np.intp)
     if ranges is not None:
-        edges = _edges(ranges)
+        edges = checked_ranges(ranges)
         count = len(edges) - 1
         # The last gate includes both of its edges.
         half = np.asarray(cloud["path_length"].values) / 2
@@ -134,7 +138,7 @@ def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
     """Return the responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
-    pose = _pose(attrs["to_world"] if to_world is None else to_world)
+    pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
     front = local[:, 2] > 0.0
     result = np.zeros((len(sources), len(positions)), np.complex128)
@@ -162,17 +166,12 @@ def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
 
 def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
     """Return the positions, intensities and attributes of a cloud."""
-    try:
-        positions, intensity = (
-            np.asarray(cloud[name].values, np.float64) for name in ("position", "intensity")
-        )
-        names = ("wavelength", "obliquity", "to_world", "normalise")
-        return positions, intensity, {name: cloud.attrs[name] for name in names}
-    except (AttributeError, KeyError, TypeError, IndexError, ValueError):
-        raise ArgumentError(
-            "expected a cloud returned by polywigner.mitsuba.scatterers, got "
-            f"{type(cloud).__name__} without the variables and attributes of a cloud"
-        ) from None
+    names = "wavelength", "obliquity", "to_world", "normalise"
+    arrays = dict.fromkeys(("position", "intensity"), "")
+    positions, intensity, *values = arrays_of(
+        cloud, arrays, "polywigner.mitsuba.scatterers", *names
+    )
+    return positions, intensity, dict(zip(names, values, strict=True))
 
 
 def _sources(elements: Any) -> list[Aperture]:
@@ -188,26 +187,6 @@ def _sources(elements: Any) -> list[Aperture]:
             f"expected elements as an Array or a sequence of Apertures, got {elements!r}"
         )
     return list(parts)
-
-
-def _pose(value: Any) -> Floats:
-    try:
-        pose = real_numbers(value)
-        return rigid_pose(pose.reshape(4, 4) if pose.shape == (16,) else pose)
-    except GeometryError as error:
-        raise ArgumentError(str(error)) from None
-    except ValueError:
-        raise ArgumentError(
-            f"expected to_world as a rigid (4, 4) pose in m, got {value!r:.200}"
-        ) from None
-
-
-def _edges(ranges: Any) -> Floats:
-    expected = "expected ranges as at least two ascending edges in m"
-    edges = checked_row(ranges, expected)
-    if len(edges) < 2 or not (np.diff(edges) > 0.0).all():
-        raise ArgumentError(f"{expected}, got {ranges!r}")
-    return edges
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:

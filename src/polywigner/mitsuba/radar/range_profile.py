@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_callable, real_numbers
+from polywigner.geometry.arguments import checked_callable, real_array
 from polywigner.mitsuba.plugins.films import check_seed, check_spp, seed_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import (
@@ -160,18 +160,13 @@ def received_by_range(
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     """Return edges of bins in m; raise ArgumentError unless finite, ascending and not negative."""
-    try:
-        edges = real_numbers(ranges)
-    except ValueError:
-        raise ArgumentError(
-            f"expected ranges as numbers in m, got {ranges!r}; pass edges of range bins such as "
-            "np.linspace(0, 60, 513)"
-        ) from None
-    if edges.ndim != 1 or not 2 <= len(edges) <= _MOST_BINS + 1:
-        raise ArgumentError(
-            f"expected ranges as the edges of n bins, shape (n + 1,), got shape {edges.shape}; "
-            f"pass 2 to {_MOST_BINS + 1} edges"
-        )
+    expected = (
+        f"expected ranges as 2 to {_MOST_BINS + 1} edges of bins in m, such as "
+        "np.linspace(0, 60, 513)"
+    )
+    edges = real_array(ranges, expected, (None,))
+    if not 2 <= len(edges) <= _MOST_BINS + 1:
+        raise ArgumentError(f"{expected}, got shape {edges.shape}")
     with np.errstate(over="ignore"):  # Path lengths are in single precision.
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):

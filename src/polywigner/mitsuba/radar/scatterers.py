@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry.arguments import checked_count, real_numbers
+from polywigner.geometry.arguments import checked_count, finite_array
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import depths_of
 from polywigner.mitsuba.plugins.placement import placed_emitter
@@ -350,15 +350,13 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
 
 
 def _checked_velocity(name: str, value: ArrayLike) -> Floats:
-    try:
-        velocity = real_numbers(value)
-    except (TypeError, ValueError):
-        velocity = np.empty(0)
-    if velocity.shape != (3,) or not np.linalg.norm(velocity) < _FASTEST:
-        raise ArgumentError(
-            f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
-            f"{_FASTEST:.0e} m/s, got {value!r}"
-        )
+    expected = (
+        f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
+        f"{_FASTEST:.0e} m/s"
+    )
+    velocity = finite_array(value, expected, (3,))
+    if not np.linalg.norm(velocity) < _FASTEST:
+        raise ArgumentError(f"{expected}, got {value!r}")
     return velocity
 
 

@@ -43,11 +43,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     points_on,
     traced,
 )
-from polywigner.mitsuba.scenes.reflectors import (
-    Chain,
-    names_of,
-    paths_by,
-)
+from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
 from polywigner.numerics import Floats
 from polywigner.propagation.amplitudes import amplitude

@@ -224,7 +224,7 @@ def events_of(
         here, velocity = _arrived(state.copy(), step), speeds
         if motion is not None:
             velocity = _looked_up(motion.shapes, step["shape"])
-            here.rate += _dot(velocity - speeds, step["d"])
+            here.rate += np.vecdot(velocity - speeds, step["d"])
         yield from _lights(here, step, velocity, motion)
         bounced = step["is_bounce"]
         # Null surfaces only add to the length of a path.
@@ -239,7 +239,7 @@ def events_of(
 def _arrived(here: Events, step: _Step) -> Events:
     """Move events to the next surface, and set the first surface of paths without a bounce."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
-    facing = -np.sign(_dot(step["n"], step["d"]))[:, None]
+    facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
     values = {"position": step["p"], "normal": facing * step["n"], "first_shape": step["shape"]}
     for name, value in (values | {"distance": here.length}).items():
@@ -254,7 +254,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
         event, sampled = here[is_sampled], {name: value[is_sampled] for name, value in step.items()}
         if motion is not None:
             relative = _looked_up(motion.lights, sampled["light"]) - velocity[is_sampled]
-            event.rate += np.where(sampled["is_far"], 0.0, _dot(relative, sampled["light_d"]))
+            event.rate += np.where(sampled["is_far"], 0.0, np.vecdot(relative, sampled["light_d"]))
         event.radiance, event.light = sampled["sampled"], sampled["light"]
         event.length += np.where(sampled["is_far"], np.inf, sampled["to_light"])
         event.bounces += 1
@@ -283,7 +283,3 @@ def _looked_up(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
     for number, velocity in table.items():
         result[numbers == number] = velocity
     return result
-
-
-def _dot(first: Floats, second: Floats) -> Floats:
-    return np.einsum("ij,ij->i", first, second)
