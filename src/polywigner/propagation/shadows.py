@@ -42,6 +42,7 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.propagation.edge_sums import EdgeSum, Samples
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
@@ -70,6 +71,11 @@ _RULES = (
 )
 # Error of the points that represent the source, as a fraction of the tolerance.
 _OF_GRID = 0.1
+# Nodes of the source replace its points if there are at least so many points, and so many pairs of
+# an edge, as one point sees it, and a sample. Their error, as a fraction of the tolerance. Number
+# of samples from which the largest field is estimated.
+_LEAST_POINTS, _MANY = 16, 1 << 20
+_OF_NODES, _LEVELS = 0.5, 1 << 11
 # Direction from a point to the neighbouring point at which light and shadow are distinguished.
 ASIDE = np.array([0.57, 0.31, 0.76])
 # Negligible lengths: fractions of the extent of edges and points, and of the distances from the
@@ -124,37 +130,70 @@ def diffracted(
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change by bodies, the free field and the error at positions in wavelengths."""
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule)
-    change, free, off = summed(positions, coarser=coarser if with_error else None)
-    near, across = _near_corners(sources, seen, positions)
+    edges = _Edges.of(bodies, sources, seen, positions)
+    opaque = bodies
+    if len(seen) > 1 and all(silhouette is seen[0] for silhouette in seen):
+        centre = np.mean([point.position for point in sources], axis=0)
+        opaque = Obstacles([body.spanned(centre) for body in bodies.bodies])
+    few = _few_nodes(opaque, sources, seen, edges, tolerance, engine)
+    summed = partial(_summed, opaque, sources, engine=engine, rule=rule, few=few)
+    change, free, off = summed(edges, coarser=coarser if with_error else None)
+    views = [(p.position, s.edges) for p, s in zip(sources, seen, strict=True) if p.field]
+    if views and few is not None:
+        views = few.views
+    near, across = _near_corners(views, positions)
     if near.any():
         # mean over neighbouring points on a line: an error of the fourth order in their distance
         change[near] = 0.0
         for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
-            change[near] += share * summed(positions[near] + number * across)[0]
+            beside = positions[near] + number * across
+            change[near] += share * summed(_Edges.of(bodies, sources, seen, beside))[0]
     return change, free, off
 
 
+def _few_nodes(
+    bodies: Obstacles,
+    sources: Sequence[RadiatingPoint],
+    seen: Sequence[Silhouette],
+    edges: _Edges,
+    tolerance: float,
+    engine: str,
+) -> EdgeSum | None:
+    """Return nodes that replace the points of a source; None if the sum over all points is less."""
+    positions = edges.samples.positions
+    pairs = len(positions) * edges.count
+    if len(sources) < _LEAST_POINTS or pairs < _MANY or edges.are_blocked:
+        return None
+    some = positions[:: 1 + len(positions) // _LEVELS]
+    level = np.abs(sum(point.wave(some.T) for point in sources)).max()
+    centre = np.mean([point.position for point in sources], axis=0)
+    scale = level * np.linalg.norm(positions - centre, axis=1).min()
+    chosen = resolved(engine, len(positions), edges.count)
+    return EdgeSum.of(bodies, sources, seen, scale, _OF_NODES * tolerance, chosen)
+
+
 def _near_corners(
-    sources: Sequence[RadiatingPoint], seen: Sequence[Silhouette], positions: Floats
+    views: Sequence[tuple[Floats, Floats]], positions: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Return a mask of points (n, 3) on a line through a point of the source and a corner.
+
+    ``views``: points (3,) of the source, and the edges (m, 2, 3) that they see.
 
     On these lines the derivatives (SB5) of the two edges diverge, and their sum loses its digits.
     Also return displacements (k, 3) across the line, over which the field is smooth.
     """
     near = np.zeros(len(positions), bool)
-    for point, silhouette in zip(sources, seen, strict=True):
-        if not point.field:
-            continue
-        corners = silhouette.edges.reshape(-1, 3) - point.position
+    for origin, edges in views:
+        corners = edges.reshape(-1, 3) - origin
         corners /= np.linalg.norm(corners, axis=1)[:, None]
-        axes = positions - point.position
+        axes = positions - origin
         distance = np.linalg.norm(axes, axis=1)
         rows, columns = np.nonzero(axes @ corners.T > (1.0 - _ALIGNED) * distance[:, None])
         aside = np.linalg.norm(np.cross(axes[rows], corners[columns]), axis=1)
         near[rows[aside < _CORNER * np.sqrt(distance[rows])]] = True
-    axes = positions[near] - np.mean([position for position, *_ in sources], axis=0)
+    if not near.any():
+        return near, np.empty((0, 3))
+    axes = positions[near] - np.mean([origin for origin, _ in views], axis=0)
     across = np.cross(axes, ASIDE)
     length = np.linalg.norm(across, axis=1) / np.sqrt(np.linalg.norm(axes, axis=1))
     return near, _BESIDE * across / np.maximum(length, 1e-300)[:, None]
@@ -177,50 +216,84 @@ def _seen(
     return sources, bodies.silhouettes([position for position, *_ in sources])
 
 
+@dataclass(frozen=True)
+class _Edges:
+    """Edges that the points of a source see, and the points where their waves are computed."""
+
+    groups: list[tuple[Floats, Blocker | None]]
+    """Rows (k, 17) of edges by the surface behind them: point of the source, seven numbers; ends;
+    and plane of the face behind."""
+    samples: Samples
+    are_blocked: bool
+    """Whether a surface blocks waves of edges, or edges have shadow lines."""
+
+    @property
+    def count(self) -> int:
+        return sum(len(rows) for rows, _ in self.groups)
+
+    @classmethod
+    def of(
+        cls,
+        bodies: Obstacles,
+        sources: Sequence[RadiatingPoint],
+        seen: Sequence[Silhouette],
+        positions: Floats,
+    ) -> _Edges:
+        """Return the edges of the silhouettes, for fields at positions (n, 3)."""
+        centre = np.mean([point.position for point in sources], axis=0)
+        blocked = blocked_edges(bodies, seen, centre)
+        group = np.concatenate(blocked.groups)
+        table = np.concatenate(
+            [
+                np.column_stack(
+                    [np.tile(p.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes]
+                )
+                for p, s in zip(sources, seen, strict=True)
+            ]
+        )
+        resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], positions)
+        margin = _ON_SURFACE * resolution
+        groups: list[tuple[Floats, Blocker | None]] = []
+        for number, blocker in enumerate(blocked.blockers):
+            rows = table[group == number]
+            planes = np.unique(rows[:, 13:], axis=0)
+            heights = positions @ planes[:, :3].T + planes[:, 3]
+            if (heights < -margin[:, None]).any():
+                groups.append((rows, blocker))
+            else:  # nothing is behind the surface
+                group[group == number] = NO_SURFACE
+        lines = shadow_lines(table[group == OWN_SURFACE])
+        are_blocked = bool(groups) or len(lines) > 0
+        groups.append((np.concatenate([table[group < 0], lines]), None))
+        # Illumination is decided from the angles of the edges for points beyond all bodies, and by
+        # tracing rays for other points.
+        by_angles = np.zeros(len(positions), bool)
+        if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
+            by_angles = np.all([bodies.beyond(p.position, positions) for p in sources], axis=0)
+        aside = positions + resolution[:, None] * ASIDE
+        return cls(groups, Samples(positions, aside, margin, by_angles), are_blocked)
+
+
 def _summed(
     bodies: Obstacles,
     sources: Sequence[RadiatingPoint],
-    seen: Sequence[Silhouette],
-    positions: Floats,
+    edges: _Edges,
     engine: str,
     rule: EdgeRule,
+    few: EdgeSum | None,
     coarser: EdgeRule | None = None,
 ) -> tuple[Complex, Complex, Floats]:
     """Return change of the field, free field, and error (0 without a coarser rule)."""
+    if few is not None:
+        return few.change(edges.samples, rule, coarser)
+    positions, aside, margin, by_angles = edges.samples
     count = len(positions)
-    blocked = blocked_edges(bodies, seen, np.mean([position for position, *_ in sources], axis=0))
-    group = np.concatenate(blocked.groups)
-    # rows (k, 17): point of the source, seven numbers; ends; and plane of the face behind
-    table = np.concatenate(
-        [
-            np.column_stack([np.tile(p.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes])
-            for p, s in zip(sources, seen, strict=True)
-        ]
-    )
-    resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], positions)
-    aside, margin = positions + resolution[:, None] * ASIDE, _ON_SURFACE * resolution
-    edges: list[tuple[Floats, Blocker | None]] = []
-    for number, blocker in enumerate(blocked.blockers):
-        rows = table[group == number]
-        planes = np.unique(rows[:, 13:], axis=0)
-        heights = positions @ planes[:, :3].T + planes[:, 3]
-        if (heights < -margin[:, None]).any():
-            edges.append((rows, blocker))
-        else:  # nothing is behind the surface
-            group[group == number] = NO_SURFACE
-    lines = shadow_lines(table[group == OWN_SURFACE])
-    edges.append((np.concatenate([table[group < 0], lines]), None))
-    # Illumination is decided from the angles of the edges for points beyond all bodies, and by
-    # tracing rays for other points.
-    by_angles = np.zeros(count, bool)
-    if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
-        by_angles = np.all([bodies.beyond(position, positions) for position, *_ in sources], axis=0)
     samples = np.column_stack([positions, aside, by_angles])
     change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)
     # the engine is chosen for the edges of all groups together
-    chosen = resolved(engine, count, sum(len(rows) for rows, _ in edges))
+    chosen = resolved(engine, count, edges.count)
     is_oblique = any(point.field for point in sources)
-    for rows, surface in edges:
+    for rows, surface in edges.groups:
         columns = samples
         if surface is not None:
             hidden = surface.hides(aside, margin)
@@ -309,7 +382,10 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
         raise ArgumentError(
             "an obstacle encloses a part of the source; move it away from the source"
         )
-    nearest = min(float(body.distance(positions).min()) for body in bodies.bodies)
+    low, high = positions.min(axis=0) - _NEAR, positions.max(axis=0) + _NEAR
+    boxes = [(body, body.vertices.min(axis=0), body.vertices.max(axis=0)) for body in bodies.bodies]
+    near = [body for body, least, most in boxes if (least < high).all() and (most > low).all()]
+    nearest = min((float(body.distance(positions).min()) for body in near), default=np.inf)
     if nearest < _NEAR and len(sources) > 1:
         warn_caller(
             f"an obstacle is {nearest:.2g} wavelengths from the source: its shadow neglects "

@@ -1,0 +1,355 @@
+"""Fields behind obstacles from few nodes of a source. Source: (SB7), (SB8).
+
+An edge is near a point if the detour over the edge is short, or the edge itself is close. The
+boundary waves of near edges are computed for nodes of the source, with the weights of the nodes'
+waves at the point. Far edges are sampled. The wave of a sample is the wave of the source there,
+times a smooth function of the position in the source, which nodes interpolate. A smooth weight
+divides each edge between both sums, so that rounding moves no edge from one to the other. Lengths
+are in wavelengths.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import execution
+from polywigner.execution import NumpyOperations
+from polywigner.geometry.contours import Silhouette
+from polywigner.geometry.silhouettes import Obstacles
+from polywigner.kernels.boundary.edge_waves import (
+    EdgeRule,
+    Point,
+    angle_about,
+    cross,
+    difference,
+    dot,
+    edge_wave,
+    edge_wave_and_rate,
+    path_over,
+)
+from polywigner.kernels.kernel import Values
+from polywigner.numerics import Number
+from polywigner.numerics.complex_pairs import Pair, unit_wave
+from polywigner.numerics.nodes import gauss_legendre, nodes_needed
+from polywigner.propagation.equivalent_points import RadiatingPoint
+from polywigner.propagation.source_nodes import Interpolation, interpolation_for
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+# Distance of a point from an edge below which the edge is near. Near edges count with a decreasing
+# weight up to this multiple of the distance, and of the least detour of far edges.
+_CLOSE, _OVERLAP = 1.0, 1.5
+# Pairs of a point and an edge, or a point of the source, per block: some 100 MB.
+_PAIRS = 1 << 19
+# Nodes per row of the table of far edges.
+_PER_ROW = 16
+_NONE = np.zeros(1)
+_OPS = NumpyOperations()
+
+
+class Samples(NamedTuple):
+    """Points at which fields are computed."""
+
+    positions: Floats
+    """(n, 3)"""
+    aside: Floats
+    """(n, 3) positions next to the points that distinguish light and shadow."""
+    margin: Floats
+    """(n,) depths up to which points lie on a surface."""
+    by_angles: Flags
+    """(n,): whether the angles of edges distinguish light and shadow, without rays."""
+
+    def subset(self, some: Any) -> Samples:
+        return Samples(*(part[some] for part in self))
+
+
+@dataclass(frozen=True)
+class EdgeSum:
+    """A source, the edges that it sees, and the nodes for which their waves are computed."""
+
+    bodies: Obstacles
+    points: Sequence[RadiatingPoint]
+    edges: Floats
+    """(m, 2, 3) edges that any of the points sees."""
+    sees: Flags
+    """(k, m): whether a node for near edges sees an edge."""
+    nodes: Interpolation
+    tolerance: float
+    engine: str
+
+    @classmethod
+    def of(
+        cls,
+        bodies: Obstacles,
+        points: Sequence[RadiatingPoint],
+        seen: Sequence[Silhouette],
+        scale: float,
+        tolerance: float,
+        engine: str,
+    ) -> EdgeSum | None:
+        """Return the sum whose error, times the distance, is ``tolerance`` of ``scale``, if any."""
+        counts = [len(silhouette.edges) for silhouette in seen]
+        every = np.concatenate([silhouette.edges.reshape(-1, 6) for silhouette in seen])
+        ends, which = np.unique(every, axis=0, return_inverse=True)
+        if not len(ends) or len(ends) > 2 * max(counts):
+            return None  # the edges move with the points
+        sees = np.zeros((len(points), len(ends)), bool)
+        sees[np.repeat(np.arange(len(points)), counts), which.ravel()] = True
+        edges, is_shared = ends.reshape(-1, 2, 3), bool(sees.all())
+        nodes = interpolation_for(points, edges, tolerance * scale, _OVERLAP, is_shared)
+        if nodes is None:
+            return None
+        if is_shared:
+            sees = np.ones((len(nodes.near.positions), len(ends)), bool)
+        return cls(bodies, points, edges, sees, nodes, tolerance, engine)
+
+    @property
+    def origins(self) -> Floats:
+        """Positions (k, 3) of the nodes for near edges."""
+        return self.nodes.near.positions
+
+    @property
+    def views(self) -> list[tuple[Floats, Floats]]:
+        """Position (3,) of each node for near edges, and the edges (m, 2, 3) that it sees."""
+        return [(at, self.edges[row]) for at, row in zip(self.origins, self.sees, strict=True)]
+
+    @cached_property
+    def _is_oblique(self) -> bool:
+        return any(point.field for point in self.points)
+
+    def change(
+        self, samples: Samples, rule: EdgeRule, coarser: EdgeRule | None
+    ) -> tuple[Complex, Complex, Floats]:
+        """Return the change of the field, the free field, and the error."""
+        count = len(samples.positions)
+        blocks = self._blocks(count)
+        shares = [self._far_counts(samples.positions[some]) for some in blocks]
+        change = self._far_waves(samples.positions, np.max(shares, axis=0))
+        free, error = np.zeros_like(change), np.zeros(count)
+        for some in blocks:
+            near, free[some], error[some] = self._near_waves(samples.subset(some), rule, coarser)
+            change[some] += near
+        return change, free, error
+
+    def _blocks(self, count: int) -> list[Indices]:
+        pairs = count * max(len(self.edges), len(self.points))
+        return np.array_split(np.arange(count), 1 + pairs // _PAIRS)
+
+    # ---- near edges ------------------------------------------------------------------------------
+
+    def _near_waves(
+        self, samples: Samples, rule: EdgeRule, coarser: EdgeRule | None
+    ) -> tuple[Complex, Complex, Floats]:
+        """Return shadow and waves of near edges, the free field, and the error."""
+        source, at = self.nodes.near, samples.positions
+        parts = [source.waves_of_points(at).T]
+        if self._is_oblique:
+            parts.append(source.dipoles_of_points(at).T)
+        weights = _near_weight(
+            _OPS, self.nodes.detour, tuple(source.centre), *self._ends, tuple(at.T)
+        )
+        edge, place = np.nonzero(weights)
+        rows = np.column_stack([self.edges[edge].reshape(-1, 6), at[place], samples.aside[place]])
+        numbers, pairs = np.nonzero(self.sees[:, edge])
+        waves = [source.fractions @ part for part in parts]
+        change, error = np.zeros(len(at), np.complex128), np.zeros(len(at))
+        term = partial(_boundary_waves, rule, coarser, self._is_oblique)
+        for some in np.array_split(np.arange(len(pairs)), 1 + len(pairs) // _PAIRS):
+            number, pair = numbers[some], pairs[some]
+            samples_of = np.column_stack([self.origins[number], rows[pair]])
+            sums = self._summed(term, np.zeros((1, 1)), samples_of, 5)
+            to, weight = place[pair], weights[edge[pair], place[pair]]
+            total = waves[0][number, to] * (sums[0] + 1j * sums[1])
+            error += np.bincount(to, weight * np.abs(waves[0][number, to]) * sums[4], len(at))
+            if self._is_oblique:
+                total += waves[1][number, to] * (sums[2] + 1j * sums[3])
+            change.real += np.bincount(to, weight * total.real, len(at))
+            change.imag += np.bincount(to, weight * total.imag, len(at))
+        # where all edges are far, all nodes see light, or all see shadow
+        free, is_near = parts[0].sum(axis=0), weights.any(axis=0)
+        middle = len(self.origins) // 2
+        (shadow,) = self._shadows([middle], samples.subset(~is_near))
+        change[~is_near] += shadow * free[~is_near]
+        shadows = self._shadows(range(len(self.origins)), samples.subset(is_near))
+        change[is_near] += (waves[0][:, is_near] * shadows).sum(axis=0)
+        return change, free, error
+
+    @property
+    def _ends(self) -> tuple[Point, Point]:
+        start, end = np.moveaxis(self.edges, 1, 0)
+        return tuple(start.T[:, :, None]), tuple(end.T[:, :, None])
+
+    def _shadows(self, numbers: Sequence[int], samples: Samples) -> Floats:
+        """Return -1 at points (n,) in the shadows of nodes (k,), and 0 at others, (k, n)."""
+        by_angles = samples.by_angles
+        shadows = np.zeros((len(numbers), len(by_angles)))
+        aside, others = samples.aside[by_angles], samples.subset(~by_angles)
+        views, groups = np.unique(self.sees[numbers], axis=0, return_inverse=True)
+        for k, view in enumerate(views if len(aside) else ()):
+            rows = self.edges[view].reshape(-1, 6)
+            (group,) = np.nonzero(groups.ravel() == k)
+            origins = self.origins[np.asarray(numbers)[group]]
+            pairs = [np.repeat(origins, len(aside), axis=0), np.tile(aside, (len(group), 1))]
+            (angles,) = self._summed(_angle, rows, np.column_stack(pairs), 1)
+            shadows[np.ix_(group, by_angles)] = angles.reshape(len(group), -1) / (2.0 * math.pi)
+        for row, number in zip(shadows, numbers, strict=True):
+            hidden = self.bodies.hide(self.origins[number], others.aside, others.margin)
+            row[~by_angles] = np.where(hidden, -1.0, 0.0)
+        return shadows
+
+    def _summed(
+        self, term: Any, rows: Floats, samples: Floats, outputs: int, shared: Floats = _NONE
+    ) -> tuple[Floats, ...]:
+        if not len(samples):
+            return (np.zeros(0),) * outputs
+        return execution.evaluate_rows(term, rows, samples, shared, outputs, self.engine)
+
+    # ---- far edges -------------------------------------------------------------------------------
+
+    def _far_counts(self, positions: Floats) -> Indices:
+        """Return the number of samples of each edge (m,) for its waves at positions (n, 3)."""
+        source, (start, end) = self.nodes.far, self._ends
+        along = difference(end, start)
+        length = np.sqrt(dot(along, along))
+        tangent = tuple(a / length for a in along)
+        reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
+        centre, at = tuple(source.centre), tuple(positions.T)
+        distance = np.maximum(_distance(_OPS, start, end, centre), 1e-9)
+        away = np.maximum(_distance(_OPS, start, end, at), _CLOSE)
+        gradient = np.max(
+            [abs(_slope(tangent, p, centre) + _slope(tangent, p, at)) for p in (start, end)], axis=0
+        )
+        cycles = (length * (gradient + 2.0 * reach / distance)).max(axis=1)
+        # distance on the edge from the straight line between source and point
+        lateral = np.sqrt(2.0 * self.nodes.detour * distance * away / (distance + away))
+        lateral = lateral - reach * away / (distance + away)
+        clear = np.minimum(np.minimum(lateral, away), distance).min(axis=1) / (0.5 * length[:, 0])
+        digits = -math.log(self.tolerance)
+        needed, _ = nodes_needed(_OPS, digits, clear, math.pi * cycles)
+        return np.maximum(np.ceil(needed), 2.0).astype(np.intp)
+
+    def _far_waves(self, positions: Floats, counts: Indices) -> Complex:
+        """Return the waves of the samples of far edges, (n,)."""
+        source = self.nodes.far
+        number = np.repeat(np.arange(len(counts)), counts)
+        rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(counts).tolist()}
+        at, weight = np.concatenate([rules[count] for count in counts.tolist()]).T
+        along = self.edges[number, 1] - self.edges[number, 0]
+        places = self.edges[number, 0] + (0.5 + 0.5 * at)[:, None] * along
+        tangents = (-0.125 / math.pi) * weight[:, None] * along
+        waves = [self._waves_on_edges(source.waves_of_points, places, number)]
+        if self._is_oblique:
+            # (SB5): the derivative in z of the source, over -ik
+            dipoles = self._waves_on_edges(source.dipoles_of_points, places, number)
+            waves.append((-0.5j / math.pi) * dipoles)
+        # a row per sample and _PER_ROW nodes; nodes without weight fill the last row
+        count = len(source.positions)
+        rows_each = -(-count // _PER_ROW)
+        nodes = np.zeros((len(places), rows_each * _PER_ROW, 3 + 2 * len(waves)))
+        nodes[:, :count, :3] = source.positions
+        for k, wave in enumerate(waves):
+            nodes[:, :count, 3 + 2 * k], nodes[:, :count, 4 + 2 * k] = wave.real, wave.imag
+        rows = np.column_stack([places, tangents, self.edges[number].reshape(-1, 6)])
+        rows = np.column_stack(
+            [np.repeat(rows, rows_each, axis=0), nodes.reshape(len(places) * rows_each, -1)]
+        )
+        shared = np.array([self.nodes.detour, *source.centre])
+        real, imag = self._summed(_far_wave, rows, positions, 2, shared)
+        return np.asarray(real + 1j * imag)
+
+    def _waves_on_edges(self, waves_of: Any, places: Floats, number: Indices) -> Complex:
+        """Return the waves (q, k) of far nodes at places on edges."""
+        source = self.nodes.far
+        parts = []
+        for some in np.array_split(np.arange(len(places)), len(source.blocks_of(places))):
+            waves = waves_of(places[some])
+            if not self.sees.all():
+                waves = waves * self.sees[:, number[some]].T
+            parts.append(waves @ source.fractions.T)
+        return np.concatenate(parts)
+
+
+def _slope(tangent: Point, place: Point, point: Point) -> Number:
+    """Return the derivative of the distance from a point to a place on an edge along the edge."""
+    away = difference(place, point)
+    return dot(tangent, away) / np.maximum(np.sqrt(dot(away, away)), 1e-9)
+
+
+def _distance(ops: Any, start: Point, end: Point, point: Point) -> Number:
+    """Return the distance of a point from an edge."""
+    along, away = difference(end, start), difference(point, start)
+    foot = ops.maximum(ops.minimum(dot(along, away) / dot(along, along), 1.0), 0.0)
+    across = tuple(b - foot * a for a, b in zip(along, away, strict=True))
+    return ops.sqrt(dot(across, across))
+
+
+def _near_weight(
+    ops: Any, least: Number, source: Point, start: Point, end: Point, point: Point
+) -> Number:
+    """Return the part of an edge's wave at a point that counts as near.
+
+    ``least``: least detour of far edges.
+    """
+    detour, *_ = path_over(ops, source, point, start, end)
+    ratio = ops.minimum(detour / least, _distance(ops, start, end, point) / _CLOSE)
+    part = ops.maximum(ops.minimum((_OVERLAP - ratio) / (_OVERLAP - 1.0), 1.0), 0.0)
+    return part * part * (3.0 - 2.0 * part)
+
+
+def _boundary_waves(
+    rule: EdgeRule, coarser: EdgeRule | None, is_oblique: bool, ops: Any, _: Point, sample: Point,
+    __: Point,
+) -> Values:  # fmt: skip
+    """Return the wave of an edge over the waves of a node, and over its dipole's, and the error."""
+    origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
+    path = origin, point, start, end, aside
+    rate = Pair(0.0 * point[0], 0.0 * point[0])
+    if is_oblique:
+        boundary, rate = edge_wave_and_rate(ops, rule, *path)
+    else:
+        boundary = Pair(*edge_wave(ops, rule, *path))
+    off = rate.real * 0.0
+    if coarser is not None:
+        other = boundary - Pair(*edge_wave(ops, coarser, *path))
+        off = ops.sqrt(other.norm()) * (0.5 / math.pi)
+    boundary, rate = boundary.scaled(-0.5 / math.pi), rate.scaled(0.25 / math.pi**2)
+    # (SB5): -i times the derivative
+    return boundary.real, boundary.imag, rate.imag, -rate.real, off
+
+
+def _angle(ops: Any, row: Point, sample: Point, _: Point) -> Values:
+    return (angle_about(ops, sample[:3], sample[3:6], row[:3], row[3:6]),)
+
+
+def _far_wave(ops: Any, row: Point, point: Point, shared: Point) -> Values:
+    """Return the waves that some nodes send over a sample of an edge, (SB8)."""
+    place, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
+    part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)
+    path = difference(point, place)
+    distance = ops.sqrt(dot(path, path))
+    inverse = 1.0 / ops.maximum(distance, 1e-9)
+    ray = tuple(p * inverse for p in path)
+    normal = cross(tangent, ray)
+    real, imag = 0.0, 0.0
+    width = (len(row) - 12) // _PER_ROW
+    for k in range(12, len(row), width):
+        away = difference(place, row[k : k + 3])
+        length = ops.sqrt(dot(away, away))
+        below = 1.0 / ops.maximum(length - dot(away, ray), 1e-9)
+        factor = dot(away, normal) * below
+        real, imag = real + factor * row[k + 3], imag + factor * row[k + 4]
+        if width > 5:  # weights of the derivative in z of the source, (SB5)
+            rate = (normal[2] - factor * (away[2] / length - ray[2])) * below
+            real, imag = real + rate * row[k + 5], imag + rate * row[k + 6]
+    wave = unit_wave(ops, distance).scaled(inverse * part) * Pair(real, imag)
+    return wave.real, wave.imag
