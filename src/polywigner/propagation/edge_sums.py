@@ -51,8 +51,12 @@ Indices = NDArray[np.intp]
 _CLOSE, _OVERLAP = 1.0, 1.5
 # Pairs of a point and an edge, or a point of the source, per block: some 100 MB.
 _PAIRS = 1 << 19
-# Nodes per row of the table of far edges.
-_PER_ROW = 16
+# The same for arrays in the processor's cache.
+_CACHED = 1 << 14
+# Largest number of nodes per row of the table of far edges.
+_PER_ROW = 32
+# Costs, in far nodes at a sample, of a sample and of a boundary wave of one point.
+_SAMPLE_COST, _POINT_COST = 8.0, 100.0
 _NONE = np.zeros(1)
 _OPS = NumpyOperations()
 
@@ -84,7 +88,8 @@ class EdgeSum:
     sees: Flags
     """(k, m): whether a node for near edges sees an edge."""
     nodes: Interpolation
-    tolerance: float
+    counts: Indices
+    """Number of samples of each edge, (m,)."""
     engine: str
 
     @classmethod
@@ -93,25 +98,40 @@ class EdgeSum:
         bodies: Obstacles,
         points: Sequence[RadiatingPoint],
         seen: Sequence[Silhouette],
-        scale: float,
+        positions: Floats,
+        allowed: float,
         tolerance: float,
         engine: str,
     ) -> EdgeSum | None:
-        """Return the sum whose error, times the distance, is ``tolerance`` of ``scale``, if any."""
-        counts = [len(silhouette.edges) for silhouette in seen]
-        every = np.concatenate([silhouette.edges.reshape(-1, 6) for silhouette in seen])
-        ends, which = np.unique(every, axis=0, return_inverse=True)
-        if not len(ends) or len(ends) > 2 * max(counts):
-            return None  # the edges move with the points
-        sees = np.zeros((len(points), len(ends)), bool)
-        sees[np.repeat(np.arange(len(points)), counts), which.ravel()] = True
+        """Return the sum for fields at positions (n, 3); None if the sum over points costs less.
+
+        ``allowed``: error of the field times the distance from the source. ``tolerance``: error of
+        the wave of a far edge, as a fraction of the wave.
+        """
+        is_shared = all(silhouette is seen[0] for silhouette in seen)
+        every = seen[:1] if is_shared else seen
+        lengths = [len(silhouette.edges) for silhouette in every]
+        ends = np.concatenate([silhouette.edges.reshape(-1, 6) for silhouette in every])
+        ends, which = np.unique(ends, axis=0, return_inverse=True)
+        if not len(ends):
+            return None
+        sees = np.zeros((len(every), len(ends)), bool)
+        sees[np.repeat(np.arange(len(every)), lengths), which.ravel()] = True
+        cost = len(points) * float(np.mean(lengths))
         edges, is_shared = ends.reshape(-1, 2, 3), bool(sees.all())
-        nodes = interpolation_for(points, edges, tolerance * scale, _OVERLAP, is_shared)
+        nodes = interpolation_for(points, edges, allowed, _OVERLAP, is_shared)
         if nodes is None:
             return None
+        counts = [
+            _sample_counts(edges, nodes, positions[some], tolerance)
+            for some in _blocks(len(positions), len(edges))
+        ]
         if is_shared:
             sees = np.ones((len(nodes.near.positions), len(ends)), bool)
-        return cls(bodies, points, edges, sees, nodes, tolerance, engine)
+        total = np.max(counts, axis=0)
+        if total.sum() * (_SAMPLE_COST + len(nodes.far.positions)) > cost * _POINT_COST:
+            return None
+        return cls(bodies, points, edges, sees, nodes, total, engine)
 
     @property
     def origins(self) -> Floats:
@@ -131,19 +151,12 @@ class EdgeSum:
         self, samples: Samples, rule: EdgeRule, coarser: EdgeRule | None
     ) -> tuple[Complex, Complex, Floats]:
         """Return the change of the field, the free field, and the error."""
-        count = len(samples.positions)
-        blocks = self._blocks(count)
-        shares = [self._far_counts(samples.positions[some]) for some in blocks]
-        change = self._far_waves(samples.positions, np.max(shares, axis=0))
-        free, error = np.zeros_like(change), np.zeros(count)
-        for some in blocks:
+        change = self._far_waves(samples.positions)
+        free, error = np.zeros_like(change), np.zeros(len(change))
+        for some in _blocks(len(change), max(len(self.edges), len(self.points))):
             near, free[some], error[some] = self._near_waves(samples.subset(some), rule, coarser)
             change[some] += near
         return change, free, error
-
-    def _blocks(self, count: int) -> list[Indices]:
-        pairs = count * max(len(self.edges), len(self.points))
-        return np.array_split(np.arange(count), 1 + pairs // _PAIRS)
 
     # ---- near edges ------------------------------------------------------------------------------
 
@@ -155,8 +168,11 @@ class EdgeSum:
         parts = [source.waves_of_points(at).T]
         if self._is_oblique:
             parts.append(source.dipoles_of_points(at).T)
-        weights = _near_weight(
-            _OPS, self.nodes.detour, tuple(source.centre), *self._ends, tuple(at.T)
+        weights = np.concatenate(
+            [
+                _near_weight(_OPS, self.nodes.detour, tuple(source.centre), *ends, tuple(at.T))
+                for ends in _ends_of_blocks(self.edges, len(at))
+            ]
         )
         edge, place = np.nonzero(weights)
         rows = np.column_stack([self.edges[edge].reshape(-1, 6), at[place], samples.aside[place]])
@@ -183,11 +199,6 @@ class EdgeSum:
         shadows = self._shadows(range(len(self.origins)), samples.subset(is_near))
         change[is_near] += (waves[0][:, is_near] * shadows).sum(axis=0)
         return change, free, error
-
-    @property
-    def _ends(self) -> tuple[Point, Point]:
-        start, end = np.moveaxis(self.edges, 1, 0)
-        return tuple(start.T[:, :, None]), tuple(end.T[:, :, None])
 
     def _shadows(self, numbers: Sequence[int], samples: Samples) -> Floats:
         """Return -1 at points (n,) in the shadows of nodes (k,), and 0 at others, (k, n)."""
@@ -216,67 +227,91 @@ class EdgeSum:
 
     # ---- far edges -------------------------------------------------------------------------------
 
-    def _far_counts(self, positions: Floats) -> Indices:
-        """Return the number of samples of each edge (m,) for its waves at positions (n, 3)."""
-        source, (start, end) = self.nodes.far, self._ends
-        along = difference(end, start)
-        length = np.sqrt(dot(along, along))
-        tangent = tuple(a / length for a in along)
-        reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
-        centre, at = tuple(source.centre), tuple(positions.T)
-        distance = np.maximum(_distance(_OPS, start, end, centre), 1e-9)
-        away = np.maximum(_distance(_OPS, start, end, at), _CLOSE)
-        gradient = np.max(
-            [abs(_slope(tangent, p, centre) + _slope(tangent, p, at)) for p in (start, end)], axis=0
-        )
-        cycles = (length * (gradient + 2.0 * reach / distance)).max(axis=1)
-        # distance on the edge from the straight line between source and point
-        lateral = np.sqrt(2.0 * self.nodes.detour * distance * away / (distance + away))
-        lateral = lateral - reach * away / (distance + away)
-        clear = np.minimum(np.minimum(lateral, away), distance).min(axis=1) / (0.5 * length[:, 0])
-        digits = -math.log(self.tolerance)
-        needed, _ = nodes_needed(_OPS, digits, clear, math.pi * cycles)
-        return np.maximum(np.ceil(needed), 2.0).astype(np.intp)
-
-    def _far_waves(self, positions: Floats, counts: Indices) -> Complex:
+    def _far_waves(self, positions: Floats) -> Complex:
         """Return the waves of the samples of far edges, (n,)."""
-        source = self.nodes.far
-        number = np.repeat(np.arange(len(counts)), counts)
-        rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(counts).tolist()}
-        at, weight = np.concatenate([rules[count] for count in counts.tolist()]).T
+        number = np.repeat(np.arange(len(self.counts)), self.counts)
+        rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(self.counts).tolist()}
+        at, weight = np.concatenate([rules[count] for count in self.counts.tolist()]).T
         along = self.edges[number, 1] - self.edges[number, 0]
         places = self.edges[number, 0] + (0.5 + 0.5 * at)[:, None] * along
         tangents = (-0.125 / math.pi) * weight[:, None] * along
-        waves = [self._waves_on_edges(source.waves_of_points, places, number)]
+        shared = np.array([self.nodes.detour, *self.nodes.far.centre])
+        total = np.zeros(len(positions), np.complex128)
+        for some in _blocks(len(places), len(self.points)):
+            nodes = self._nodes_at(places[some], number[some])
+            ends = self.edges[number[some]].reshape(-1, 6)
+            ends = np.column_stack([places[some], tangents[some], ends])
+            rows = np.column_stack([np.repeat(ends, len(nodes) // len(ends), axis=0), nodes])
+            term = partial(_far_wave, 7 if self._is_oblique else 5)
+            real, imag = self._summed(term, rows, positions, 2, shared)
+            total += real + 1j * imag
+        return total
+
+    def _nodes_at(self, places: Floats, number: Indices) -> Floats:
+        """Return the directions of far nodes and their waves at places (q, 3) on edges.
+
+        There are rows of several nodes for each place; nodes without weight fill the last row.
+        """
+        source = self.nodes.far
+        waves = [source.waves_of_points(places)]
+        away = places[:, None] - source.positions
+        length = np.linalg.norm(away, axis=2)
+        if self._is_oblique:
+            waves.append(source.dipoles_of_points(places))
+        if not self.sees.all():
+            waves = [wave * self.sees[:, number].T for wave in waves]
+        waves = [wave @ source.fractions.T for wave in waves]
         if self._is_oblique:
             # (SB5): the derivative in z of the source, over -ik
-            dipoles = self._waves_on_edges(source.dipoles_of_points, places, number)
-            waves.append((-0.5j / math.pi) * dipoles)
-        # a row per sample and _PER_ROW nodes; nodes without weight fill the last row
+            waves[1] *= -0.5j / math.pi / length
         count = len(source.positions)
-        rows_each = -(-count // _PER_ROW)
-        nodes = np.zeros((len(places), rows_each * _PER_ROW, 3 + 2 * len(waves)))
-        nodes[:, :count, :3] = source.positions
-        for k, wave in enumerate(waves):
-            nodes[:, :count, 3 + 2 * k], nodes[:, :count, 4 + 2 * k] = wave.real, wave.imag
-        rows = np.column_stack([places, tangents, self.edges[number].reshape(-1, 6)])
-        rows = np.column_stack(
-            [np.repeat(rows, rows_each, axis=0), nodes.reshape(len(places) * rows_each, -1)]
-        )
-        shared = np.array([self.nodes.detour, *source.centre])
-        real, imag = self._summed(_far_wave, rows, positions, 2, shared)
-        return np.asarray(real + 1j * imag)
+        parts = -(-count // _PER_ROW)
+        nodes = np.zeros((len(places), parts * -(-count // parts), 3 + 2 * len(waves)))
+        nodes[:, :count, :3] = away / length[..., None]
+        nodes[:, :count, 3:] = np.stack(waves, axis=2).view(np.float64)
+        return nodes.reshape(len(places) * parts, -1)
 
-    def _waves_on_edges(self, waves_of: Any, places: Floats, number: Indices) -> Complex:
-        """Return the waves (q, k) of far nodes at places on edges."""
-        source = self.nodes.far
-        parts = []
-        for some in np.array_split(np.arange(len(places)), len(source.blocks_of(places))):
-            waves = waves_of(places[some])
-            if not self.sees.all():
-                waves = waves * self.sees[:, number[some]].T
-            parts.append(waves @ source.fractions.T)
-        return np.concatenate(parts)
+
+def _blocks(count: int, width: int) -> list[Indices]:
+    """Divide numbers up to ``count`` into blocks for arrays with a row for each number."""
+    return np.array_split(np.arange(count), 1 + count * width // _PAIRS)
+
+
+def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
+    """Return both ends of edges in columns, in blocks for NumPy arrays over ``count`` points.
+
+    Temporary arrays of a block stay in the processor's cache.
+    """
+    blocks = np.array_split(edges, 1 + len(edges) * count // _CACHED)
+    return [
+        (tuple(block[:, 0].T[:, :, None]), tuple(block[:, 1].T[:, :, None]))
+        for block in blocks
+        if len(block)
+    ]
+
+
+def _sample_counts(
+    edges: Floats, nodes: Interpolation, positions: Floats, tolerance: float
+) -> Indices:
+    """Return the number of samples of each edge (m,) for its waves at positions (n, 3)."""
+    source, at = nodes.far, tuple(positions.T)
+    reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
+    digits, centre, numbers = -math.log(tolerance), tuple(source.centre), []
+    for start, end in _ends_of_blocks(edges, len(positions)):
+        along = difference(end, start)
+        length = np.sqrt(dot(along, along))
+        tangent = tuple(a / length for a in along)
+        slopes = [abs(_slope(tangent, p, centre) + _slope(tangent, p, at)) for p in (start, end)]
+        distance = np.maximum(_distance(_OPS, start, end, centre), 1e-9)
+        cycles = length * (np.maximum(*slopes) + 2.0 * reach / distance)
+        # distance on the edge from the straight line between source and point
+        away = np.maximum(_distance(_OPS, start, end, at), _CLOSE)
+        part = away / (distance + away)
+        lateral = np.sqrt(2.0 * nodes.detour * distance * part) - reach * part
+        clear = np.minimum(np.minimum(lateral, away), distance) / (0.5 * length)
+        worst = clear.min(axis=1), math.pi * cycles.max(axis=1)
+        numbers.append(nodes_needed(_OPS, digits, *worst)[0])
+    return np.maximum(np.ceil(np.concatenate(numbers)), 2.0).astype(np.intp)
 
 
 def _slope(tangent: Point, place: Point, point: Point) -> Number:
@@ -331,8 +366,11 @@ def _angle(ops: Any, row: Point, sample: Point, _: Point) -> Values:
     return (angle_about(ops, sample[:3], sample[3:6], row[:3], row[3:6]),)
 
 
-def _far_wave(ops: Any, row: Point, point: Point, shared: Point) -> Values:
-    """Return the waves that some nodes send over a sample of an edge, (SB8)."""
+def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:
+    """Return the waves that some nodes send over a sample of an edge, (SB8).
+
+    ``width``: numbers per node: direction, wave, and with 7 numbers the dipole's wave.
+    """
     place, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
     part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)
     path = difference(point, place)
@@ -341,15 +379,13 @@ def _far_wave(ops: Any, row: Point, point: Point, shared: Point) -> Values:
     ray = tuple(p * inverse for p in path)
     normal = cross(tangent, ray)
     real, imag = 0.0, 0.0
-    width = (len(row) - 12) // _PER_ROW
     for k in range(12, len(row), width):
-        away = difference(place, row[k : k + 3])
-        length = ops.sqrt(dot(away, away))
-        below = 1.0 / ops.maximum(length - dot(away, ray), 1e-9)
+        away = row[k : k + 3]
+        below = 1.0 / ops.maximum(1.0 - dot(away, ray), 1e-14)
         factor = dot(away, normal) * below
         real, imag = real + factor * row[k + 3], imag + factor * row[k + 4]
         if width > 5:  # weights of the derivative in z of the source, (SB5)
-            rate = (normal[2] - factor * (away[2] / length - ray[2])) * below
+            rate = (normal[2] - factor * (away[2] - ray[2])) * below
             real, imag = real + rate * row[k + 5], imag + rate * row[k + 6]
     wave = unit_wave(ops, distance).scaled(inverse * part) * Pair(real, imag)
     return wave.real, wave.imag

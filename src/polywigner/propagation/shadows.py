@@ -138,6 +138,8 @@ def diffracted(
     few = _few_nodes(opaque, sources, seen, edges, tolerance, engine)
     summed = partial(_summed, opaque, sources, engine=engine, rule=rule, few=few)
     change, free, off = summed(edges, coarser=coarser if with_error else None)
+    if with_error and few is not None:
+        off += _OF_NODES * tolerance * np.abs(free).max()
     views = [(p.position, s.edges) for p, s in zip(sources, seen, strict=True) if p.field]
     if views and few is not None:
         views = few.views
@@ -167,9 +169,10 @@ def _few_nodes(
     some = positions[:: 1 + len(positions) // _LEVELS]
     level = np.abs(sum(point.wave(some.T) for point in sources)).max()
     centre = np.mean([point.position for point in sources], axis=0)
-    scale = level * np.linalg.norm(positions - centre, axis=1).min()
+    nearest = np.linalg.norm(positions - centre, axis=1).min()
     chosen = resolved(engine, len(positions), edges.count)
-    return EdgeSum.of(bodies, sources, seen, scale, _OF_NODES * tolerance, chosen)
+    error = _OF_NODES * tolerance
+    return EdgeSum.of(bodies, sources, seen, positions, error * level * nearest, error, chosen)
 
 
 def _near_corners(
@@ -184,7 +187,7 @@ def _near_corners(
     """
     near = np.zeros(len(positions), bool)
     for origin, edges in views:
-        corners = edges.reshape(-1, 3) - origin
+        corners = np.unique(edges.reshape(-1, 3), axis=0) - origin
         corners /= np.linalg.norm(corners, axis=1)[:, None]
         axes = positions - origin
         distance = np.linalg.norm(axes, axis=1)
