@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.execution import NumpyOperations
+from polywigner.execution.choice import resolved
 from polywigner.geometry.contours import Silhouette
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.kernels.boundary.edge_waves import (
@@ -53,12 +54,16 @@ _CLOSE, _OVERLAP = 1.0, 1.5
 _PAIRS = 1 << 19
 # The same for arrays in the processor's cache.
 _CACHED = 1 << 14
-# Largest number of nodes per row of the table of far edges.
-_PER_ROW = 32
+# Largest number of nodes in a row of the table of far edges, and the step between such numbers,
+# each of which has a compiled kernel.
+_PER_ROW, _STEP = 30, 5
+# Least number of points of the source, and of pairs of a point of the source and an edge, times the
+# number of samples. Largest number of samples from which the largest free field is estimated.
+_LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
 # Costs, in far nodes at a sample, of a sample and of a boundary wave of one point.
 _SAMPLE_COST, _POINT_COST = 8.0, 100.0
 _NONE = np.zeros(1)
-_OPS = NumpyOperations()
+_OPS: Any = NumpyOperations()
 
 
 class Samples(NamedTuple):
@@ -90,6 +95,7 @@ class EdgeSum:
     nodes: Interpolation
     counts: Indices
     """Number of samples of each edge, (m,)."""
+    error: float
     engine: str
 
     @classmethod
@@ -99,39 +105,41 @@ class EdgeSum:
         points: Sequence[RadiatingPoint],
         seen: Sequence[Silhouette],
         positions: Floats,
-        allowed: float,
-        tolerance: float,
+        error: float,
         engine: str,
     ) -> EdgeSum | None:
         """Return the sum for fields at positions (n, 3); None if the sum over points costs less.
 
-        ``allowed``: error of the field times the distance from the source. ``tolerance``: error of
-        the wave of a far edge, as a fraction of the wave.
+        ``seen``: silhouette of each point. ``error``: of the field, over the largest free field.
         """
         is_shared = all(silhouette is seen[0] for silhouette in seen)
-        every = seen[:1] if is_shared else seen
-        lengths = [len(silhouette.edges) for silhouette in every]
-        ends = np.concatenate([silhouette.edges.reshape(-1, 6) for silhouette in every])
-        ends, which = np.unique(ends, axis=0, return_inverse=True)
-        if not len(ends):
+        views = [
+            silhouette.edges.reshape(-1, 6) for silhouette in (seen[:1] if is_shared else seen)
+        ]
+        lengths = [len(view) for view in views]
+        cost = len(points) * sum(lengths) // len(views)
+        if len(points) < _LEAST_POINTS or cost * len(positions) < _LEAST_PAIRS:
             return None
-        sees = np.zeros((len(every), len(ends)), bool)
-        sees[np.repeat(np.arange(len(every)), lengths), which.ravel()] = True
-        cost = len(points) * float(np.mean(lengths))
+        ends, which = np.unique(np.concatenate(views), axis=0, return_inverse=True)
+        sees = np.zeros((len(views), len(ends)), bool)
+        sees[np.repeat(np.arange(len(views)), lengths), which.ravel()] = True
         edges, is_shared = ends.reshape(-1, 2, 3), bool(sees.all())
+        some = positions[:: 1 + len(positions) // _MOST_LEVELS]
+        level = np.abs(sum(point.wave(some.T) for point in points)).max()
+        centre = np.mean([point.position for point in points], axis=0)
+        allowed = error * level * np.linalg.norm(positions - centre, axis=1).min()
         nodes = interpolation_for(points, edges, allowed, _OVERLAP, is_shared)
         if nodes is None:
             return None
-        counts = [
-            _sample_counts(edges, nodes, positions[some], tolerance)
-            for some in _blocks(len(positions), len(edges))
-        ]
+        blocks = _blocks(len(positions), len(edges))
+        counts = [_sample_counts(edges, nodes, positions[some], error) for some in blocks]
+        most = np.max(counts, axis=0)
+        if most.sum() * (_SAMPLE_COST + len(nodes.far.positions)) > cost * _POINT_COST:
+            return None
         if is_shared:
             sees = np.ones((len(nodes.near.positions), len(ends)), bool)
-        total = np.max(counts, axis=0)
-        if total.sum() * (_SAMPLE_COST + len(nodes.far.positions)) > cost * _POINT_COST:
-            return None
-        return cls(bodies, points, edges, sees, nodes, total, engine)
+        chosen = resolved(engine, len(positions), cost)
+        return cls(bodies, points, edges, sees, nodes, most, error, chosen)
 
     @property
     def origins(self) -> Floats:
@@ -147,76 +155,65 @@ class EdgeSum:
     def _is_oblique(self) -> bool:
         return any(point.field for point in self.points)
 
-    def change(
-        self, samples: Samples, rule: EdgeRule, coarser: EdgeRule | None
-    ) -> tuple[Complex, Complex, Floats]:
-        """Return the change of the field, the free field, and the error."""
+    def change(self, samples: Samples, rule: EdgeRule) -> tuple[Complex, Complex]:
+        """Return the change of the field, and the free field."""
         change = self._far_waves(samples.positions)
-        free, error = np.zeros_like(change), np.zeros(len(change))
+        free = np.zeros_like(change)
         for some in _blocks(len(change), max(len(self.edges), len(self.points))):
-            near, free[some], error[some] = self._near_waves(samples.subset(some), rule, coarser)
+            near, free[some] = self._near_waves(samples.subset(some), rule)
             change[some] += near
-        return change, free, error
+        return change, free
 
     # ---- near edges ------------------------------------------------------------------------------
 
-    def _near_waves(
-        self, samples: Samples, rule: EdgeRule, coarser: EdgeRule | None
-    ) -> tuple[Complex, Complex, Floats]:
-        """Return shadow and waves of near edges, the free field, and the error."""
+    def _near_waves(self, samples: Samples, rule: EdgeRule) -> tuple[Complex, Complex]:
+        """Return the change of the field by shadows and near edges, and the free field."""
         source, at = self.nodes.near, samples.positions
-        parts = [source.waves_of_points(at).T]
+        of_points = source.waves_of_points(at).T
+        waves = source.fractions @ of_points
+        dipoles = np.zeros((len(waves), 0))
         if self._is_oblique:
-            parts.append(source.dipoles_of_points(at).T)
+            dipoles = source.fractions @ source.dipoles_of_points(at).T
         weights = np.concatenate(
             [
                 _near_weight(_OPS, self.nodes.detour, tuple(source.centre), *ends, tuple(at.T))
                 for ends in _ends_of_blocks(self.edges, len(at))
             ]
         )
-        edge, place = np.nonzero(weights)
-        rows = np.column_stack([self.edges[edge].reshape(-1, 6), at[place], samples.aside[place]])
-        numbers, pairs = np.nonzero(self.sees[:, edge])
-        waves = [source.fractions @ part for part in parts]
-        change, error = np.zeros(len(at), np.complex128), np.zeros(len(at))
-        term = partial(_boundary_waves, rule, coarser, self._is_oblique)
-        for some in np.array_split(np.arange(len(pairs)), 1 + len(pairs) // _PAIRS):
+        edges, places = np.nonzero(weights)
+        rows = np.column_stack(
+            [self.edges[edges].reshape(-1, 6), at[places], samples.aside[places]]
+        )
+        numbers, pairs = np.nonzero(self.sees[:, edges])
+        change = np.zeros(len(at), np.complex128)
+        term = partial(_boundary_waves, rule, self._is_oblique)
+        for some in _blocks(len(pairs), 1):
             number, pair = numbers[some], pairs[some]
-            samples_of = np.column_stack([self.origins[number], rows[pair]])
-            sums = self._summed(term, np.zeros((1, 1)), samples_of, 5)
-            to, weight = place[pair], weights[edge[pair], place[pair]]
-            total = waves[0][number, to] * (sums[0] + 1j * sums[1])
-            error += np.bincount(to, weight * np.abs(waves[0][number, to]) * sums[4], len(at))
+            place, columns = places[pair], np.column_stack([self.origins[number], rows[pair]])
+            real, imag, *rate = self._summed(term, np.zeros((1, 1)), columns, 4)
+            total = waves[number, place] * (real + 1j * imag)
             if self._is_oblique:
-                total += waves[1][number, to] * (sums[2] + 1j * sums[3])
-            change.real += np.bincount(to, weight * total.real, len(at))
-            change.imag += np.bincount(to, weight * total.imag, len(at))
+                total += dipoles[number, place] * (rate[0] + 1j * rate[1])
+            total *= weights[edges[pair], place]
+            change.real += np.bincount(place, total.real, len(at))
+            change.imag += np.bincount(place, total.imag, len(at))
         # where all edges are far, all nodes see light, or all see shadow
-        free, is_near = parts[0].sum(axis=0), weights.any(axis=0)
-        middle = len(self.origins) // 2
-        (shadow,) = self._shadows([middle], samples.subset(~is_near))
-        change[~is_near] += shadow * free[~is_near]
-        shadows = self._shadows(range(len(self.origins)), samples.subset(is_near))
-        change[is_near] += (waves[0][:, is_near] * shadows).sum(axis=0)
-        return change, free, error
+        free, near = of_points.sum(axis=0), weights.any(axis=0)
+        change[~near] += free[~near] * self._shadow(len(waves) // 2, samples.subset(~near))
+        for k, wave in enumerate(waves):
+            change[near] += wave[near] * self._shadow(k, samples.subset(near))
+        return change, free
 
-    def _shadows(self, numbers: Sequence[int], samples: Samples) -> Floats:
-        """Return -1 at points (n,) in the shadows of nodes (k,), and 0 at others, (k, n)."""
-        by_angles = samples.by_angles
-        shadows = np.zeros((len(numbers), len(by_angles)))
-        aside, others = samples.aside[by_angles], samples.subset(~by_angles)
-        views, groups = np.unique(self.sees[numbers], axis=0, return_inverse=True)
-        for k, view in enumerate(views if len(aside) else ()):
-            rows = self.edges[view].reshape(-1, 6)
-            (group,) = np.nonzero(groups.ravel() == k)
-            origins = self.origins[np.asarray(numbers)[group]]
-            pairs = [np.repeat(origins, len(aside), axis=0), np.tile(aside, (len(group), 1))]
-            (angles,) = self._summed(_angle, rows, np.column_stack(pairs), 1)
-            shadows[np.ix_(group, by_angles)] = angles.reshape(len(group), -1) / (2.0 * math.pi)
-        for row, number in zip(shadows, numbers, strict=True):
-            hidden = self.bodies.hide(self.origins[number], others.aside, others.margin)
-            row[~by_angles] = np.where(hidden, -1.0, 0.0)
-        return shadows
+    def _shadow(self, k: int, samples: Samples) -> Floats:
+        """Return -1 at points (n,) in the shadow of a node, and 0 at other points."""
+        by_angles, origin = samples.by_angles, self.origins[k]
+        shadow = np.zeros(len(by_angles))
+        edges = self.edges[self.sees[k]].reshape(-1, 6)
+        (angles,) = self._summed(_angle, edges, samples.aside[by_angles], 1, origin)
+        shadow[by_angles] = angles / (2.0 * math.pi)
+        others = samples.subset(~by_angles)
+        shadow[~by_angles] -= self.bodies.hide(origin, others.aside, others.margin)
+        return shadow
 
     def _summed(
         self, term: Any, rows: Floats, samples: Floats, outputs: int, shared: Floats = _NONE
@@ -265,8 +262,9 @@ class EdgeSum:
             # (SB5): the derivative in z of the source, over -ik
             waves[1] *= -0.5j / math.pi / length
         count = len(source.positions)
-        parts = -(-count // _PER_ROW)
-        nodes = np.zeros((len(places), parts * -(-count // parts), 3 + 2 * len(waves)))
+        parts = math.ceil(count / _PER_ROW)
+        width = parts * _STEP * math.ceil(count / parts / _STEP)
+        nodes = np.zeros((len(places), width, 3 + 2 * len(waves)))
         nodes[:, :count, :3] = away / length[..., None]
         nodes[:, :count, 3:] = np.stack(waves, axis=2).view(np.float64)
         return nodes.reshape(len(places) * parts, -1)
@@ -290,34 +288,31 @@ def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
     ]
 
 
-def _sample_counts(
-    edges: Floats, nodes: Interpolation, positions: Floats, tolerance: float
-) -> Indices:
+def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error: float) -> Indices:
     """Return the number of samples of each edge (m,) for its waves at positions (n, 3)."""
-    source, at = nodes.far, tuple(positions.T)
+    source, at, ops = nodes.far, tuple(positions.T), _OPS
     reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
-    digits, centre, numbers = -math.log(tolerance), tuple(source.centre), []
+    digits, centre, numbers = -math.log(error), tuple(source.centre), []
     for start, end in _ends_of_blocks(edges, len(positions)):
         along = difference(end, start)
-        length = np.sqrt(dot(along, along))
-        tangent = tuple(a / length for a in along)
-        slopes = [abs(_slope(tangent, p, centre) + _slope(tangent, p, at)) for p in (start, end)]
-        distance = np.maximum(_distance(_OPS, start, end, centre), 1e-9)
-        cycles = length * (np.maximum(*slopes) + 2.0 * reach / distance)
+        length = ops.sqrt(dot(along, along))
+        slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
+        distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
+        phase = math.pi * (ops.maximum(*slopes) + 2.0 * reach * length / distance)
         # distance on the edge from the straight line between source and point
-        away = np.maximum(_distance(_OPS, start, end, at), _CLOSE)
+        away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
         part = away / (distance + away)
-        lateral = np.sqrt(2.0 * nodes.detour * distance * part) - reach * part
-        clear = np.minimum(np.minimum(lateral, away), distance) / (0.5 * length)
-        worst = clear.min(axis=1), math.pi * cycles.max(axis=1)
-        numbers.append(nodes_needed(_OPS, digits, *worst)[0])
-    return np.maximum(np.ceil(np.concatenate(numbers)), 2.0).astype(np.intp)
+        lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - reach * part
+        clear = ops.minimum(ops.minimum(lateral, away), distance) / (0.5 * length)
+        needed, _ = nodes_needed(ops, digits, clear.min(axis=1), phase.max(axis=1))
+        numbers.append(np.maximum(np.ceil(needed), 2.0))
+    return np.concatenate(numbers).astype(np.intp)
 
 
-def _slope(tangent: Point, place: Point, point: Point) -> Number:
-    """Return the derivative of the distance from a point to a place on an edge along the edge."""
+def _slope(along: Point, place: Point, point: Point) -> Number:
+    """Return the change of the distance from a point per length of an edge, at a place on it."""
     away = difference(place, point)
-    return dot(tangent, away) / np.maximum(np.sqrt(dot(away, away)), 1e-9)
+    return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
 
 
 def _distance(ops: Any, start: Point, end: Point, point: Point) -> Number:
@@ -342,10 +337,9 @@ def _near_weight(
 
 
 def _boundary_waves(
-    rule: EdgeRule, coarser: EdgeRule | None, is_oblique: bool, ops: Any, _: Point, sample: Point,
-    __: Point,
-) -> Values:  # fmt: skip
-    """Return the wave of an edge over the waves of a node, and over its dipole's, and the error."""
+    rule: EdgeRule, is_oblique: bool, ops: Any, _: Point, sample: Point, shared: Point
+) -> Values:
+    """Return the wave of an edge over the wave of a node, and over the wave of its dipole."""
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     path = origin, point, start, end, aside
     rate = Pair(0.0 * point[0], 0.0 * point[0])
@@ -353,17 +347,13 @@ def _boundary_waves(
         boundary, rate = edge_wave_and_rate(ops, rule, *path)
     else:
         boundary = Pair(*edge_wave(ops, rule, *path))
-    off = rate.real * 0.0
-    if coarser is not None:
-        other = boundary - Pair(*edge_wave(ops, coarser, *path))
-        off = ops.sqrt(other.norm()) * (0.5 / math.pi)
     boundary, rate = boundary.scaled(-0.5 / math.pi), rate.scaled(0.25 / math.pi**2)
     # (SB5): -i times the derivative
-    return boundary.real, boundary.imag, rate.imag, -rate.real, off
+    return boundary.real, boundary.imag, rate.imag, -rate.real
 
 
-def _angle(ops: Any, row: Point, sample: Point, _: Point) -> Values:
-    return (angle_about(ops, sample[:3], sample[3:6], row[:3], row[3:6]),)
+def _angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
+    return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
 
 
 def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:

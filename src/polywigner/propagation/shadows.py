@@ -71,11 +71,8 @@ _RULES = (
 )
 # Error of the points that represent the source, as a fraction of the tolerance.
 _OF_GRID = 0.1
-# Nodes of the source replace its points if there are at least so many points, and so many pairs of
-# an edge, as one point sees it, and a sample. Their error, as a fraction of the tolerance. Number
-# of samples from which the largest field is estimated.
-_LEAST_POINTS, _MANY = 16, 1 << 20
-_OF_NODES, _LEVELS = 0.5, 1 << 11
+# Error of nodes that replace these points, as a fraction of the tolerance.
+_OF_NODES = 0.5
 # Direction from a point to the neighbouring point at which light and shadow are distinguished.
 ASIDE = np.array([0.57, 0.31, 0.76])
 # Negligible lengths: fractions of the extent of edges and points, and of the distances from the
@@ -135,11 +132,11 @@ def diffracted(
     if len(seen) > 1 and all(silhouette is seen[0] for silhouette in seen):
         centre = np.mean([point.position for point in sources], axis=0)
         opaque = Obstacles([body.spanned(centre) for body in bodies.bodies])
-    few = _few_nodes(opaque, sources, seen, edges, tolerance, engine)
+    few = None
+    if not edges.are_blocked:
+        few = EdgeSum.of(opaque, sources, seen, positions, _OF_NODES * tolerance, engine)
     summed = partial(_summed, opaque, sources, engine=engine, rule=rule, few=few)
     change, free, off = summed(edges, coarser=coarser if with_error else None)
-    if with_error and few is not None:
-        off += _OF_NODES * tolerance * np.abs(free).max()
     views = [(p.position, s.edges) for p, s in zip(sources, seen, strict=True) if p.field]
     if views and few is not None:
         views = few.views
@@ -151,28 +148,6 @@ def diffracted(
             beside = positions[near] + number * across
             change[near] += share * summed(_Edges.of(bodies, sources, seen, beside))[0]
     return change, free, off
-
-
-def _few_nodes(
-    bodies: Obstacles,
-    sources: Sequence[RadiatingPoint],
-    seen: Sequence[Silhouette],
-    edges: _Edges,
-    tolerance: float,
-    engine: str,
-) -> EdgeSum | None:
-    """Return nodes that replace the points of a source; None if the sum over all points is less."""
-    positions = edges.samples.positions
-    pairs = len(positions) * edges.count
-    if len(sources) < _LEAST_POINTS or pairs < _MANY or edges.are_blocked:
-        return None
-    some = positions[:: 1 + len(positions) // _LEVELS]
-    level = np.abs(sum(point.wave(some.T) for point in sources)).max()
-    centre = np.mean([point.position for point in sources], axis=0)
-    nearest = np.linalg.norm(positions - centre, axis=1).min()
-    chosen = resolved(engine, len(positions), edges.count)
-    error = _OF_NODES * tolerance
-    return EdgeSum.of(bodies, sources, seen, positions, error * level * nearest, error, chosen)
 
 
 def _near_corners(
@@ -288,7 +263,9 @@ def _summed(
 ) -> tuple[Complex, Complex, Floats]:
     """Return change of the field, free field, and error (0 without a coarser rule)."""
     if few is not None:
-        return few.change(edges.samples, rule, coarser)
+        change, free = few.change(edges.samples, rule)
+        error = few.error * np.abs(free).max() if coarser is not None else 0.0
+        return change, free, np.full(len(change), error)
     positions, aside, margin, by_angles = edges.samples
     count = len(positions)
     samples = np.column_stack([positions, aside, by_angles])
