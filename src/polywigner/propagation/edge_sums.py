@@ -171,7 +171,7 @@ class EdgeSum:
         source, at = self.nodes.near, samples.positions
         of_points = source.waves_of_points(at).T
         waves = source.fractions @ of_points
-        dipoles = np.zeros((len(waves), 0))
+        dipoles = np.zeros((len(waves), 0), np.complex128)
         if self._is_oblique:
             dipoles = source.fractions @ source.dipoles_of_points(at).T
         weights = np.concatenate(
