@@ -66,7 +66,7 @@ _NONE = np.zeros(1)
 _OPS: Any = NumpyOperations()
 
 
-class Samples(NamedTuple):
+class Targets(NamedTuple):
     """Points at which fields are computed."""
 
     positions: Floats
@@ -78,8 +78,8 @@ class Samples(NamedTuple):
     by_angles: Flags
     """(n,): whether the angles of edges distinguish light and shadow, without rays."""
 
-    def subset(self, some: Any) -> Samples:
-        return Samples(*(part[some] for part in self))
+    def subset(self, some: Any) -> Targets:
+        return Targets(*(part[some] for part in self))
 
 
 @dataclass(frozen=True)
@@ -155,20 +155,20 @@ class EdgeSum:
     def _is_oblique(self) -> bool:
         return any(point.field for point in self.points)
 
-    def change(self, samples: Samples, rule: EdgeRule) -> tuple[Complex, Complex]:
+    def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
         """Return the change of the field, and the free field."""
-        change = self._far_waves(samples.positions)
+        change = self._far_waves(targets.positions)
         free = np.zeros_like(change)
         for some in _blocks(len(change), max(len(self.edges), len(self.points))):
-            near, free[some] = self._near_waves(samples.subset(some), rule)
+            near, free[some] = self._near_waves(targets.subset(some), rule)
             change[some] += near
         return change, free
 
     # ---- near edges ------------------------------------------------------------------------------
 
-    def _near_waves(self, samples: Samples, rule: EdgeRule) -> tuple[Complex, Complex]:
+    def _near_waves(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
         """Return the change of the field by shadows and near edges, and the free field."""
-        source, at = self.nodes.near, samples.positions
+        source, at = self.nodes.near, targets.positions
         of_points = source.waves_of_points(at).T
         waves = source.fractions @ of_points
         dipoles = np.zeros((len(waves), 0), np.complex128)
@@ -180,47 +180,47 @@ class EdgeSum:
                 for ends in _ends_of_blocks(self.edges, len(at))
             ]
         )
-        edges, places = np.nonzero(weights)
+        edges, points = np.nonzero(weights)
         rows = np.column_stack(
-            [self.edges[edges].reshape(-1, 6), at[places], samples.aside[places]]
+            [self.edges[edges].reshape(-1, 6), at[points], targets.aside[points]]
         )
         numbers, pairs = np.nonzero(self.sees[:, edges])
         change = np.zeros(len(at), np.complex128)
         term = partial(_boundary_waves, rule, self._is_oblique)
         for some in _blocks(len(pairs), 1):
             number, pair = numbers[some], pairs[some]
-            place, columns = places[pair], np.column_stack([self.origins[number], rows[pair]])
+            point, columns = points[pair], np.column_stack([self.origins[number], rows[pair]])
             real, imag, *rate = self._summed(term, np.zeros((1, 1)), columns, 4)
-            total = waves[number, place] * (real + 1j * imag)
+            total = waves[number, point] * (real + 1j * imag)
             if self._is_oblique:
-                total += dipoles[number, place] * (rate[0] + 1j * rate[1])
-            total *= weights[edges[pair], place]
-            change.real += np.bincount(place, total.real, len(at))
-            change.imag += np.bincount(place, total.imag, len(at))
+                total += dipoles[number, point] * (rate[0] + 1j * rate[1])
+            total *= weights[edges[pair], point]
+            change.real += np.bincount(point, total.real, len(at))
+            change.imag += np.bincount(point, total.imag, len(at))
         # where all edges are far, all nodes see light, or all see shadow
         free, near = of_points.sum(axis=0), weights.any(axis=0)
-        change[~near] += free[~near] * self._shadow(len(waves) // 2, samples.subset(~near))
+        change[~near] += free[~near] * self._shadow(len(waves) // 2, targets.subset(~near))
         for k, wave in enumerate(waves):
-            change[near] += wave[near] * self._shadow(k, samples.subset(near))
+            change[near] += wave[near] * self._shadow(k, targets.subset(near))
         return change, free
 
-    def _shadow(self, k: int, samples: Samples) -> Floats:
+    def _shadow(self, k: int, targets: Targets) -> Floats:
         """Return -1 at points (n,) in the shadow of a node, and 0 at other points."""
-        by_angles, origin = samples.by_angles, self.origins[k]
+        by_angles, origin = targets.by_angles, self.origins[k]
         shadow = np.zeros(len(by_angles))
         edges = self.edges[self.sees[k]].reshape(-1, 6)
-        (angles,) = self._summed(_angle, edges, samples.aside[by_angles], 1, origin)
+        (angles,) = self._summed(_angle, edges, targets.aside[by_angles], 1, origin)
         shadow[by_angles] = angles / (2.0 * math.pi)
-        others = samples.subset(~by_angles)
+        others = targets.subset(~by_angles)
         shadow[~by_angles] -= self.bodies.hide(origin, others.aside, others.margin)
         return shadow
 
     def _summed(
-        self, term: Any, rows: Floats, samples: Floats, outputs: int, shared: Floats = _NONE
+        self, term: Any, rows: Floats, columns: Floats, outputs: int, shared: Floats = _NONE
     ) -> tuple[Floats, ...]:
-        if not len(samples):
-            return (np.zeros(0),) * outputs
-        return execution.evaluate_rows(term, rows, samples, shared, outputs, self.engine)
+        if not len(rows) * len(columns):
+            return (np.zeros(len(columns)),) * outputs
+        return execution.evaluate_rows(term, rows, columns, shared, outputs, self.engine)
 
     # ---- far edges -------------------------------------------------------------------------------
 
@@ -230,31 +230,31 @@ class EdgeSum:
         rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(self.counts).tolist()}
         at, weight = np.concatenate([rules[count] for count in self.counts.tolist()]).T
         along = self.edges[number, 1] - self.edges[number, 0]
-        places = self.edges[number, 0] + (0.5 + 0.5 * at)[:, None] * along
+        samples = self.edges[number, 0] + (0.5 + 0.5 * at)[:, None] * along
         tangents = (-0.125 / math.pi) * weight[:, None] * along
         shared = np.array([self.nodes.detour, *self.nodes.far.centre])
         total = np.zeros(len(positions), np.complex128)
-        for some in _blocks(len(places), len(self.points)):
-            nodes = self._nodes_at(places[some], number[some])
+        for some in _blocks(len(samples), len(self.points)):
+            nodes = self._nodes_at(samples[some], number[some])
             ends = self.edges[number[some]].reshape(-1, 6)
-            ends = np.column_stack([places[some], tangents[some], ends])
+            ends = np.column_stack([samples[some], tangents[some], ends])
             rows = np.column_stack([np.repeat(ends, len(nodes) // len(ends), axis=0), nodes])
             term = partial(_far_wave, 7 if self._is_oblique else 5)
             real, imag = self._summed(term, rows, positions, 2, shared)
             total += real + 1j * imag
         return total
 
-    def _nodes_at(self, places: Floats, number: Indices) -> Floats:
-        """Return the directions of far nodes and their waves at places (q, 3) on edges.
+    def _nodes_at(self, samples: Floats, number: Indices) -> Floats:
+        """Return the directions of far nodes and their waves at samples (q, 3) of edges.
 
-        There are rows of several nodes for each place; nodes without weight fill the last row.
+        There are rows of several nodes for each sample; nodes without weight fill the last row.
         """
         source = self.nodes.far
-        waves = [source.waves_of_points(places)]
-        away = places[:, None] - source.positions
+        waves = [source.waves_of_points(samples)]
+        away = samples[:, None] - source.positions
         length = np.linalg.norm(away, axis=2)
         if self._is_oblique:
-            waves.append(source.dipoles_of_points(places))
+            waves.append(source.dipoles_of_points(samples))
         if not self.sees.all():
             waves = [wave * self.sees[:, number].T for wave in waves]
         waves = [wave @ source.fractions.T for wave in waves]
@@ -264,10 +264,10 @@ class EdgeSum:
         count = len(source.positions)
         parts = math.ceil(count / _PER_ROW)
         width = parts * _STEP * math.ceil(count / parts / _STEP)
-        nodes = np.zeros((len(places), width, 3 + 2 * len(waves)))
+        nodes = np.zeros((len(samples), width, 3 + 2 * len(waves)))
         nodes[:, :count, :3] = away / length[..., None]
         nodes[:, :count, 3:] = np.stack(waves, axis=2).view(np.float64)
-        return nodes.reshape(len(places) * parts, -1)
+        return nodes.reshape(len(samples) * parts, -1)
 
 
 def _blocks(count: int, width: int) -> list[Indices]:
@@ -309,9 +309,9 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
     return np.concatenate(numbers).astype(np.intp)
 
 
-def _slope(along: Point, place: Point, point: Point) -> Number:
-    """Return the change of the distance from a point per length of an edge, at a place on it."""
-    away = difference(place, point)
+def _slope(along: Point, end: Point, point: Point) -> Number:
+    """Return the change of the distance from a point over the length of an edge, at one end."""
+    away = difference(end, point)
     return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
 
 
@@ -361,9 +361,9 @@ def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> 
 
     ``width``: numbers per node: direction, wave, and with 7 numbers the dipole's wave.
     """
-    place, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
+    at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
     part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)
-    path = difference(point, place)
+    path = difference(point, at)
     distance = ops.sqrt(dot(path, path))
     inverse = 1.0 / ops.maximum(distance, 1e-9)
     ray = tuple(p * inverse for p in path)

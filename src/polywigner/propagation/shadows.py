@@ -42,7 +42,7 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics.complex_pairs import Pair, unit_wave
-from polywigner.propagation.edge_sums import EdgeSum, Samples
+from polywigner.propagation.edge_sums import EdgeSum, Targets
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
@@ -201,7 +201,7 @@ class _Edges:
     groups: list[tuple[Floats, Blocker | None]]
     """Rows (k, 17) of edges by the surface behind them: point of the source, seven numbers; ends;
     and plane of the face behind."""
-    samples: Samples
+    targets: Targets
     are_blocked: bool
     """Whether a surface blocks waves of edges, or edges have shadow lines."""
 
@@ -249,7 +249,7 @@ class _Edges:
         if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
             by_angles = np.all([bodies.beyond(p.position, positions) for p in sources], axis=0)
         aside = positions + resolution[:, None] * ASIDE
-        return cls(groups, Samples(positions, aside, margin, by_angles), are_blocked)
+        return cls(groups, Targets(positions, aside, margin, by_angles), are_blocked)
 
 
 def _summed(
@@ -263,10 +263,10 @@ def _summed(
 ) -> tuple[Complex, Complex, Floats]:
     """Return change of the field, free field, and error (0 without a coarser rule)."""
     if few is not None:
-        change, free = few.change(edges.samples, rule)
+        change, free = few.change(edges.targets, rule)
         error = few.error * np.abs(free).max() if coarser is not None else 0.0
         return change, free, np.full(len(change), error)
-    positions, aside, margin, by_angles = edges.samples
+    positions, aside, margin, by_angles = edges.targets
     count = len(positions)
     samples = np.column_stack([positions, aside, by_angles])
     change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)

@@ -186,7 +186,7 @@ def interpolation_for(
 
 @dataclass(frozen=True)
 class _WavesAtEdges:
-    """Waves of the points of a source at places on edges, summed over one axis of the source."""
+    """Waves of the points of a source at positions on edges, summed over one axis of the source."""
 
     distance: Floats
     """(q,) from the centre of the source."""
