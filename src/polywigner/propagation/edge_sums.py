@@ -56,7 +56,7 @@ _PAIRS = 1 << 19
 _CACHED = 1 << 14
 # Largest number of nodes in a row of the table of far edges, and the step between such numbers,
 # each of which has a compiled kernel.
-_PER_ROW, _STEP = 30, 5
+_PER_ROW, _STEP = 40, 4
 # Least number of points of the source, and of pairs of a point of the source and an edge, times the
 # number of samples. Largest number of samples from which the largest free field is estimated.
 _LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
@@ -169,11 +169,8 @@ class EdgeSum:
     def _near_waves(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
         """Return the change of the field by shadows and near edges, and the free field."""
         source, at = self.nodes.near, targets.positions
-        of_points = source.waves_of_points(at).T
-        waves = source.fractions @ of_points
-        dipoles = np.zeros((len(waves), 0), np.complex128)
-        if self._is_oblique:
-            dipoles = source.fractions @ source.dipoles_of_points(at).T
+        of_points = source.waves_and_dipoles(at)
+        waves, *dipoles = (source.fractions @ part.T for part in of_points)
         weights = np.concatenate(
             [
                 _near_weight(_OPS, self.nodes.detour, tuple(source.centre), *ends, tuple(at.T))
@@ -192,13 +189,13 @@ class EdgeSum:
             point, columns = points[pair], np.column_stack([self.origins[number], rows[pair]])
             real, imag, *rate = self._summed(term, np.zeros((1, 1)), columns, 4)
             total = waves[number, point] * (real + 1j * imag)
-            if self._is_oblique:
-                total += dipoles[number, point] * (rate[0] + 1j * rate[1])
+            for dipole in dipoles:
+                total += dipole[number, point] * (rate[0] + 1j * rate[1])
             total *= weights[edges[pair], point]
             change.real += np.bincount(point, total.real, len(at))
             change.imag += np.bincount(point, total.imag, len(at))
         # where all edges are far, all nodes see light, or all see shadow
-        free, near = of_points.sum(axis=0), weights.any(axis=0)
+        free, near = of_points[0].sum(axis=1), weights.any(axis=0)
         change[~near] += free[~near] * self._shadow(len(waves) // 2, targets.subset(~near))
         for k, wave in enumerate(waves):
             change[near] += wave[near] * self._shadow(k, targets.subset(near))
@@ -250,17 +247,14 @@ class EdgeSum:
         There are rows of several nodes for each sample; nodes without weight fill the last row.
         """
         source = self.nodes.far
-        waves = [source.waves_of_points(samples)]
+        waves = source.waves_and_dipoles(samples)
         away = samples[:, None] - source.positions
         length = np.linalg.norm(away, axis=2)
-        if self._is_oblique:
-            waves.append(source.dipoles_of_points(samples))
         if not self.sees.all():
             waves = [wave * self.sees[:, number].T for wave in waves]
         waves = [wave @ source.fractions.T for wave in waves]
-        if self._is_oblique:
-            # (SB5): the derivative in z of the source, over -ik
-            waves[1] *= -0.5j / math.pi / length
+        # (SB5): the derivative in z of the source, over -ik
+        waves[1:] = [wave * (-0.5j / math.pi) / length for wave in waves[1:]]
         count = len(source.positions)
         parts = math.ceil(count / _PER_ROW)
         width = parts * _STEP * math.ceil(count / parts / _STEP)

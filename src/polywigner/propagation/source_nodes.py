@@ -103,9 +103,20 @@ class SourceNodes:
         """Return the waves (q, n) of the radiating points at places (q, 3)."""
         return np.stack([point.wave(places.T) for point in self.points], axis=1)
 
-    def dipoles_of_points(self, places: Floats) -> Complex:
-        """Return the parts (q, n) of these waves from weights of the field, without obliquity."""
-        return np.stack([p.field * _unit_wave(places - p.position) for p in self.points], axis=1)
+    def waves_and_dipoles(self, places: Floats) -> list[Complex]:
+        """Return these waves, and their parts from weights of the field without obliquity, (q, n).
+
+        The second array is left out if no point has a weight of the field.
+        """
+        units = np.stack([_unit_wave(places - point.position) for point in self.points], axis=1)
+        field, slope = (np.array([point[k] for point in self.points]) for k in (1, 2))
+        if not field.any():
+            return [units * slope]
+        ahead = places[:, None] - self.origins
+        inverse = 1.0 / np.linalg.norm(ahead, axis=2)
+        dipoles = units * field
+        obliquity = ahead[..., 2] * inverse * (1.0 + (0.5j / math.pi) * inverse)
+        return [dipoles * obliquity + units * slope, dipoles]
 
     def _waves_at(self, places: Floats) -> tuple[Complex, Floats]:
         waves = self.waves_of_points(places)
