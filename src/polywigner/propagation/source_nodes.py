@@ -188,7 +188,7 @@ def interpolation_for(
     for detour in [least * ratio for ratio in _RATIOS]:
         far = _few_nodes(every, waves, _divided_at(detour), allowed)
         if len(far.positions) <= _MOST_NODES:
-            turned = _turned_by(overlap * detour)
+            turned = _turned_by(overlap * detour, 1.0)
             near = _few_nodes(every, waves, turned, allowed) if is_shared else every
             cost = math.sqrt(detour) * len(near.positions) + _FAR_COST * len(far.positions)
             choices.append((cost, Interpolation(near, far, detour)))
@@ -231,15 +231,16 @@ EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
 """Wave of an edge, for distances (q, 1) from the source and positions (k,) along its axis."""
 
 
-def _turned_by(detour: float) -> EdgeWave:
+def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
     """Return the wave of an edge over the wave at a point far behind it.
 
-    Over the source, its phase changes by 2 pi sqrt(2 detour/distance) times the position.
+    Over the source, its phase changes by 2 pi sqrt(2 detour/distance) times the position. The
+    detour itself changes by half of the squared position over the distance, if ``curvature`` is 1.
     """
 
     def wave(distance: Floats, at: Floats) -> Complex:
-        phase = 2.0 * math.pi * np.sqrt(2.0 * detour / distance) * at
-        return np.asarray(EDGE_AMPLITUDE / math.sqrt(detour) * np.exp(1j * phase))
+        cycles = (np.sqrt(2.0 * detour / distance) + 0.5 * curvature * at / distance) * at
+        return np.asarray(EDGE_AMPLITUDE / math.sqrt(detour) * np.exp(2j * math.pi * cycles))
 
     return wave
 
