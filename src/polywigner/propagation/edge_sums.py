@@ -49,7 +49,7 @@ Indices = NDArray[np.intp]
 
 # Distance of a point from an edge below which the edge is near. Near edges count with a decreasing
 # weight up to this multiple of the distance, and of the least detour of far edges.
-_CLOSE, _OVERLAP = 1.0, 1.5
+_CLOSE, _OVERLAP = 1.0, 1.1
 # Pairs of a point and an edge, or a point of the source, per block: some 100 MB.
 _PAIRS = 1 << 19
 # The same for arrays in the processor's cache.
