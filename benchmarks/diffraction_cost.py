@@ -5,6 +5,10 @@ floor 0.3 m below, with square plates or a ball halfway; one sample a pixel. Two
 Processor seconds of the first and the second render of each scene, and of the second render of the
 same scene without diffraction. ``--check`` adds the second render from all points of the source,
 and the largest difference of both images, over the free and over the diffracted peak.
+
+A second table contains processor seconds of the second call of ``pw.amplitude`` behind the balls,
+with the accuracy of ``pw.irradiance``. ``--check`` adds 32² points, by nodes and from all points of
+the source, and the largest difference over the largest free |U|.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ import mitsuba as mi
 import numpy as np
 
 import polywigner as pw
-from polywigner.propagation import source_nodes
+from polywigner.propagation import edge_sums, source_nodes
 
 mi.set_variant("llvm_ad_mono")
 import polywigner.mitsuba as pm  # noqa: E402
@@ -30,9 +34,10 @@ WAVELENGTH = 299_792_458.0 / 94e9
 BLACK = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": 0.0}}
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PIXELS = 128
+FACES = 80, 1280, 9_000, 20_000
 ROWS: list[tuple[str, Any]] = [
     *((f"{n} plates, {side:g} mm", (n, side)) for n in (1, 4, 16, 64, 256) for side in (0.5, 10)),
-    *((f"ball of {n} faces, 10 mm", n) for n in (80, 1280, 9_000, 20_000)),
+    *((f"ball of {n} faces, 10 mm", n) for n in FACES),
     ("patch_above_floor, 240²", ("patch_above_floor", 240, 240)),
     ("street_77ghz, 192 x 144", ("street_77ghz", 192, 144)),
 ]
@@ -71,7 +76,7 @@ def plates(count: int) -> dict[str, Any]:
     return made
 
 
-def ball(faces: int) -> dict[str, Any]:
+def ball(faces: int) -> pw.Polyhedron:
     """Return a ball of rings of triangles, 60 mm wide."""
     n = round((faces / 2) ** 0.5)
     polar, azimuth = np.linspace(0, np.pi, n + 1)[:, None], np.arange(n) * 2 * np.pi / n
@@ -91,17 +96,21 @@ def ball(faces: int) -> dict[str, Any]:
     triangles = number.ravel()[triangles]
     first, second, third = triangles.T
     triangles = triangles[(first != second) & (second != third) & (third != first)]
-    mesh = mi.Mesh("ball", len(points), len(triangles))
+    return pw.Polyhedron(0.03 * points + [0.01, 0.0, 0.15], triangles)
+
+
+def as_mesh(body: pw.Polyhedron) -> dict[str, Any]:
+    mesh = mi.Mesh("ball", len(body.vertices), len(body.triangles))
     params = mi.traverse(mesh)
-    params["vertex_positions"] = (0.03 * points + [0.01, 0.0, 0.15]).ravel()
-    params["faces"] = triangles.ravel()
+    params["vertex_positions"] = body.vertices.ravel()
+    params["faces"] = body.triangles.ravel()
     params.update()
     return {"ball": mesh}
 
 
 def scene(what: Any, diffraction: bool) -> Any:
     if isinstance(what, int):
-        return floor(10, ball(what), diffraction)
+        return floor(10, as_mesh(ball(what)), diffraction)
     if isinstance(what[0], int):
         return floor(what[1], plates(what[0]), diffraction)
     loaded = pm.load_scene(EXAMPLES / what[0] / "scene.xml", diffraction=diffraction)
@@ -140,6 +149,34 @@ def from_all_points(what: Any) -> tuple[float, Any]:
     return seconds, image
 
 
+def behind(faces: int, pixels: int) -> tuple[float, Any, float]:
+    """Return processor seconds of the second call, the field, and the largest free field."""
+    side, source = np.linspace(-0.1, 0.1, pixels), pw.shapes.square(10e-3)
+    points = np.stack([*np.meshgrid(side, side), np.full((pixels, pixels), 0.3)], axis=-1)
+    seconds = 0.0
+    for _ in range(2):
+        start = time.process_time()
+        # as accurate as an irradiance by default
+        field = pw.amplitude(source, points, WAVELENGTH, obstacles=ball(faces), tolerance=1e-4)
+        seconds = time.process_time() - start
+    return seconds, field, float(np.abs(pw.amplitude(source, points, WAVELENGTH)).max())
+
+
+def print_fields(check: bool) -> None:
+    columns = ["faces", f"{PIXELS}² points", *(["32² points", "all points", "of peak"] * check)]
+    print("\n| " + " | ".join(columns) + " |\n" + "|--:" * len(columns) + "|")
+    for faces in FACES:
+        cells = [f"{faces}", f"{behind(faces, PIXELS)[0]:.2f} s"]
+        if check:
+            seconds, field, peak = behind(faces, 32)
+            usual, edge_sums._LEAST_PAIRS = edge_sums._LEAST_PAIRS, 1 << 62
+            all_seconds, expected, _ = behind(faces, 32)
+            edge_sums._LEAST_PAIRS = usual
+            off = np.abs(field - expected).max() / peak
+            cells += [f"{seconds:.2f} s", f"{all_seconds:.2f} s", f"{off:.1e}"]
+        print("| " + " | ".join(cells) + " |", flush=True)
+
+
 def main() -> None:
     counts, check = Counts(), "--check" in sys.argv
     logging.getLogger("polywigner.mitsuba").addHandler(counts)
@@ -157,6 +194,7 @@ def main() -> None:
             off = np.abs(image - expected).max()
             cells += [f"{seconds:.2f} s", f"{off / free.max():.1e}", f"{off / expected.max():.1e}"]
         print("| " + " | ".join(cells) + " |", flush=True)
+    print_fields(check)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"\nPeak memory of the process: {peak:.0f} MiB.")
 

@@ -469,5 +469,6 @@ def evaluate_rows(
     for start in range(0, len(table), step):
         rows = tuple(table[start : start + step].T[:, :, None])
         terms = term(_HOST, rows, columns, tuple(constants.tolist()))
-        total += [part.sum(axis=0) for part in terms]
+        shape = len(rows[0]), len(samples)  # terms may not depend on the row
+        total += [np.broadcast_to(part, shape).sum(axis=0) for part in terms]
     return tuple(total)

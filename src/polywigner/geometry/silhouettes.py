@@ -106,6 +106,19 @@ class Obstacle:
         ends[net < 0.0] = ends[net < 0.0, ::-1]
         return ends[net != 0.0]
 
+    def spanned(self, source: Floats) -> Obstacle:
+        """Return a surface that hides what a convex body hides from near a source.
+
+        Its rim is the silhouette for this source, so that the shadows of other points of the
+        source end at the same edges. Other bodies are returned as they are.
+        """
+        ends = self.silhouette(source) if self.is_solid and self.is_simple else np.empty(0)
+        if not len(ends):
+            return self
+        centre = self.vertices[ends].mean(axis=(0, 1))
+        fan = np.column_stack([ends, np.full(len(ends), len(self.vertices))])
+        return replace(self, vertices=np.concatenate([self.vertices, [centre]]), triangles=fan)
+
     def outline(self, towards: Floats) -> Floats:
         """Return the silhouette's edges (m, 2, 3) for a distant source in the direction (3,)."""
         size = np.linalg.norm(self.vertices, axis=1).max()

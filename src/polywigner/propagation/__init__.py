@@ -17,6 +17,8 @@ module                  content
 ``screens``             opaque plates and openings in front of point sources and plane waves
 ``shadows``             fields behind opaque bodies
 ``equivalent_points``   point sources that replace a source behind bodies
+``source_nodes``        few nodes that replace these points
+``edge_sums``           the waves of edges from nodes of the source
 ``collins``             fields behind first-order systems; point spread functions
 ``curved_fields``       fields of curved waves, as sums over cells of the source
 ``far_fields``          far fields as functions of direction, radiated power, beam and steering

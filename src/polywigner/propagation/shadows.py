@@ -43,6 +43,7 @@ from polywigner.kernels.boundary.edge_waves import (
 from polywigner.kernels.kernel import Values
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation.conducting_sheets import Edge, change_by_sheet
+from polywigner.propagation.edge_sums import EdgeSum, Targets
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
     oblique_change,
@@ -71,6 +72,8 @@ _RULES = (
 )
 # Allowed error of the points that represent the source, as a fraction of the tolerance.
 _OF_GRID = 0.1
+# Error of nodes that replace these points, as a fraction of the tolerance.
+_OF_NODES = 0.25
 # Direction from a point to the neighbouring point at which it is decided whether the point is
 # illuminated or in shadow.
 ASIDE = np.array([0.57, 0.31, 0.76])
@@ -146,38 +149,51 @@ def diffracted(
     with the normal towards the source.
     """
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
-    summed = partial(_summed, bodies, sources, seen, engine=engine, rule=rule, is_sheet=is_sheet)
-    change, free, off = summed(positions, coarser=coarser if with_error else None)
-    near, across = _near_corners(sources, seen, positions)
+    edges = _Edges.of(bodies, sources, seen, positions)
+    opaque = bodies
+    if len(seen) > 1 and all(silhouette is seen[0] for silhouette in seen):
+        centre = np.mean([point.position for point in sources], axis=0)
+        opaque = Obstacles([body.spanned(centre) for body in bodies.bodies])
+    few = None
+    if not (edges.are_blocked or is_sheet):
+        few = EdgeSum.of(opaque, sources, seen, positions, _OF_NODES * tolerance, engine)
+    summed = partial(_summed, opaque, sources, engine=engine, rule=rule, few=few, is_sheet=is_sheet)
+    change, free, off = summed(edges, coarser=coarser if with_error else None)
+    views = [(p.position, s.edges) for p, s in zip(sources, seen, strict=True) if p.field]
+    if views and few is not None:
+        views = few.views
+    near, across = _near_corners(views, positions)
     if near.any():
         # The change at a point near a corner line is a weighted mean over four neighbouring points.
         # Its error is of fourth order in their distance.
         change[near] = 0.0
         for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
-            change[near] += share * summed(positions[near] + number * across)[0]
+            beside = positions[near] + number * across
+            change[near] += share * summed(_Edges.of(bodies, sources, seen, beside))[0]
     return change, free, off
 
 
 def _near_corners(
-    sources: Sequence[RadiatingPoint], seen: Sequence[Silhouette], positions: Floats
+    views: Sequence[tuple[Floats, Floats]], positions: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Return a mask of points (n, 3) on a line through a point of the source and a corner.
 
-    On these lines the derivatives (SB5) of the waves of two edges diverge, and their sum loses its
-    digits. Also return displacements (k, 3) across the line, over which the field is smooth.
+    ``views``: points (3,) of the source, and the edges (m, 2, 3) that they see. On these lines the
+    derivatives (SB5) of the waves of two edges diverge, and their sum loses its digits. Also return
+    displacements (k, 3) across the line, over which the field is smooth.
     """
     near = np.zeros(len(positions), bool)
-    for point, silhouette in zip(sources, seen, strict=True):
-        if not point.field:
-            continue
-        corners = silhouette.edges.reshape(-1, 3) - point.position
+    for origin, edges in views:
+        corners = np.unique(edges.reshape(-1, 3), axis=0) - origin
         corners /= np.linalg.norm(corners, axis=1)[:, None]
-        axes = positions - point.position
+        axes = positions - origin
         distance = np.linalg.norm(axes, axis=1)
         rows, columns = np.nonzero(axes @ corners.T > (1.0 - _ALIGNED) * distance[:, None])
         aside = np.linalg.norm(np.cross(axes[rows], corners[columns]), axis=1)
         near[rows[aside < _CORNER * np.sqrt(distance[rows])]] = True
-    axes = positions[near] - np.mean([position for position, *_ in sources], axis=0)
+    if not near.any():
+        return near, np.empty((0, 3))
+    axes = positions[near] - np.mean([origin for origin, _ in views], axis=0)
     across = np.cross(axes, ASIDE)
     length = np.linalg.norm(across, axis=1) / np.sqrt(np.linalg.norm(axes, axis=1))
     return near, _BESIDE * across / np.maximum(length, 1e-300)[:, None]
@@ -200,52 +216,87 @@ def _seen(
     return sources, bodies.silhouettes([position for position, *_ in sources])
 
 
+@dataclass(frozen=True)
+class _Edges:
+    """Edges that the points of a source see, and the points where their waves are computed."""
+
+    groups: list[tuple[Floats, Blocker | None]]
+    """Rows (k, 17) of edges by the surface behind them: point of the source, seven numbers; ends;
+    and plane of the face behind."""
+    targets: Targets
+    are_blocked: bool
+    """Whether a surface blocks waves of edges, or edges have shadow lines."""
+
+    @property
+    def count(self) -> int:
+        return sum(len(rows) for rows, _ in self.groups)
+
+    @classmethod
+    def of(
+        cls,
+        bodies: Obstacles,
+        sources: Sequence[RadiatingPoint],
+        seen: Sequence[Silhouette],
+        positions: Floats,
+    ) -> _Edges:
+        """Return the edges of the silhouettes, for fields at positions (n, 3)."""
+        centre = np.mean([point.position for point in sources], axis=0)
+        blocked = blocked_edges(bodies, seen, centre)
+        group = np.concatenate(blocked.groups)
+        table = np.concatenate(
+            [
+                np.column_stack(
+                    [np.tile(p.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes]
+                )
+                for p, s in zip(sources, seen, strict=True)
+            ]
+        )
+        resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], positions)
+        margin = _ON_SURFACE * resolution
+        groups: list[tuple[Floats, Blocker | None]] = []
+        for number, blocker in enumerate(blocked.blockers):
+            rows = table[group == number]
+            planes = np.unique(rows[:, 13:], axis=0)
+            heights = positions @ planes[:, :3].T + planes[:, 3]
+            if (heights < -margin[:, None]).any():
+                groups.append((rows, blocker))
+            else:  # nothing is behind the surface
+                group[group == number] = NO_SURFACE
+        lines = shadow_lines(table[group == OWN_SURFACE])
+        are_blocked = bool(groups) or len(lines) > 0
+        groups.append((np.concatenate([table[group < 0], lines]), None))
+        # Illumination is decided from the angles of the edges for points beyond all bodies, and by
+        # tracing rays for other points.
+        by_angles = np.zeros(len(positions), bool)
+        if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
+            by_angles = np.all([bodies.beyond(p.position, positions) for p in sources], axis=0)
+        aside = positions + resolution[:, None] * ASIDE
+        return cls(groups, Targets(positions, aside, margin, by_angles), are_blocked)
+
+
 def _summed(
     bodies: Obstacles,
     sources: Sequence[RadiatingPoint],
-    seen: Sequence[Silhouette],
-    positions: Floats,
+    edges: _Edges,
     engine: str,
     rule: EdgeRule,
+    few: EdgeSum | None,
     coarser: EdgeRule | None = None,
     is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change of the field, the free field, and the error (0 without a coarser rule)."""
+    if few is not None:
+        change, free = few.change(edges.targets, rule)
+        error = few.error * np.abs(free).max() if coarser is not None else 0.0
+        return change, free, np.full(len(change), error)
+    positions, aside, margin, by_angles = edges.targets
     count = len(positions)
-    blocked = blocked_edges(bodies, seen, np.mean([position for position, *_ in sources], axis=0))
-    group = np.concatenate(blocked.groups)
-    # Rows (k, 17) of the table: seven numbers of a point of the source, both ends of an edge, and
-    # the plane of the face behind the edge.
-    table = np.concatenate(
-        [
-            np.column_stack([np.tile(p.row, (len(s.edges), 1)), s.edges.reshape(-1, 6), s.planes])
-            for p, s in zip(sources, seen, strict=True)
-        ]
-    )
-    resolution = _resolution(table[:, 7:13].reshape(-1, 3), table[:, :3], positions)
-    aside, margin = positions + resolution[:, None] * ASIDE, _ON_SURFACE * resolution
-    edges: list[tuple[Floats, Blocker | None]] = []
-    for number, blocker in enumerate(blocked.blockers):
-        rows = table[group == number]
-        planes = np.unique(rows[:, 13:], axis=0)
-        heights = positions @ planes[:, :3].T + planes[:, 3]
-        if (heights < -margin[:, None]).any():
-            edges.append((rows, blocker))
-        else:  # No point lies behind this surface.
-            group[group == number] = NO_SURFACE
-    lines = shadow_lines(table[group == OWN_SURFACE])
-    edges.append((np.concatenate([table[group < 0], lines]), None))
-    # For points farther away than all bodies, illumination is decided from the angles of the edges;
-    # for other points, by tracing rays.
-    by_angles = np.zeros(count, bool)
-    if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
-        by_angles = np.all([bodies.beyond(position, positions) for position, *_ in sources], axis=0)
     samples = np.column_stack([positions, aside, by_angles])
     change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)
     # The engine is chosen from the number of edges of all groups together.
-    chosen = resolved(engine, count, sum(len(rows) for rows, _ in edges))
+    chosen = resolved(engine, count, edges.count)
     is_oblique = any(point.field for point in sources)
-    for rows, surface in edges:
+    for rows, surface in edges.groups:
         columns = samples
         if surface is not None:
             hidden = surface.hides(aside, margin)
@@ -340,7 +391,10 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
         raise ArgumentError(
             "an obstacle encloses a part of the source; move the obstacle away from the source"
         )
-    nearest = min(float(body.distance(positions).min()) for body in bodies.bodies)
+    low, high = positions.min(axis=0) - _NEAR, positions.max(axis=0) + _NEAR
+    boxes = [(body, body.vertices.min(axis=0), body.vertices.max(axis=0)) for body in bodies.bodies]
+    near = [body for body, least, most in boxes if (least < high).all() and (most > low).all()]
+    nearest = min((float(body.distance(positions).min()) for body in near), default=np.inf)
     if nearest < _NEAR and len(sources) > 1:
         warn_caller(
             f"an obstacle is only {nearest:.2g} wavelengths away from the source, so its shadow "

@@ -9,9 +9,10 @@ it is exact in free space. Lengths are in wavelengths. Source: (SB7).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,18 @@ NEAR = 0.3
 _LIMITS = {1: 1e-3, 3: 8e-3, 5: 8e-3, 7: 8e-3}
 # Largest error, in the same unit, for which the centre replaces all nodes.
 _BY_CENTRE = 5e-4
+# Least limit between the detours of near and of far edges, and the ratios to it that are tried.
+_LEAST_DETOUR, _RATIOS = 0.05, tuple(1.5**k for k in range(10))
+# Largest number of nodes.
+_MOST_NODES = 225
+# Least distance on an edge from the boundary of a shadow to that for the centre, over half of the
+# size of the source.
+_CLEAR = 1.5
+# Estimated error of far nodes, over that of near nodes, if both have the same error. It was at
+# least 10 for all cases of tests/test_edge_sums.py, with tolerances of 1e-4 and 1e-6.
+_FAR_ERROR = 5.0
+# Cost of a node for far edges over that of a near node, if all detours are below 1.
+_FAR_COST = 0.1
 # Number of directions along each axis of the hemisphere in which the largest far field is searched.
 _DIRECTIONS = 33
 # Number of positions on edges times number of radiating points per block (some 100 MB).
@@ -94,6 +107,21 @@ class SourceNodes:
         """Return the waves (q, n) of the radiating points at positions (q, 3)."""
         return np.stack([point.wave(places.T) for point in self.points], axis=1)
 
+    def waves_and_dipoles(self, places: Floats) -> list[Complex]:
+        """Return these waves, and their parts from weights of the field without obliquity, (q, n).
+
+        The second array is left out if no point has a weight of the field.
+        """
+        units = np.stack([_unit_wave(places - point.position) for point in self.points], axis=1)
+        field, slope = (np.array([point[k] for point in self.points]) for k in (1, 2))
+        if not field.any():
+            return [units * slope]
+        ahead = places[:, None] - self.origins
+        inverse = 1.0 / np.linalg.norm(ahead, axis=2)
+        dipoles = units * field
+        obliquity = ahead[..., 2] * inverse * (1.0 + (0.5j / math.pi) * inverse)
+        return [dipoles * obliquity + units * slope, dipoles]
+
     def _waves_at(self, places: Floats) -> tuple[Complex, Floats]:
         waves = self.waves_of_points(places)
         starts = np.concatenate([self.positions, self.centre[None]])
@@ -124,25 +152,143 @@ def all_points(points: Sequence[RadiatingPoint]) -> SourceNodes:
 def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
     """Return the nodes of a source for edges with ends (m, 2, 3): few if all edges are far away."""
     every = all_points(points)
-    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
-    squares = np.maximum((along * along).sum(axis=1), 1e-300)
-    nearest = np.clip(((every.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
-    fractions = [0.0 * nearest, 0.5 * nearest, nearest, 0.5 + 0.5 * nearest, 0.0 * nearest + 1.0]
-    places = np.concatenate([start + part[:, None] * along for part in fractions])
-    rules = [
-        # Along an axis on which all points have the same coordinate, there is one node.
-        [_axis(at, count) for count in _LIMITS if count == 1 or np.ptp(at) > 0.0]
-        for at in every.origins[:, :2].T
-    ]
-    # Along each axis, the first rule with a small enough error is used.
-    is_enough = _errors(every, places, rules) <= np.array([*_LIMITS.values()]) * every.peak
-    chosen = [rules[k][row.argmax()] for k, row in enumerate(is_enough) if row.any()]
-    if len(chosen) < 2 or math.prod(len(nodes) for nodes, _ in chosen) >= len(points):
+    allowed = {count: limit * every.peak for count, limit in _LIMITS.items()}
+    return _few_nodes(every, _WavesAtEdges.of(every, edges), _turned_by(NEAR), allowed)
+
+
+class Interpolation(NamedTuple):
+    """Nodes of a source that interpolate the waves of near and of far edges."""
+
+    near: SourceNodes
+    far: SourceNodes
+    detour: float
+    """Detour from which on an edge is far."""
+
+
+def interpolation_for(
+    points: Sequence[RadiatingPoint], edges: Floats, error: float, overlap: float, is_shared: bool
+) -> Interpolation | None:
+    """Return the nodes with the least cost for edges with ends (m, 2, 3); None if there are none.
+
+    Parameters
+    ----------
+    points : sequence of RadiatingPoint
+        Points of the source.
+    edges : ndarray, shape (m, 2, 3)
+        Ends of the edges, in wavelengths.
+    error : float
+        Allowed error of the wave of an edge, times the distance from the source.
+    overlap : float
+        Largest detour of near edges over the least detour of far edges.
+    is_shared : bool
+        Whether all points see the same edges. If not, the near nodes are all points.
+    """
+    every = all_points(points)
+    waves = _WavesAtEdges.of(every, edges)
+    allowed = dict.fromkeys(range(1, _MOST_NODES), error)
+    allowed_far = dict.fromkeys(range(1, _MOST_NODES), _FAR_ERROR * error)
+    reach = 0.5 * float(np.linalg.norm(np.ptp(every.origins, axis=0)))
+    least = max(_LEAST_DETOUR, 0.5 * (_CLEAR * reach) ** 2 / float(waves.distance.min()))
+    choices = []
+    for detour in [least * ratio for ratio in _RATIOS]:
+        far = _few_nodes(every, waves, _divided_at(detour), allowed_far)
+        if len(far.positions) <= _MOST_NODES:
+            turned = _turned_by(overlap * detour, 1.0)
+            near = _few_nodes(every, waves, turned, allowed) if is_shared else every
+            cost = math.sqrt(detour) * len(near.positions) + _FAR_COST * len(far.positions)
+            choices.append((cost, Interpolation(near, far, detour)))
+    return min(choices, key=lambda choice: choice[0])[1] if choices else None
+
+
+@dataclass(frozen=True)
+class _WavesAtEdges:
+    """Waves of the points of a source at positions on edges, summed over one axis of the source."""
+
+    distance: Floats
+    """(q,) from the centre of the source."""
+    axes: list[tuple[Floats, Complex]]
+    """For x and y: positions (k,) from the centre, and the waves (q, k) of their points."""
+
+    @classmethod
+    def of(cls, source: SourceNodes, edges: Floats) -> _WavesAtEdges:
+        """Sum the waves at both ends of edges (m, 2, 3), next to the source, and in between."""
+        start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+        squares = np.maximum((along * along).sum(axis=1), 1e-300)
+        nearest = np.clip(((source.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
+        one = np.ones_like(nearest)
+        fractions = [0.0 * one, 0.5 * nearest, nearest, 0.5 + 0.5 * nearest, one]
+        places = np.concatenate([start + part[:, None] * along for part in fractions])
+        positions, owners = [], []
+        for at, centre in zip(source.origins[:, :2].T, source.centre, strict=False):
+            values, which = np.unique(at, return_inverse=True)
+            positions.append(values - centre)
+            owners.append(np.eye(len(values))[which.ravel()])
+        parts = [
+            [waves @ owner for owner in owners]
+            for waves in map(source.waves_of_points, source.blocks_of(places))
+        ]
+        sums = [np.concatenate(part) for part in zip(*parts, strict=True)]
+        distance = np.linalg.norm(places - source.centre, axis=1)
+        return cls(distance, list(zip(positions, sums, strict=True)))
+
+
+EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
+"""Wave of an edge, for distances (q, 1) from the source and positions (k,) along its axis."""
+
+
+def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
+    """Return the wave of an edge over the wave at a point far behind it.
+
+    Over the source, its phase changes by 2 pi sqrt(2 detour/distance) times the position. The
+    detour itself changes by half of the squared position over the distance, if ``curvature`` is 1.
+    """
+
+    def wave(distance: Floats, at: Floats) -> Complex:
+        cycles = (np.sqrt(2.0 * detour / distance) + 0.5 * curvature * at / distance) * at
+        return np.asarray(EDGE_AMPLITUDE / math.sqrt(detour) * np.exp(2j * math.pi * cycles))
+
+    return wave
+
+
+def _divided_at(detour: float) -> EdgeWave:
+    """Return the wave of an edge over the wave at the edge.
+
+    It diverges at positions that have the point on the boundary of their shadow.
+    """
+
+    def wave(distance: Floats, at: Floats) -> Floats:
+        ratio = 1.0 + at / np.sqrt(2.0 * detour * distance)
+        return np.asarray(EDGE_AMPLITUDE / math.sqrt(detour) / ratio)
+
+    return wave
+
+
+def _few_nodes(
+    every: SourceNodes, waves: _WavesAtEdges, wave: EdgeWave, allowed: Mapping[int, float]
+) -> SourceNodes:
+    """Return the first nodes along each axis with an error that is small enough.
+
+    ``allowed``: errors for each number of nodes along an axis, times the distance of the edge.
+    """
+    numbers = []
+    for at, sums in waves.axes:
+        # points with one coordinate have one node along this axis
+        for count in [count for count in allowed if count == 1 or len(at) > 1]:
+            nodes, fractions = _axis(at, count)
+            distance = waves.distance[:, None]
+            change = wave(distance, at) - wave(distance, nodes) @ fractions
+            error = waves.distance * np.abs((sums * change).sum(axis=1))
+            if error.max() <= allowed[count]:
+                numbers.append(count)
+                break
+    if len(numbers) < 2 or math.prod(numbers) >= len(every.points):
         return every
-    (x, first), (y, second) = chosen
+    (x, first), (y, second) = (
+        _axis(at, count) for at, count in zip(every.origins[:, :2].T, numbers, strict=True)
+    )
     positions = np.array([[a, b, every.origins[0, 2]] for a in x for b in y])
     fractions = first[:, None] * second[None, :]
-    return SourceNodes(points, positions, fractions.reshape(len(positions), -1))
+    return SourceNodes(every.points, positions, fractions.reshape(len(positions), -1))
 
 
 def _axis(at: Floats, count: int) -> tuple[Floats, Floats]:
@@ -158,28 +304,3 @@ def _axis(at: Floats, count: int) -> tuple[Floats, Floats]:
         for node, some in zip(nodes, others, strict=True)
     ]
     return nodes, np.array(factors)
-
-
-def _errors(
-    source: SourceNodes, places: Floats, rules: Sequence[Sequence[tuple[Floats, Floats]]]
-) -> Floats:
-    """Estimate the errors (axis, rule) of interpolated waves of edges, times the distance.
-
-    ``rules`` are results of :func:`_axis` for x and y. Over the source, the phase of the wave of an
-    edge changes by 2 pi sqrt(2 detour/distance) times the position, if the point is far behind the
-    edge.
-    """
-    worst = np.array(
-        [[0.0 if k < len(row) else np.inf for k in range(len(_LIMITS))] for row in rules]
-    )
-    for block in source.blocks_of(places):
-        waves = source.waves_of_points(block)
-        distance = np.linalg.norm(block - source.centre, axis=1)
-        phase = 2j * math.pi * np.sqrt(2.0 * NEAR / distance)[:, None]
-        for k, of_axis in enumerate(rules):
-            exact = np.exp(phase * (source.origins[:, k] - source.centre[k]))
-            for j, (nodes, fractions) in enumerate(of_axis):
-                few = np.exp(phase * (nodes - source.centre[k])) @ fractions
-                error = distance * np.abs((waves * (exact - few)).sum(axis=1))
-                worst[k, j] = max(worst[k, j], error.max(initial=0.0))
-    return worst * (EDGE_AMPLITUDE / math.sqrt(NEAR))

@@ -13,7 +13,6 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -113,7 +112,7 @@ class Shadows:
         numbers = faces, len(tables.edges), len(nodes.positions), len(points)
         _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
         if len(silhouettes) < len(nodes.positions):
-            bodies = [_spanned(body, nodes.centre) for body in bodies]
+            bodies = [body.spanned(nodes.centre) for body in bodies]
         self._obstacles = _scene_of(m, bodies)
         self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
         self._centre = tuple(nodes.centre.tolist())
@@ -416,22 +415,6 @@ def _nodes_and_silhouettes(
         return nodes_for(points, shared.edges), [shared]
     seen = [obstacles.silhouette(position) for position in every.positions]
     return every, [surfaces.before_plane(silhouette) for silhouette in seen]
-
-
-def _spanned(body: Obstacle, source: Floats) -> Obstacle:
-    """Return a surface that hides the same points as a convex body, for positions near a source.
-
-    Its rim is a common silhouette for all nodes of the source, so that their shadows end at the
-    edges of this silhouette.
-    """
-    if not (body.is_solid and body.is_simple):
-        return body
-    ends = body.silhouette(source)
-    if not len(ends):
-        return body
-    centre = body.vertices[ends].mean(axis=(0, 1))
-    fan = np.column_stack([ends, np.full(len(ends), len(body.vertices))])
-    return replace(body, vertices=np.concatenate([body.vertices, [centre]]), triangles=fan)
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:

@@ -1,0 +1,375 @@
+"""Fields behind obstacles from few nodes of a source. Source: (SB7), (SB8).
+
+An edge is near a point if the detour over the edge is short, or the edge itself is close. The
+boundary waves of near edges are computed for nodes of the source, with the weights of the nodes'
+waves at the point. Far edges are sampled. The wave of a sample is the wave of the source there,
+times a smooth function of the position in the source, which nodes interpolate. A smooth weight
+divides each edge between both sums, so that rounding moves no edge from one to the other. Lengths
+are in wavelengths.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import execution
+from polywigner.execution import NumpyOperations
+from polywigner.execution.choice import resolved
+from polywigner.geometry.contours import Silhouette
+from polywigner.geometry.silhouettes import Obstacles
+from polywigner.kernels.boundary.edge_waves import (
+    EdgeRule,
+    Point,
+    angle_about,
+    cross,
+    difference,
+    dot,
+    edge_wave,
+    edge_wave_and_rate,
+    path_over,
+)
+from polywigner.kernels.kernel import Values
+from polywigner.numerics import Number
+from polywigner.numerics.nodes import gauss_legendre, nodes_needed
+from polywigner.numerics.phases import Pair, unit_wave
+from polywigner.propagation.equivalent_points import RadiatingPoint
+from polywigner.propagation.source_nodes import Interpolation, interpolation_for
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+# Distance of a point from an edge below which the edge is near. Near edges count with a decreasing
+# weight up to this multiple of the distance, and of the least detour of far edges.
+_CLOSE, _OVERLAP = 1.0, 1.1
+# Pairs of a point and an edge, or a point of the source, per block: some 100 MB.
+_PAIRS = 1 << 19
+# The same for arrays in the processor's cache.
+_CACHED = 1 << 14
+# Largest number of nodes in a row of the table of far edges, and the step between such numbers,
+# each of which has a compiled kernel.
+_PER_ROW, _STEP = 40, 4
+# Least number of points of the source, and of pairs of a point of the source and an edge, times the
+# number of samples. Largest number of samples from which the largest free field is estimated.
+_LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
+# Costs, in far nodes at a sample, of a sample and of a boundary wave of one point.
+_SAMPLE_COST, _POINT_COST = 8.0, 100.0
+_NONE = np.zeros(1)
+_OPS: Any = NumpyOperations()
+
+
+class Targets(NamedTuple):
+    """Points at which fields are computed."""
+
+    positions: Floats
+    """(n, 3)"""
+    aside: Floats
+    """(n, 3) positions next to the points that distinguish light and shadow."""
+    margin: Floats
+    """(n,) depths up to which points lie on a surface."""
+    by_angles: Flags
+    """(n,): whether the angles of edges distinguish light and shadow, without rays."""
+
+    def subset(self, some: Any) -> Targets:
+        return Targets(*(part[some] for part in self))
+
+
+@dataclass(frozen=True)
+class EdgeSum:
+    """A source, the edges that it sees, and the nodes for which their waves are computed."""
+
+    bodies: Obstacles
+    points: Sequence[RadiatingPoint]
+    edges: Floats
+    """(m, 2, 3) edges that any of the points sees."""
+    sees: Flags
+    """(k, m): whether a node for near edges sees an edge."""
+    nodes: Interpolation
+    counts: Indices
+    """Number of samples of each edge, (m,)."""
+    error: float
+    engine: str
+
+    @classmethod
+    def of(
+        cls,
+        bodies: Obstacles,
+        points: Sequence[RadiatingPoint],
+        seen: Sequence[Silhouette],
+        positions: Floats,
+        error: float,
+        engine: str,
+    ) -> EdgeSum | None:
+        """Return the sum for fields at positions (n, 3); None if the sum over points costs less.
+
+        ``seen``: silhouette of each point. ``error``: of the field, over the largest free field.
+        """
+        is_shared = all(silhouette is seen[0] for silhouette in seen)
+        views = [
+            silhouette.edges.reshape(-1, 6) for silhouette in (seen[:1] if is_shared else seen)
+        ]
+        lengths = [len(view) for view in views]
+        cost = len(points) * sum(lengths) // len(views)
+        if len(points) < _LEAST_POINTS or cost * len(positions) < _LEAST_PAIRS:
+            return None
+        ends, which = np.unique(np.concatenate(views), axis=0, return_inverse=True)
+        sees = np.zeros((len(views), len(ends)), bool)
+        sees[np.repeat(np.arange(len(views)), lengths), which.ravel()] = True
+        edges, is_shared = ends.reshape(-1, 2, 3), bool(sees.all())
+        some = positions[:: 1 + len(positions) // _MOST_LEVELS]
+        level = np.abs(sum(point.wave(some.T) for point in points)).max()
+        centre = np.mean([point.position for point in points], axis=0)
+        allowed = error * level * np.linalg.norm(positions - centre, axis=1).min()
+        nodes = interpolation_for(points, edges, allowed, _OVERLAP, is_shared)
+        if nodes is None:
+            return None
+        blocks = _blocks(len(positions), len(edges))
+        counts = [_sample_counts(edges, nodes, positions[some], error) for some in blocks]
+        most = np.max(counts, axis=0)
+        if most.sum() * (_SAMPLE_COST + len(nodes.far.positions)) > cost * _POINT_COST:
+            return None
+        if is_shared:
+            sees = np.ones((len(nodes.near.positions), len(ends)), bool)
+        chosen = resolved(engine, len(positions), cost)
+        return cls(bodies, points, edges, sees, nodes, most, error, chosen)
+
+    @property
+    def origins(self) -> Floats:
+        """Positions (k, 3) of the nodes for near edges."""
+        return self.nodes.near.positions
+
+    @property
+    def views(self) -> list[tuple[Floats, Floats]]:
+        """Position (3,) of each node for near edges, and the edges (m, 2, 3) that it sees."""
+        return [(at, self.edges[row]) for at, row in zip(self.origins, self.sees, strict=True)]
+
+    @cached_property
+    def _is_oblique(self) -> bool:
+        return any(point.field for point in self.points)
+
+    def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
+        """Return the change of the field, and the free field."""
+        change = self._far_waves(targets.positions)
+        free = np.zeros_like(change)
+        for some in _blocks(len(change), max(len(self.edges), len(self.points))):
+            near, free[some] = self._near_waves(targets.subset(some), rule)
+            change[some] += near
+        return change, free
+
+    # ---- near edges ------------------------------------------------------------------------------
+
+    def _near_waves(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
+        """Return the change of the field by shadows and near edges, and the free field."""
+        source, at = self.nodes.near, targets.positions
+        of_points = source.waves_and_dipoles(at)
+        waves, *dipoles = (source.fractions @ part.T for part in of_points)
+        weights = np.concatenate(
+            [
+                _near_weight(_OPS, self.nodes.detour, tuple(source.centre), *ends, tuple(at.T))
+                for ends in _ends_of_blocks(self.edges, len(at))
+            ]
+        )
+        edges, points = np.nonzero(weights)
+        rows = np.column_stack(
+            [self.edges[edges].reshape(-1, 6), at[points], targets.aside[points]]
+        )
+        numbers, pairs = np.nonzero(self.sees[:, edges])
+        change = np.zeros(len(at), np.complex128)
+        term = partial(_boundary_waves, rule, self._is_oblique)
+        for some in _blocks(len(pairs), 1):
+            number, pair = numbers[some], pairs[some]
+            point, columns = points[pair], np.column_stack([self.origins[number], rows[pair]])
+            real, imag, *rate = self._summed(term, np.zeros((1, 1)), columns, 4)
+            total = waves[number, point] * (real + 1j * imag)
+            for dipole in dipoles:
+                total += dipole[number, point] * (rate[0] + 1j * rate[1])
+            total *= weights[edges[pair], point]
+            change.real += np.bincount(point, total.real, len(at))
+            change.imag += np.bincount(point, total.imag, len(at))
+        # where all edges are far, all nodes see light, or all see shadow
+        free, near = of_points[0].sum(axis=1), weights.any(axis=0)
+        change[~near] += free[~near] * self._shadow(len(waves) // 2, targets.subset(~near))
+        for k, wave in enumerate(waves):
+            change[near] += wave[near] * self._shadow(k, targets.subset(near))
+        return change, free
+
+    def _shadow(self, k: int, targets: Targets) -> Floats:
+        """Return -1 at points (n,) in the shadow of a node, and 0 at other points."""
+        by_angles, origin = targets.by_angles, self.origins[k]
+        shadow = np.zeros(len(by_angles))
+        edges = self.edges[self.sees[k]].reshape(-1, 6)
+        (angles,) = self._summed(_angle, edges, targets.aside[by_angles], 1, origin)
+        shadow[by_angles] = angles / (2.0 * math.pi)
+        others = targets.subset(~by_angles)
+        shadow[~by_angles] -= self.bodies.hide(origin, others.aside, others.margin)
+        return shadow
+
+    def _summed(
+        self, term: Any, rows: Floats, columns: Floats, outputs: int, shared: Floats = _NONE
+    ) -> tuple[Floats, ...]:
+        if not len(rows) * len(columns):
+            return (np.zeros(len(columns)),) * outputs
+        return execution.evaluate_rows(term, rows, columns, shared, outputs, self.engine)
+
+    # ---- far edges -------------------------------------------------------------------------------
+
+    def _far_waves(self, positions: Floats) -> Complex:
+        """Return the waves of the samples of far edges, (n,)."""
+        number = np.repeat(np.arange(len(self.counts)), self.counts)
+        rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(self.counts).tolist()}
+        at, weight = np.concatenate([rules[count] for count in self.counts.tolist()]).T
+        along = self.edges[number, 1] - self.edges[number, 0]
+        samples = self.edges[number, 0] + (0.5 + 0.5 * at)[:, None] * along
+        tangents = (-0.125 / math.pi) * weight[:, None] * along
+        shared = np.array([self.nodes.detour, *self.nodes.far.centre])
+        total = np.zeros(len(positions), np.complex128)
+        for some in _blocks(len(samples), len(self.points)):
+            nodes = self._nodes_at(samples[some], number[some])
+            ends = self.edges[number[some]].reshape(-1, 6)
+            ends = np.column_stack([samples[some], tangents[some], ends])
+            rows = np.column_stack([np.repeat(ends, len(nodes) // len(ends), axis=0), nodes])
+            term = partial(_far_wave, 7 if self._is_oblique else 5)
+            real, imag = self._summed(term, rows, positions, 2, shared)
+            total += real + 1j * imag
+        return total
+
+    def _nodes_at(self, samples: Floats, number: Indices) -> Floats:
+        """Return the directions of far nodes and their waves at samples (q, 3) of edges.
+
+        There are rows of several nodes for each sample; nodes without weight fill the last row.
+        """
+        source = self.nodes.far
+        waves = source.waves_and_dipoles(samples)
+        away = samples[:, None] - source.positions
+        length = np.linalg.norm(away, axis=2)
+        if not self.sees.all():
+            waves = [wave * self.sees[:, number].T for wave in waves]
+        waves = [wave @ source.fractions.T for wave in waves]
+        # (SB5): the derivative in z of the source, over -ik
+        waves[1:] = [wave * (-0.5j / math.pi) / length for wave in waves[1:]]
+        count = len(source.positions)
+        parts = math.ceil(count / _PER_ROW)
+        width = parts * _STEP * math.ceil(count / parts / _STEP)
+        nodes = np.zeros((len(samples), width, 3 + 2 * len(waves)))
+        nodes[:, :count, :3] = away / length[..., None]
+        nodes[:, :count, 3:] = np.stack(waves, axis=2).view(np.float64)
+        return nodes.reshape(len(samples) * parts, -1)
+
+
+def _blocks(count: int, width: int) -> list[Indices]:
+    """Divide numbers up to ``count`` into blocks for arrays with a row for each number."""
+    return np.array_split(np.arange(count), 1 + count * width // _PAIRS)
+
+
+def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
+    """Return both ends of edges in columns, in blocks for NumPy arrays over ``count`` points.
+
+    Temporary arrays of a block stay in the processor's cache.
+    """
+    blocks = np.array_split(edges, 1 + len(edges) * count // _CACHED)
+    return [
+        (tuple(block[:, 0].T[:, :, None]), tuple(block[:, 1].T[:, :, None]))
+        for block in blocks
+        if len(block)
+    ]
+
+
+def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error: float) -> Indices:
+    """Return the number of samples of each edge (m,) for its waves at positions (n, 3)."""
+    source, at, ops = nodes.far, tuple(positions.T), _OPS
+    reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
+    digits, centre, numbers = -math.log(error), tuple(source.centre), []
+    for start, end in _ends_of_blocks(edges, len(positions)):
+        along = difference(end, start)
+        length = ops.sqrt(dot(along, along))
+        slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
+        distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
+        phase = math.pi * (ops.maximum(*slopes) + 2.0 * reach * length / distance)
+        # distance on the edge from the straight line between source and point
+        away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
+        part = away / (distance + away)
+        lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - reach * part
+        clear = ops.minimum(ops.minimum(lateral, away), distance) / (0.5 * length)
+        needed, _ = nodes_needed(ops, digits, clear.min(axis=1), phase.max(axis=1))
+        numbers.append(np.maximum(np.ceil(needed), 2.0))
+    return np.concatenate(numbers).astype(np.intp)
+
+
+def _slope(along: Point, end: Point, point: Point) -> Number:
+    """Return the change of the distance from a point over the length of an edge, at one end."""
+    away = difference(end, point)
+    return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
+
+
+def _distance(ops: Any, start: Point, end: Point, point: Point) -> Number:
+    """Return the distance of a point from an edge."""
+    along, away = difference(end, start), difference(point, start)
+    foot = ops.maximum(ops.minimum(dot(along, away) / dot(along, along), 1.0), 0.0)
+    across = tuple(b - foot * a for a, b in zip(along, away, strict=True))
+    return ops.sqrt(dot(across, across))
+
+
+def _near_weight(
+    ops: Any, least: Number, source: Point, start: Point, end: Point, point: Point
+) -> Number:
+    """Return the part of an edge's wave at a point that counts as near.
+
+    ``least``: least detour of far edges.
+    """
+    detour, *_ = path_over(ops, source, point, start, end)
+    ratio = ops.minimum(detour / least, _distance(ops, start, end, point) / _CLOSE)
+    part = ops.maximum(ops.minimum((_OVERLAP - ratio) / (_OVERLAP - 1.0), 1.0), 0.0)
+    return part * part * (3.0 - 2.0 * part)
+
+
+def _boundary_waves(
+    rule: EdgeRule, is_oblique: bool, ops: Any, _: Point, sample: Point, shared: Point
+) -> Values:
+    """Return the wave of an edge over the wave of a node, and over the wave of its dipole."""
+    origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
+    path = origin, point, start, end, aside
+    rate = Pair(0.0 * point[0], 0.0 * point[0])
+    if is_oblique:
+        boundary, rate = edge_wave_and_rate(ops, rule, *path)
+    else:
+        boundary = Pair(*edge_wave(ops, rule, *path))
+    boundary, rate = boundary.scaled(-0.5 / math.pi), rate.scaled(0.25 / math.pi**2)
+    # (SB5): -i times the derivative
+    return boundary.real, boundary.imag, rate.imag, -rate.real
+
+
+def _angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
+    return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
+
+
+def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:
+    """Return the waves that some nodes send over a sample of an edge, (SB8).
+
+    ``width``: numbers per node: direction, wave, and with 7 numbers the dipole's wave.
+    """
+    at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
+    part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)
+    path = difference(point, at)
+    distance = ops.sqrt(dot(path, path))
+    inverse = 1.0 / ops.maximum(distance, 1e-9)
+    ray = tuple(p * inverse for p in path)
+    normal = cross(tangent, ray)
+    real, imag = 0.0, 0.0
+    for k in range(12, len(row), width):
+        away = row[k : k + 3]
+        below = 1.0 / ops.maximum(1.0 - dot(away, ray), 1e-14)
+        factor = dot(away, normal) * below
+        real, imag = real + factor * row[k + 3], imag + factor * row[k + 4]
+        if width > 5:  # weights of the derivative in z of the source, (SB5)
+            rate = (normal[2] - factor * (away[2] - ray[2])) * below
+            real, imag = real + rate * row[k + 5], imag + rate * row[k + 6]
+    wave = unit_wave(ops, distance).scaled(inverse * part) * Pair(real, imag)
+    return wave.real, wave.imag
