@@ -64,8 +64,10 @@ _OPAQUE = 2e-3
 # Illuminated points are shifted by this fraction of their distance, so that none lies on the
 # boundary of a shadow after rounding to single precision.
 _ASIDE = 1e-6
-# Rays end this fraction of their length before a surface, more than single precision rounds.
-_ENDS = 1e-5
+# Points behind a surface by less than this fraction of their distance count as points on it, and
+# rays end this fraction of their length before a surface: more than single precision rounds, for
+# rays at grazing angles as well.
+_ENDS, _SHORT = 1e-5, 4e-5
 # Relative error of fields in scalar variants.
 _HOST_ERROR = 1e-4
 
@@ -111,8 +113,6 @@ class Shadows:
         faces = sum(len(body.triangles) for body in bodies)
         numbers = faces, len(tables.edges), len(nodes.positions), len(points)
         _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
-        if len(silhouettes) < len(nodes.positions):
-            bodies = [_spanned(body, nodes.centre) for body in bodies]
         self._obstacles = _scene_of(m, bodies)
         self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
         self._centre = tuple(nodes.centre.tolist())
@@ -330,14 +330,15 @@ class Shadows:
             return Pair(*free)
         triangles, rims = self._tables["triangles"], self._tables["rims"]
         ahead = difference(at, group[:3])
+        margin = _ENDS * ops.sqrt(dot(at, at))
 
         def is_hit(number: Drjit, hits: Drjit) -> tuple[Drjit]:
             row = ops.gather(triangles, number)
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
             sign = dr.select(total < 0.0, -1.0, 1.0)
-            # the ray meets the triangle's plane clearly before the point
-            hit = (row[9] * sign > 0.0) & (row[9] * sign < total * sign * (1.0 - _ENDS))
+            # the point is clearly behind the triangle's plane
+            hit = (row[9] * sign > 0.0) & ((total - row[9]) * sign > margin)
             for share in shares:
                 hit &= share * sign >= 0.0
             return (dr.select(hit, 1.0, hits),)
@@ -375,7 +376,7 @@ class Shadows:
         part = dr.select(part < 0.5, part, 0.5)
         distance = dr.norm(path)
         ray = m.Ray3f(m.Point3f(row[0], row[1], 0.0) + path * part, path / distance)
-        ray.maxt = distance * (1.0 - part - _ENDS)
+        ray.maxt = distance * (1.0 - part - _SHORT)
         return self._obstacles.ray_test(ray)
 
     def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
@@ -402,12 +403,10 @@ def _nodes_and_silhouettes(
 ) -> tuple[SourceNodes, list[Silhouette]]:
     """Return the nodes of a source, and one silhouette for all nodes or for each of them."""
     every = all_points(points)
-    shared = obstacles.shared_silhouette(every.positions)
-    if shared is not None:
-        shared = surfaces.before_plane(shared)
-        return nodes_for(points, shared.edges), [shared]
-    seen = [obstacles.silhouette(position) for position in every.positions]
-    return every, [surfaces.before_plane(silhouette) for silhouette in seen]
+    central = obstacles.silhouette(every.centre)
+    nodes = nodes_for(points, surfaces.before_plane(central).edges)
+    seen = obstacles.silhouettes(list(nodes.positions))
+    return nodes, [surfaces.before_plane(silhouette) for silhouette in seen]
 
 
 def _spanned(body: Obstacle, source: Floats) -> Obstacle:

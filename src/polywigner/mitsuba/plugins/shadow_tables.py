@@ -6,7 +6,7 @@ Lengths are in wavelengths, in the source's frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from polywigner.propagation.shadows import NO_SURFACE
 from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNodes
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 # Phase in rad by which the wave of the source at an edge changes between two samples: the error of
 # linear interpolation is below phase^2/24 for uniform sources. Largest number of samples.
@@ -43,7 +44,7 @@ class EdgeTables(NamedTuple):
     """(g, 13), a row per group: midpoint of its edges (3), plane of the face behind them (4), and
     first and end row of its edges, its blocker's triangles and its blocker's rim (6)."""
     edges: Floats
-    """(m, 20), a row per edge: its ends from the centre (6), plane of the face behind it (4), first
+    """(m, 20), a row per edge: ends of its line from the centre (6), plane of the face behind it (4), first
     and end node whose waves it diffracts (2), its row in ``ends`` and the step between nodes (2),
     its row in ``samples`` and the number of intervals (2), detour up to which the nodes' waves at
     the point are used and detour from which on the centre is the only node (2), square of the
@@ -55,7 +56,8 @@ class EdgeTables(NamedTuple):
     ends of the interval (4)."""
     triangles: Floats
     """(t, 10), a row per triangle of a blocker: normals of the planes through the group's midpoint
-    and each side (9), and the triple product of the corners (1)."""
+    and each side (9), and the height of the midpoint above the triangle (1). The product of a
+    vector from the midpoint and the sum of the normals is the depth of its end, plus the height."""
     rims: Floats
     """(m, 6), ends of each edge of the blockers' rims."""
 
@@ -88,21 +90,15 @@ def edge_tables(
         Points behind a face by less than this fraction of its distance count as points on it.
     """
     blocked = shadows.blocked_edges(obstacles, silhouettes, nodes.centre)
-    is_shared = len(silhouettes) < len(nodes.positions)
-    # ends from each node, and from the centre; and first and end node
-    parts: list[tuple[Floats, Floats, tuple[int, int]]] = []
+    parts: list[_Edges] = []
     groups = []
-    for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
-        rows = np.column_stack([silhouette.edges.reshape(-1, 6), silhouette.planes])
-        span = (0, len(nodes.positions)) if is_shared else (k, k + 1)
-        parts.append((rows[:, None, :6], rows[:, 6:], span))
+    origins = np.concatenate([nodes.positions, nodes.centre[None]])
+    for edges, group in _edges_by_nodes(nodes, silhouettes, blocked.groups):
+        parts.append(edges)
         groups.append(np.maximum(group, NO_SURFACE))
-        lines = rows[group == shadows.OWN_SURFACE]
-        if len(lines):
-            seen_from = [*nodes.positions, nodes.centre] if is_shared else [nodes.positions[k]]
-            ends = np.stack([_shadow_lines(origin, lines) for origin in seen_from], axis=1)
-            parts.append((ends, np.tile(_NO_PLANE, (len(lines), 1)), span))
-            groups.append(np.full(len(lines), NO_SURFACE))
+        if (group == shadows.OWN_SURFACE).any():
+            parts.append(edges.rows(group == shadows.OWN_SURFACE).shadow_lines(origins))
+            groups.append(np.full(len(parts[-1].planes), NO_SURFACE))
     ends, edges, samples = _edge_rows(nodes, parts)
     group = np.concatenate(groups)
     planes = edges[:, 6:10]
@@ -129,26 +125,120 @@ def edge_tables(
     )
 
 
-def _shadow_lines(origin: Floats, rows: Floats) -> Floats:
-    """Return the shadow lines (m, 6) of edges (m, 10) with planes, as a point sees them."""
-    table = np.column_stack([np.tile([*origin, *np.zeros(4)], (len(rows), 1)), rows])
-    return shadows.shadow_lines(table)[:, 7:13]
+class _Edges(NamedTuple):
+    """Edges that the nodes of a range see in front of the same faces."""
+
+    ends: Floats
+    """(m, v, 6), ends from each node and from the centre, or from a single node."""
+    lines: Floats
+    """(m, 6), ends of the line that all pieces of an edge form."""
+    pieces: Floats
+    """(m, 6), ends of the line that the pieces in front of one face form."""
+    planes: Floats
+    """(m, 4), plane of the face behind each edge."""
+    span: tuple[int, int]
+    """First and end node."""
+
+    def rows(self, some: NDArray[np.bool_]) -> _Edges:
+        """Return some edges."""
+        return _Edges(*(part[some] for part in self[:4]), self.span)
+
+    def shadow_lines(self, origins: Floats) -> _Edges:
+        """Return the shadow lines on the faces behind the edges.
+
+        ``origins`` (k + 1, 3): nodes, and the centre.
+        """
+        is_shared = self.ends.shape[1] == len(origins)
+        seen_from = origins if is_shared else origins[slice(*self.span)]
+        ends = [
+            _shadow_lines(origin, some, self.planes)
+            for origin, some in zip(seen_from, np.moveaxis(self.ends, 1, 0), strict=True)
+        ]
+        line = _shadow_lines(seen_from[-1], self.pieces, self.planes)
+        free = np.tile(_NO_PLANE, (len(self.planes), 1))
+        return _Edges(np.stack(ends, axis=1), line, line, free, self.span)
+
+
+def _shadow_lines(origin: Floats, ends: Floats, planes: Floats) -> Floats:
+    """Return the shadow lines (m, 6) of edges (m, 6) on planes (m, 4), as a point sees them."""
+    start = np.tile([*origin, *np.zeros(4)], (len(ends), 1))
+    return shadows.shadow_lines(np.column_stack([start, ends, planes]))[:, 7:13]
+
+
+def _edges_by_nodes(
+    nodes: SourceNodes, silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
+) -> Iterator[tuple[_Edges, Indices]]:
+    """Yield the edges that all silhouettes have in common, and the other ones of each, by group.
+
+    Pieces of one mesh edge in front of one face are in common if all silhouettes have as many.
+    """
+    count = len(silhouettes)
+    view = np.repeat(np.arange(count), [len(s.edges) for s in silhouettes])
+    ends = np.concatenate([s.edges for s in silhouettes])
+    planes = np.concatenate([s.planes for s in silhouettes])
+    names = ("numbers", "bodies", "behind")
+    labels = [np.concatenate([getattr(s, name) for s in silhouettes]) for name in names]
+    group = np.concatenate(groups)
+    _, key = np.unique(np.column_stack([*labels, group]), axis=0, return_inverse=True)
+    key = key.ravel()
+    along = np.einsum("mk,mk->m", ends.mean(axis=1), ends[:, 1] - ends[:, 0])
+    order = np.lexsort([along, view, key])
+    pieces = np.bincount(key * count + view, minlength=count * (key.max(initial=-1) + 1))
+    pieces = pieces.reshape(-1, count)
+    is_common = (pieces == pieces[:, :1]).all(axis=1)
+    # number of each piece among the pieces of its key in one silhouette
+    first = np.cumsum(pieces.ravel()) - pieces.ravel()
+    piece = np.empty(len(key), np.intp)
+    piece[order] = np.arange(len(key)) - first[(key * count + view)[order]]
+    rows = np.lexsort([view, piece, key])
+    rows = rows[is_common[key[rows]]].reshape(-1, count)
+    central = np.linalg.norm(nodes.positions - nodes.centre, axis=1).argmin()
+    seen_by = [*range(count), central] if count > 1 else [0] * (len(nodes.positions) + 1)
+    # a segment that is not on a mesh edge is a line of its own
+    single = np.where(labels[0] < 0, np.arange(len(key)), -1)
+    columns = [
+        ends.reshape(-1, 6),
+        _hulls(ends, np.column_stack([*labels[:2], single])),
+        _hulls(ends, np.column_stack([*labels, single])),
+        planes,
+    ]
+    seen, *shared = columns[0][rows][:, seen_by], *(part[rows[:, 0]] for part in columns[1:])
+    yield _Edges(seen, *shared, (0, len(nodes.positions))), group[rows[:, 0]]
+    for k in range(count):
+        (own,) = np.nonzero(~is_common[key] & (view == k))
+        seen, *others = columns[0][own][:, None], *(part[own] for part in columns[1:])
+        yield _Edges(seen, *others, (k, k + 1)), group[own]
+
+
+def _hulls(ends: Floats, labels: Indices) -> Floats:
+    """Return the ends (m, 6) of the line that all edges (m, 2, 3) of one label form."""
+    _, label = np.unique(labels, axis=0, return_inverse=True)
+    label = label.ravel()
+    units = ends[:, 1] - ends[:, 0]
+    units = units / np.linalg.norm(units, axis=1, keepdims=True)
+    corners = []
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        order = np.lexsort([sign * np.einsum("mk,mk->m", ends[:, side], units), label])
+        _, first = np.unique(label[order], return_index=True)
+        corners.append(ends[order[first], side][label])
+    return np.column_stack(corners)
 
 
 def _edge_rows(
-    nodes: SourceNodes, parts: Sequence[tuple[Floats, Floats, tuple[int, int]]]
+    nodes: SourceNodes, parts: Sequence[_Edges]
 ) -> tuple[Floats, Floats, Floats]:
     """Return the tables ``ends``, ``edges`` and ``samples`` of :class:`EdgeTables`."""
     reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
-    places = [_places(nodes, reach, edge) for ends, *_ in parts for edge in ends[:, -1]]
+    places = [_places(nodes, reach, edge) for part in parts for edge in part.lines]
     counts = np.array([len(some) for some in places])
     firsts = np.cumsum(counts) - counts
     waves, detours = nodes.waves_at(np.concatenate(places))
     loudest = np.maximum.reduceat(np.abs(waves[:, -1]), firsts) * EDGE_AMPLITUDE / nodes.peak
+    views = np.concatenate([np.full(len(part.ends), part.ends.shape[1]) for part in parts])
     limits = np.column_stack(
         [
             np.full(len(counts), NEAR if nodes.is_reduced else _ALWAYS),
-            np.maximum.reduceat(detours, firsts),
+            np.where(views > 1, np.maximum.reduceat(detours, firsts), _ALWAYS),
             loudest**2,
             np.zeros(len(counts)),
         ]
@@ -159,13 +249,12 @@ def _edge_rows(
     samples = pairs.reshape(-1, 2).view(np.float64)
     intervals = counts - 1
     numbers = np.column_stack([width * (np.cumsum(intervals) - intervals), intervals])
-    views = np.concatenate([np.full(len(ends), ends.shape[1]) for ends, *_ in parts])
     numbers = np.column_stack([np.cumsum(views) - views, views > 1, numbers])
-    spans = np.concatenate([np.tile(span, (len(ends), 1)) for ends, _, span in parts])
-    seen = np.concatenate([ends[:, -1] for ends, *_ in parts])
-    planes = np.concatenate([planes for _, planes, _ in parts])
+    spans = np.concatenate([np.tile(part.span, (len(part.ends), 1)) for part in parts])
+    seen = np.concatenate([part.lines for part in parts])
+    planes = np.concatenate([part.planes for part in parts])
     edges = np.column_stack([seen, planes, spans, numbers, limits])
-    rows = np.concatenate([ends.reshape(-1, 6) for ends, *_ in parts])
+    rows = np.concatenate([part.ends.reshape(-1, 6) for part in parts])
     return np.column_stack([rows, np.zeros((len(rows), 2))]), edges, samples
 
 
@@ -185,7 +274,11 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
 
 
 def _pyramids(corners: Floats) -> Floats:
-    """Return side normals and volumes (t, 10) of pyramids from the origin over triangles."""
+    """Return side normals and heights (t, 10) of pyramids from triangles (t, 3, 3) to the origin.
+
+    Normals are divided by twice the area of the triangle.
+    """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
-    return np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
+    rows = np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
+    return rows / np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None]
