@@ -24,6 +24,9 @@ Indices = NDArray[np.intp]
 # linear interpolation is below phase^2/24 for uniform sources. Largest number of samples.
 _STEP, _MOST_SAMPLES = 0.25, 1024
 _NO_PLANE = (0.0, 0.0, 0.0, 1.0)
+# Largest gap between adjoining edges, as a fraction of the largest coordinate. A direction that no
+# edge is likely to be perpendicular to.
+_GAP, _AXIS = 1e-6, np.array([0.57, 0.31, 0.76])
 # Detour that stands for infinity.
 _ALWAYS = 1e30
 
@@ -173,16 +176,11 @@ def _edges_by_nodes(
     Pieces of one mesh edge in front of one face are in common if all silhouettes have as many.
     """
     count = len(silhouettes)
-    view = np.repeat(np.arange(count), [len(s.edges) for s in silhouettes])
-    ends = np.concatenate([s.edges for s in silhouettes])
-    planes = np.concatenate([s.planes for s in silhouettes])
-    names = ("numbers", "bodies", "behind")
-    labels = [np.concatenate([getattr(s, name) for s in silhouettes]) for name in names]
-    group = np.concatenate(groups)
-    _, key = np.unique(np.column_stack([*labels, group]), axis=0, return_inverse=True)
+    view, ends, planes, labels = _joined(silhouettes, groups)
+    group = labels[:, -1]
+    _, key = np.unique(labels, axis=0, return_inverse=True)
     key = key.ravel()
-    along = np.einsum("mk,mk->m", ends.mean(axis=1), ends[:, 1] - ends[:, 0])
-    order = np.lexsort([along, view, key])
+    order = np.lexsort([_positions_along(ends, 0), view, key])
     pieces = np.bincount(key * count + view, minlength=count * (key.max(initial=-1) + 1))
     pieces = pieces.reshape(-1, count)
     is_common = (pieces == pieces[:, :1]).all(axis=1)
@@ -195,11 +193,11 @@ def _edges_by_nodes(
     central = np.linalg.norm(nodes.positions - nodes.centre, axis=1).argmin()
     seen_by = [*range(count), central] if count > 1 else [0] * (len(nodes.positions) + 1)
     # a segment that is not on a mesh edge is a line of its own
-    single = np.where(labels[0] < 0, np.arange(len(key)), -1)
+    single = np.where(labels[:, 0] < 0, np.arange(len(key)), -1)
     columns = [
         ends.reshape(-1, 6),
-        _hulls(ends, np.column_stack([*labels[:2], single])),
-        _hulls(ends, np.column_stack([*labels, single])),
+        _hulls(ends, np.column_stack([labels[:, :3], single])),
+        _hulls(ends, np.column_stack([labels[:, :4], single])),
         planes,
     ]
     seen, *shared = columns[0][rows][:, seen_by], *(part[rows[:, 0]] for part in columns[1:])
@@ -210,15 +208,44 @@ def _edges_by_nodes(
         yield _Edges(seen, *others, (k, k + 1)), group[own]
 
 
+def _joined(
+    silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
+) -> tuple[Indices, Floats, Floats, Indices]:
+    """Return all edges, after adjoining pieces of one mesh edge before one face are joined.
+
+    The results are numbers of silhouettes (m,), ends (m, 2, 3), planes (m, 4), and labels (m, 5):
+    mesh edge, body, whether the edge has the direction of _AXIS, face behind, and group.
+    """
+    view = np.repeat(np.arange(len(silhouettes)), [len(s.edges) for s in silhouettes])
+    names = ("edges", "planes", "numbers", "bodies", "behind")
+    ends, planes, number, body, behind = (
+        np.concatenate([getattr(s, name) for s in silhouettes]) for name in names
+    )
+    direction = (ends[:, 1] - ends[:, 0]) @ _AXIS > 0.0
+    labels = np.column_stack([number, body, direction, behind, np.concatenate(groups)])
+    order = np.lexsort([_positions_along(ends, 0), *labels.T, view])
+    view, ends, planes, labels = (part[order] for part in (view, ends, planes, labels))
+    gap = np.abs(ends[1:, 0] - ends[:-1, 1]).max(axis=1)
+    adjoins = (gap <= _GAP * np.abs(ends).max(initial=0.0)) & (labels[1:, 0] >= 0)
+    adjoins &= (view[1:] == view[:-1]) & (labels[1:] == labels[:-1]).all(axis=1)
+    first, last = np.append(True, ~adjoins)[: len(ends)], np.append(~adjoins, True)[-len(ends) :]
+    ends = np.stack([ends[first, 0], ends[last, 1]], axis=1)
+    return view[first], ends, planes[first], labels[first]
+
+
+def _positions_along(ends: Floats, side: int) -> Floats:
+    """Return the positions (m,) of the starts (0) or ends (1) of edges (m, 2, 3) on their lines."""
+    along = ends[:, 1] - ends[:, 0]
+    return np.asarray((ends[:, side] * along).sum(axis=1) / np.linalg.norm(along, axis=1))
+
+
 def _hulls(ends: Floats, labels: Indices) -> Floats:
     """Return the ends (m, 6) of the line that all edges (m, 2, 3) of one label form."""
     _, label = np.unique(labels, axis=0, return_inverse=True)
     label = label.ravel()
-    units = ends[:, 1] - ends[:, 0]
-    units = units / np.linalg.norm(units, axis=1, keepdims=True)
     corners = []
     for side, sign in ((0, 1.0), (1, -1.0)):
-        order = np.lexsort([sign * np.einsum("mk,mk->m", ends[:, side], units), label])
+        order = np.lexsort([sign * _positions_along(ends, side), label])
         _, first = np.unique(label[order], return_index=True)
         corners.append(ends[order[first], side][label])
     return np.column_stack(corners)
