@@ -22,7 +22,7 @@ Indices = NDArray[np.intp]
 
 # Phase in rad by which the wave of the source at an edge changes between two samples: the error of
 # linear interpolation is below phase^2/24 for uniform sources. Largest number of samples.
-_STEP, _MOST_SAMPLES = 0.25, 1024
+_STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE = (0.0, 0.0, 0.0, 1.0)
 # Largest gap between adjoining edges, as a fraction of the largest coordinate. A direction that no
 # edge is likely to be perpendicular to.
@@ -294,7 +294,7 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
     along = end - start
     foot = np.clip(-(start @ along) / (along @ along), 0.0, 1.0)
     nearest = float(np.linalg.norm(start + foot * along))
-    phase = 2.0 * math.pi * reach * float(np.linalg.norm(along)) / nearest
+    phase = 2.0 * math.pi * max(reach, _SLANT) * float(np.linalg.norm(along)) / nearest
     most = _MOST_SAMPLES if nodes.is_reduced else 2
     count = min(max(1, math.ceil(phase / _STEP)), most)
     return edge[:3] + np.linspace(0.0, 1.0, count + 1)[:, None] * along
