@@ -59,6 +59,8 @@ _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
 # Edges whose wave adds less than this to |U|^2 over its free peak are left out. Fields below
 # _WEAK times the peak count as equal to it.
 _FAINT, _WEAK = 5e-5, 0.1
+# Largest number of faces times nodes of the source with a silhouette for each node.
+_MOST_FACES = 1 << 17
 # Waves behind a surface are left out if it transmits less than this fraction.
 _OPAQUE = 2e-3
 # Illuminated points are shifted by this fraction of their distance, so that none lies on the
@@ -113,12 +115,16 @@ class Shadows:
         faces = sum(len(body.triangles) for body in bodies)
         numbers = faces, len(tables.edges), len(nodes.positions), len(points)
         _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
+        if len(silhouettes) < len(nodes.positions):
+            bodies = [_spanned(body, nodes.centre) for body in bodies]
         self._obstacles = _scene_of(m, bodies)
         self._start = opaque(m, max(surfaces.BEHIND, surfaces.ROUNDING * reach * scale))
         self._centre = tuple(nodes.centre.tolist())
         near = np.abs(nodes.origins).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
+        # the waves of a small source have no pattern at edges but their obliquity
+        self._is_single = self._is_oblique and len(nodes.positions) == 1
         self._is_blocked = len(tables.triangles) > 0
         if self._jit:
             self._load(nodes, tables)
@@ -286,23 +292,38 @@ class Shadows:
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change by an edge of the wave that a node has at the edge."""
-        m, ops, row = self._m, self._ops, edge.row
+        ops, row = self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
-        boundary = Pair(
-            *edge_waves.edge_wave(
-                ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
+        weight, dipole = self._wave_at_edge(number, edge)
+        ahead, turns = self._path(node, at)
+        wave = equivalent_points.spherical_wave(ops, ahead, turns)
+        if not self._is_single:
+            boundary = Pair(
+                *edge_waves.edge_wave(
+                    ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
+                )
             )
+            return wave * weight * boundary.scaled(-0.5 / math.pi)
+        boundary, rate = edge_waves.edge_wave_and_rate(
+            ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
         )
+        foot = tuple(a + edge.foot * (b - a) for a, b in zip(row[:3], row[3:6], strict=True))
+        weight = weight + dipole * _obliquity(ops, ahead)
+        weight = weight - dipole * _obliquity(ops, difference(foot, source))
+        bend = equivalent_points.oblique_change(ops, ahead, (dipole.real, dipole.imag), rate, turns)
+        return wave * weight * boundary.scaled(-0.5 / math.pi) + bend
+
+    def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
+        """Return the wave of a node at an edge, and its part from dipoles without obliquity."""
+        m, row = self._m, edge.row
         along = edge.foot * row[15]
         interval = m.UInt32(dr.minimum(along, row[15] - 1.0))
-        width = self._counts[0] + 1
-        sample = ops.gather(self._tables["samples"], m.UInt32(row[14]) + interval * width + number)
+        first = m.UInt32(row[14]) + interval * (self._counts[0] + 1)
+        sample = self._ops.gather(self._tables["samples"], first + number)
         part = along - m.Float(interval)
-        real, imag = (a + part * (b - a) for a, b in zip(sample[:2], sample[2:], strict=True))
-        ahead, turns = self._path(node, at)
-        wave = equivalent_points.spherical_wave(ops, ahead, turns) * Pair(real, imag)
-        return wave * boundary.scaled(-0.5 / math.pi)
+        real, imag = (a + part * (b - a) for a, b in zip(sample[:2], sample[2:4], strict=True))
+        return Pair(real, imag), Pair(*sample[4:6])
 
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
@@ -398,14 +419,23 @@ class Shadows:
         return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
 
 
+def _obliquity(ops: Any, ahead: Point) -> Pair:
+    """Return the factor of the wave of a dipole along z over a spherical wave."""
+    inverse = 1.0 / ops.sqrt(dot(ahead, ahead))
+    return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
+
+
 def _nodes_and_silhouettes(
     obstacles: Obstacles, points: Sequence[equivalent_points.RadiatingPoint]
 ) -> tuple[SourceNodes, list[Silhouette]]:
     """Return the nodes of a source, and one silhouette for all nodes or for each of them."""
     every = all_points(points)
-    central = obstacles.silhouette(every.centre)
-    nodes = nodes_for(points, surfaces.before_plane(central).edges)
-    seen = obstacles.silhouettes(list(nodes.positions))
+    central = surfaces.before_plane(obstacles.silhouette(every.centre))
+    nodes = nodes_for(points, central.edges)
+    faces = sum(len(body.triangles) for body in obstacles.bodies)
+    if faces * len(nodes.positions) > _MOST_FACES:
+        return nodes, [central]
+    seen = [obstacles.silhouette(position) for position in nodes.positions]
     return nodes, [surfaces.before_plane(silhouette) for silhouette in seen]
 
 

@@ -21,7 +21,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 # Phase in rad by which the wave of the source at an edge changes between two samples: the error of
-# linear interpolation is below phase^2/24 for uniform sources. Largest number of samples.
+# linear interpolation is below phase^2/24 for uniform sources. Largest number of samples. Least
+# size of a source in wavelengths for this phase, because the obliquity also changes along an edge.
 _STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE = (0.0, 0.0, 0.0, 1.0)
 # Largest gap between adjoining edges, as a fraction of the largest coordinate. A direction that no
@@ -47,16 +48,17 @@ class EdgeTables(NamedTuple):
     """(g, 13), a row per group: midpoint of its edges (3), plane of the face behind them (4), and
     first and end row of its edges, its blocker's triangles and its blocker's rim (6)."""
     edges: Floats
-    """(m, 20), a row per edge: ends of its line from the centre (6), plane of the face behind it (4), first
-    and end node whose waves it diffracts (2), its row in ``ends`` and the step between nodes (2),
-    its row in ``samples`` and the number of intervals (2), detour up to which the nodes' waves at
-    the point are used and detour from which on the centre is the only node (2), square of the
-    amplitude of its wave over the largest free field, times the root of the detour (1), and 0."""
+    """(m, 20), a row per edge: ends of its line from the centre (6), plane of the face behind it
+    (4), first and end node whose waves it diffracts (2), its row in ``ends`` and the step between
+    nodes (2), its row in ``samples`` and the number of intervals (2), detour up to which the nodes'
+    waves at the point are used and detour from which on the centre is the only node (2), square of
+    the amplitude of its wave over the largest free field, times the root of the detour (1), and
+    0."""
     ends: Floats
     """(e, 8), ends of an edge as a node sees it (6), and 0."""
     samples: Floats
-    """(s, 4), a row per interval and node, the last one for the centre: wave at the edge, at both
-    ends of the interval (4)."""
+    """(s, 6), a row per interval and node, the last one for the centre: wave at the edge, at both
+    ends of the interval (4), and the part of dipoles without obliquity, in the middle (2)."""
     triangles: Floats
     """(t, 10), a row per triangle of a blocker: normals of the planes through the group's midpoint
     and each side (9), and the height of the midpoint above the triangle (1). The product of a
@@ -96,11 +98,11 @@ def edge_tables(
     parts: list[_Edges] = []
     groups = []
     origins = np.concatenate([nodes.positions, nodes.centre[None]])
-    for edges, group in _edges_by_nodes(nodes, silhouettes, blocked.groups):
-        parts.append(edges)
-        groups.append(np.maximum(group, NO_SURFACE))
-        if (group == shadows.OWN_SURFACE).any():
-            parts.append(edges.rows(group == shadows.OWN_SURFACE).shadow_lines(origins))
+    for part, numbers in _edges_by_nodes(nodes, silhouettes, blocked.groups):
+        parts.append(part)
+        groups.append(np.maximum(numbers, NO_SURFACE))
+        if (numbers == shadows.OWN_SURFACE).any():
+            parts.append(part.rows(numbers == shadows.OWN_SURFACE).shadow_lines(origins))
             groups.append(np.full(len(parts[-1].planes), NO_SURFACE))
     ends, edges, samples = _edge_rows(nodes, parts)
     group = np.concatenate(groups)
@@ -121,8 +123,8 @@ def edge_tables(
             triangles.append(_pyramids(blocker.triangles - origin))
             rims.append(blocker.rim.reshape(-1, 6))
             sizes = [sizes[0] + len(triangles[-1]), sizes[1] + len(rims[-1])]
-        numbers = [first, end, before[0], sizes[0], before[1], sizes[1]]
-        spans.append([*origin, *plane, *numbers])
+        rows = [first, end, before[0], sizes[0], before[1], sizes[1]]
+        spans.append([*origin, *plane, *rows])
     return EdgeTables(
         np.array(spans), edges, ends, samples, np.concatenate(triangles), np.concatenate(rims)
     )
@@ -144,7 +146,9 @@ class _Edges(NamedTuple):
 
     def rows(self, some: NDArray[np.bool_]) -> _Edges:
         """Return some edges."""
-        return _Edges(*(part[some] for part in self[:4]), self.span)
+        return _Edges(
+            self.ends[some], self.lines[some], self.pieces[some], self.planes[some], self.span
+        )
 
     def shadow_lines(self, origins: Floats) -> _Edges:
         """Return the shadow lines on the faces behind the edges.
@@ -194,18 +198,17 @@ def _edges_by_nodes(
     seen_by = [*range(count), central] if count > 1 else [0] * (len(nodes.positions) + 1)
     # a segment that is not on a mesh edge is a line of its own
     single = np.where(labels[:, 0] < 0, np.arange(len(key)), -1)
-    columns = [
-        ends.reshape(-1, 6),
-        _hulls(ends, np.column_stack([labels[:, :3], single])),
-        _hulls(ends, np.column_stack([labels[:, :4], single])),
-        planes,
-    ]
-    seen, *shared = columns[0][rows][:, seen_by], *(part[rows[:, 0]] for part in columns[1:])
-    yield _Edges(seen, *shared, (0, len(nodes.positions))), group[rows[:, 0]]
+    lines = _hulls(ends, np.column_stack([labels[:, :3], single]))
+    pieces_behind = _hulls(ends, np.column_stack([labels[:, :4], single]))
+    ends = ends.reshape(-1, 6)
+
+    def edges(rows: Indices, seen: Floats, span: tuple[int, int]) -> tuple[_Edges, Indices]:
+        return _Edges(seen, lines[rows], pieces_behind[rows], planes[rows], span), group[rows]
+
+    yield edges(rows[:, 0], ends[rows][:, seen_by], (0, len(nodes.positions)))
     for k in range(count):
         (own,) = np.nonzero(~is_common[key] & (view == k))
-        seen, *others = columns[0][own][:, None], *(part[own] for part in columns[1:])
-        yield _Edges(seen, *others, (k, k + 1)), group[own]
+        yield edges(own, ends[own][:, None], (k, k + 1))
 
 
 def _joined(
@@ -228,7 +231,7 @@ def _joined(
     gap = np.abs(ends[1:, 0] - ends[:-1, 1]).max(axis=1)
     adjoins = (gap <= _GAP * np.abs(ends).max(initial=0.0)) & (labels[1:, 0] >= 0)
     adjoins &= (view[1:] == view[:-1]) & (labels[1:] == labels[:-1]).all(axis=1)
-    first, last = np.append(True, ~adjoins)[: len(ends)], np.append(~adjoins, True)[-len(ends) :]
+    first, last = np.append(True, ~adjoins)[: len(ends)], np.append(~adjoins, True)[: len(ends)]
     ends = np.stack([ends[first, 0], ends[last, 1]], axis=1)
     return view[first], ends, planes[first], labels[first]
 
@@ -251,15 +254,14 @@ def _hulls(ends: Floats, labels: Indices) -> Floats:
     return np.column_stack(corners)
 
 
-def _edge_rows(
-    nodes: SourceNodes, parts: Sequence[_Edges]
-) -> tuple[Floats, Floats, Floats]:
+def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Floats, Floats]:
     """Return the tables ``ends``, ``edges`` and ``samples`` of :class:`EdgeTables`."""
     reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
     places = [_places(nodes, reach, edge) for part in parts for edge in part.lines]
     counts = np.array([len(some) for some in places])
     firsts = np.cumsum(counts) - counts
-    waves, detours = nodes.waves_at(np.concatenate(places))
+    at = np.concatenate(places)
+    (waves, detours), dipoles = nodes.waves_at(at), nodes.dipoles_at(at)
     loudest = np.maximum.reduceat(np.abs(waves[:, -1]), firsts) * EDGE_AMPLITUDE / nodes.peak
     views = np.concatenate([np.full(len(part.ends), part.ends.shape[1]) for part in parts])
     limits = np.column_stack(
@@ -271,9 +273,9 @@ def _edge_rows(
         ]
     )
     width = waves.shape[1]
-    pairs = np.stack([waves[:-1], waves[1:]], axis=2)
-    pairs = np.delete(pairs, firsts[1:] - 1, axis=0)  # no interval between two edges
-    samples = pairs.reshape(-1, 2).view(np.float64)
+    rows = np.stack([waves[:-1], waves[1:], 0.5 * (dipoles[:-1] + dipoles[1:])], axis=2)
+    rows = np.delete(rows, firsts[1:] - 1, axis=0)  # no interval between two edges
+    samples = rows.reshape(-1, 3).view(np.float64)
     intervals = counts - 1
     numbers = np.column_stack([width * (np.cumsum(intervals) - intervals), intervals])
     numbers = np.column_stack([np.cumsum(views) - views, views > 1, numbers])
