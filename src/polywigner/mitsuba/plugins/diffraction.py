@@ -59,8 +59,9 @@ _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
 # Edges whose wave adds less than this to |U|^2 over its free peak are left out. Fields below
 # _WEAK times the peak count as equal to it.
 _FAINT, _WEAK = 5e-5, 0.1
-# Largest number of faces times nodes of the source with a silhouette for each node.
-_MOST_FACES = 1 << 17
+# Largest number of faces times points of the source with a silhouette for each point if their
+# silhouettes differ, and of faces times nodes with a silhouette for each node.
+_FEW_FACES, _MOST_FACES = 1 << 15, 1 << 17
 # Waves behind a surface are left out if it transmits less than this fraction.
 _OPAQUE = 2e-3
 # Illuminated points are shifted by this fraction of their distance, so that none lies on the
@@ -436,6 +437,9 @@ def _nodes_and_silhouettes(
     if faces * len(nodes.positions) > _MOST_FACES:
         return nodes, [central]
     seen = [obstacles.silhouette(position) for position in nodes.positions]
+    is_small = faces * len(points) <= _FEW_FACES
+    if is_small and not all(silhouette.is_like(seen[0]) for silhouette in seen):
+        nodes, seen = every, [obstacles.silhouette(position) for position in every.positions]
     return nodes, [surfaces.before_plane(silhouette) for silhouette in seen]
 
 
