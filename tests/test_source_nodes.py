@@ -11,6 +11,7 @@ import polywigner as pw
 from mitsuba_scenes import use
 from polywigner.geometry.silhouettes import Obstacles, obstacles_of
 from polywigner.mitsuba.plugins import diffraction
+from polywigner.mitsuba.plugins.shadow_tables import edge_tables
 from polywigner.mitsuba.scenes import surfaces
 from polywigner.propagation import source_nodes
 from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
@@ -70,6 +71,22 @@ def test_points_share_a_silhouette_that_moves_with_none_of_them(is_above: bool) 
     )
     corners = np.array([[-1.5, -1.5, 0.0], [1.5, 1.5, 0.0]])
     assert (bodies.shared_silhouette(corners) is None) == is_above
+
+
+def test_pieces_of_an_edge_are_joined_and_nodes_have_edges_in_common() -> None:
+    def square(side: float, z: float) -> Any:
+        pose = np.eye(4)
+        pose[2, 3] = z
+        return pw.shapes.square(side).placed(pose)
+
+    # the floor is so wide that its edges are found in six pyramids
+    bodies = obstacles_of([square(25.0, 47.0), square(630.0, 94.0)], 1.0)
+    nodes = nodes_for(points_of(3.0), bodies.silhouette(np.zeros(3)).edges)
+    seen = [bodies.silhouette(position) for position in nodes.positions]
+    assert max(len(silhouette.edges) for silhouette in seen) > 8
+    tables = edge_tables(bodies, nodes, seen, 1e-5)
+    assert len(tables.edges) == 8
+    assert (tables.edges[:, 10:12] == [0, len(nodes.positions)]).all()
 
 
 @pytest.mark.drjit

@@ -58,7 +58,7 @@ class EdgeTables(NamedTuple):
     """(e, 8), ends of an edge as a node sees it (6), and 0."""
     samples: Floats
     """(s, 6), a row per interval and node, the last one for the centre: wave at the edge, at both
-    ends of the interval (4), and the part of dipoles without obliquity, in the middle (2)."""
+    ends of the interval (4), and the part of dipoles without obliquity, at the midpoint (2)."""
     triangles: Floats
     """(t, 10), a row per triangle of a blocker: normals of the planes through the group's midpoint
     and each side (9), and the height of the midpoint above the triangle (1). The product of a
