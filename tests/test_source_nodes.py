@@ -9,11 +9,15 @@ import pytest
 
 import polywigner as pw
 from mitsuba_scenes import use
-from polywigner.geometry.silhouettes import obstacles_of
+from polywigner.geometry.silhouettes import Obstacles, obstacles_of
+from polywigner.mitsuba.plugins import diffraction
+from polywigner.mitsuba.plugins.shadow_tables import edge_tables
+from polywigner.mitsuba.scenes import surfaces
 from polywigner.propagation import source_nodes
 from polywigner.propagation.equivalent_points import RadiatingPoint, radiating_points
+from polywigner.propagation.shadows import diffracted
 from polywigner.propagation.source_nodes import all_points, nodes_for
-from test_shadows_in_scenes import BLACK, box, scene, transform
+from test_shadows_in_scenes import BLACK, FLOOR, WAVELENGTH, box, mi, scene, transform
 
 RS1 = "rayleigh-sommerfeld-1"
 
@@ -69,6 +73,22 @@ def test_points_share_a_silhouette_that_moves_with_none_of_them(is_above: bool) 
     assert (bodies.shared_silhouette(corners) is None) == is_above
 
 
+def test_pieces_of_an_edge_are_joined_and_nodes_have_edges_in_common() -> None:
+    def square(side: float, z: float) -> Any:
+        pose = np.eye(4)
+        pose[2, 3] = z
+        return pw.shapes.square(side).placed(pose)
+
+    # the floor is so wide that its edges are found in six pyramids
+    bodies = obstacles_of([square(25.0, 47.0), square(630.0, 94.0)], 1.0)
+    nodes = nodes_for(points_of(3.0), bodies.silhouette(np.zeros(3)).edges)
+    seen = [bodies.silhouette(position) for position in nodes.positions]
+    assert max(len(silhouette.edges) for silhouette in seen) > 8
+    tables = edge_tables(bodies, nodes, seen, 1e-5)
+    assert len(tables.edges) == 8
+    assert (tables.edges[:, 10:12] == [0, len(nodes.positions)]).all()
+
+
 @pytest.mark.drjit
 @pytest.mark.llvm
 def test_picture_from_few_nodes_is_the_picture_from_all_points(
@@ -87,3 +107,55 @@ def test_picture_from_few_nodes_is_the_picture_from_all_points(
     monkeypatch.setattr(source_nodes, "_LIMITS", {})
     every = pm.render(scene(12, bodies), "direct", spp=1, seed=3)
     assert 0.0 < np.abs(few - every).max() < 1e-3 * free.max()
+
+
+def shadows_of(made: Any) -> Any:
+    """Return the shadows of the only source of a scene."""
+    diffraction.cast_shadows(made)
+    (emitter,) = surfaces.wigner_emitters(made)
+    return emitter.estimator._shadows
+
+
+def intensities(shadows: Any, points: np.ndarray) -> np.ndarray:
+    """Return |U|^2 at points in metres in the frame of the source."""
+    columns = [mi.Float(np.ascontiguousarray(column)) for column in points.T.astype(np.float32)]
+    return np.array(shadows.intensity(mi.Point3f(*columns)))
+
+
+def error_on_floor(side: float, bodies: dict[str, Any]) -> float:
+    """Return the largest error of |U|^2 over its peak without bodies."""
+    source = pw.shapes.square(side)
+    made = scene(2, bodies, source=source)
+    x = np.linspace(-0.098, 0.099, 30)
+    points = np.stack([*np.meshgrid(x, x), np.full((30, 30), FLOOR)], axis=-1).reshape(-1, 3)
+    result = intensities(shadows_of(made), points)
+    obstacles = Obstacles(
+        [
+            surfaces.in_frame(body, np.eye(4), 1.0 / WAVELENGTH)
+            for body in surfaces.bodies_of(surfaces.meshes_in(made, WAVELENGTH))
+        ]
+    )
+    radiating = radiating_points(source, WAVELENGTH, RS1, 3e-4)
+    seen = [obstacles.silhouette(point.position) for point in radiating]
+    at = points / WAVELENGTH * (1.0 - 1e-6)
+    change, free, _ = diffracted(obstacles, radiating, seen, at, "numpy", tolerance=1e-4)
+    expected = np.abs(free + change) ** 2
+    return float(np.abs(result - expected).max() / (np.abs(free) ** 2).max())
+
+
+@pytest.mark.drjit
+@pytest.mark.llvm
+def test_waves_of_a_small_source_have_their_obliquity_along_edges() -> None:
+    use("llvm_ad_mono")
+    plate = transform().translate([0.0, 0.0, 0.15]).scale(0.04)
+    bodies = {"plate": {"type": "rectangle", "to_world": plate, "bsdf": BLACK}}
+    assert error_on_floor(0.5e-3, bodies) < 8e-4
+
+
+@pytest.mark.slow
+@pytest.mark.drjit
+@pytest.mark.llvm
+def test_nodes_of_a_source_see_different_silhouettes_of_a_ball() -> None:
+    use("llvm_ad_mono")
+    bodies = {"ball": {"type": "sphere", "center": [0, 0.01, 0.15], "radius": 0.02, "bsdf": BLACK}}
+    assert error_on_floor(4e-3, bodies) < 3e-3

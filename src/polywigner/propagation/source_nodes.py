@@ -138,6 +138,16 @@ class SourceNodes:
         root = 0.5 * (bend + np.sqrt(bend * bend + 4.0 * slope * _BY_CENTRE)) / _BY_CENTRE
         return parts, root * root
 
+    def dipoles_at(self, places: Floats) -> Complex:
+        """Return the dipoles (q, k + 1) of the waves of :meth:`waves_at`, without obliquity."""
+        starts = np.concatenate([self.positions, self.centre[None]])
+        parts = []
+        for some in self.blocks_of(places):
+            units = np.stack([_unit_wave(some - start) for start in starts], axis=1)
+            waves = np.stack([p.field * _unit_wave(some - p.position) for p in self.points], axis=1)
+            parts.append(np.column_stack([waves @ self.fractions.T, waves.sum(axis=1)]) / units)
+        return np.concatenate(parts)
+
 
 def _unit_wave(ahead: Floats) -> Complex:
     wave = spherical_wave(NumpyOperations(), tuple(ahead.T))

@@ -58,14 +58,18 @@ _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
 # Edges are omitted if their wave adds less than this fraction of the free peak to |U|^2. Fields
 # below _WEAK times the peak count as equal to _WEAK times the peak.
 _FAINT, _WEAK = 5e-5, 0.1
+# Largest number of faces times points of the source with a silhouette for each point if their
+# silhouettes differ, and largest number of faces times nodes with a silhouette for each node.
+_FEW_FACES, _MOST_FACES = 1 << 15, 1 << 17
 # Waves behind a surface are omitted if the surface transmits less than this fraction.
 _OPAQUE = 2e-3
 # Illuminated points are shifted by this fraction of their distance, so that none of them lies on
 # the boundary of a shadow after rounding to single precision.
 _ASIDE = 1e-6
-# Rays end before a surface by this fraction of their length, which is more than the rounding error
-# of single precision.
-_ENDS = 1e-5
+# Points behind a surface by less than the first fraction of their distance count as points on the
+# surface. Rays end before a surface by the second fraction of their length. Both exceed the
+# rounding error of single precision, the second one also for rays at grazing angles.
+_ENDS, _SHORT = 1e-5, 4e-5
 # Allowed relative error of fields in scalar variants.
 _HOST_ERROR = 1e-4
 
@@ -119,6 +123,8 @@ class Shadows:
         near = np.abs(nodes.origins).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
+        # the waves of a small source have no pattern at edges but their obliquity
+        self._is_single = self._is_oblique and len(nodes.positions) == 1
         self._is_blocked = len(tables.triangles) > 0
         if self._jit:
             self._load(nodes, tables)
@@ -290,23 +296,38 @@ class Shadows:
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change that an edge causes to the wave of a node at the edge."""
-        m, ops, row = self._m, self._ops, edge.row
+        ops, row = self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
-        boundary = Pair(
-            *edge_waves.edge_wave(
-                ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
+        weight, dipole = self._wave_at_edge(number, edge)
+        ahead, turns = self._path(node, at)
+        wave = equivalent_points.spherical_wave(ops, ahead, turns)
+        if not self._is_single:
+            boundary = Pair(
+                *edge_waves.edge_wave(
+                    ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
+                )
             )
+            return wave * weight * boundary.scaled(-0.5 / math.pi)
+        boundary, rate = edge_waves.edge_wave_and_rate(
+            ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
         )
+        foot = tuple(a + edge.foot * (b - a) for a, b in zip(row[:3], row[3:6], strict=True))
+        weight = weight + dipole * _obliquity(ops, ahead)
+        weight = weight - dipole * _obliquity(ops, difference(foot, source))
+        bend = equivalent_points.oblique_change(ops, ahead, (dipole.real, dipole.imag), rate, turns)
+        return wave * weight * boundary.scaled(-0.5 / math.pi) + bend
+
+    def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
+        """Return the wave of a node at an edge, and its part from dipoles without obliquity."""
+        m, row = self._m, edge.row
         along = edge.foot * row[15]
         interval = m.UInt32(dr.minimum(along, row[15] - 1.0))
-        width = self._counts[0] + 1
-        sample = ops.gather(self._tables["samples"], m.UInt32(row[14]) + interval * width + number)
+        first = m.UInt32(row[14]) + interval * (self._counts[0] + 1)
+        sample = self._ops.gather(self._tables["samples"], first + number)
         part = along - m.Float(interval)
-        real, imag = (a + part * (b - a) for a, b in zip(sample[:2], sample[2:], strict=True))
-        ahead, turns = self._path(node, at)
-        wave = equivalent_points.spherical_wave(ops, ahead, turns) * Pair(real, imag)
-        return wave * boundary.scaled(-0.5 / math.pi)
+        real, imag = (a + part * (b - a) for a, b in zip(sample[:2], sample[2:4], strict=True))
+        return Pair(real, imag), Pair(*sample[4:6])
 
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
@@ -334,14 +355,15 @@ class Shadows:
             return Pair(*free)
         triangles, rims = self._tables["triangles"], self._tables["rims"]
         ahead = difference(at, group[:3])
+        margin = _ENDS * ops.sqrt(dot(at, at))
 
         def is_hit(number: Drjit, hits: Drjit) -> tuple[Drjit]:
             row = ops.gather(triangles, number)
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
             sign = dr.select(total < 0.0, -1.0, 1.0)
-            # The ray meets the plane of the triangle clearly before the point.
-            hit = (row[9] * sign > 0.0) & (row[9] * sign < total * sign * (1.0 - _ENDS))
+            # The point lies clearly behind the plane of the triangle.
+            hit = (row[9] * sign > 0.0) & ((total - row[9]) * sign > margin)
             for share in shares:
                 hit &= share * sign >= 0.0
             return (dr.select(hit, 1.0, hits),)
@@ -382,7 +404,7 @@ class Shadows:
         part = dr.select(part < 0.5, part, 0.5)
         distance = dr.norm(path)
         ray = m.Ray3f(m.Point3f(row[0], row[1], 0.0) + path * part, path / distance)
-        ray.maxt = distance * (1.0 - part - _ENDS)
+        ray.maxt = distance * (1.0 - part - _SHORT)
         return self._obstacles.ray_test(ray)
 
     def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
@@ -404,17 +426,27 @@ class Shadows:
         return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
 
 
+def _obliquity(ops: Any, ahead: Point) -> Pair:
+    """Return the factor of the wave of a dipole along z over a spherical wave."""
+    inverse = 1.0 / ops.sqrt(dot(ahead, ahead))
+    return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
+
+
 def _nodes_and_silhouettes(
     obstacles: Obstacles, points: Sequence[equivalent_points.RadiatingPoint]
 ) -> tuple[SourceNodes, list[Silhouette]]:
     """Return the nodes of a source, and one silhouette for all nodes or one for each node."""
     every = all_points(points)
-    shared = obstacles.shared_silhouette(every.positions)
-    if shared is not None:
-        shared = surfaces.before_plane(shared)
-        return nodes_for(points, shared.edges), [shared]
-    seen = [obstacles.silhouette(position) for position in every.positions]
-    return every, [surfaces.before_plane(silhouette) for silhouette in seen]
+    central = surfaces.before_plane(obstacles.silhouette(every.centre))
+    nodes = nodes_for(points, central.edges)
+    faces = sum(len(body.triangles) for body in obstacles.bodies)
+    if faces * len(nodes.positions) > _MOST_FACES:
+        return nodes, [central]
+    seen = [obstacles.silhouette(position) for position in nodes.positions]
+    is_small = faces * len(points) <= _FEW_FACES
+    if is_small and not all(silhouette.is_like(seen[0]) for silhouette in seen):
+        nodes, seen = every, [obstacles.silhouette(position) for position in every.positions]
+    return nodes, [surfaces.before_plane(silhouette) for silhouette in seen]
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:

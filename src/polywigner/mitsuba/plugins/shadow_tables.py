@@ -6,7 +6,7 @@ Lengths are in wavelengths, in the source's frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +18,18 @@ from polywigner.propagation.shadows import NO_SURFACE
 from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNodes
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-# Phase in rad by which the wave of the source at an edge changes between two samples, and largest
-# number of samples. The error of linear interpolation is below phase^2/24 for uniform sources.
-_STEP, _MOST_SAMPLES = 0.25, 1024
+# Phase in rad by which the wave of the source at an edge changes between two samples; the error of
+# linear interpolation is below phase^2/24 for uniform sources. Largest number of samples. Smallest
+# size of a source in wavelengths for which this phase is sufficient, because the obliquity also
+# changes along an edge.
+_STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE = (0.0, 0.0, 0.0, 1.0)
+# Largest gap between adjoining edges, as a fraction of the largest coordinate.
+_GAP = 1e-6
+# Direction to which edges are unlikely to be perpendicular.
+_AXIS = np.array([0.57, 0.31, 0.76])
 # Detour that represents infinity.
 _ALWAYS = 1e30
 
@@ -57,13 +64,17 @@ class EdgeTables(NamedTuple):
     ends: Floats
     """Rows (e, 8) of edges seen from a node: both ends (6), and two zeros."""
     samples: Floats
-    """Rows (s, 4) for each interval and each node or the centre.
+    """Rows (s, 6) for each interval of an edge and each node or the centre.
 
-    The columns contain the real and imaginary parts of the wave at both ends of the interval.
+    The columns contain the wave at both ends of the interval, as real and imaginary parts (4), and
+    the part of dipoles without obliquity at the midpoint (2).
     """
     triangles: Floats
     """Rows (t, 10) of the triangles of blockers: normals of the planes through the group's midpoint
-    and each side (9), and the triple product of the corners (1).
+    and each side (9), and the height of the midpoint above the triangle (1).
+
+    The product of a vector from the midpoint with the sum of the normals is the depth of its end
+    below the triangle, plus this height.
     """
     rims: Floats
     """Rows (m, 6) of the edges of the blockers' rims: both ends (6)."""
@@ -97,22 +108,15 @@ def edge_tables(
         Points behind a face by less than this fraction of its distance count as points on it.
     """
     blocked = shadows.blocked_edges(obstacles, silhouettes, nodes.centre)
-    is_shared = len(silhouettes) < len(nodes.positions)
-    # A part contains the ends of edges seen from its nodes and from the centre, in this order, the
-    # planes of the faces, and the range of its nodes.
-    parts: list[tuple[Floats, Floats, tuple[int, int]]] = []
+    parts: list[_Edges] = []
     groups = []
-    for k, (silhouette, group) in enumerate(zip(silhouettes, blocked.groups, strict=True)):
-        rows = np.column_stack([silhouette.edges.reshape(-1, 6), silhouette.planes])
-        span = (0, len(nodes.positions)) if is_shared else (k, k + 1)
-        parts.append((rows[:, None, :6], rows[:, 6:], span))
-        groups.append(np.maximum(group, NO_SURFACE))
-        lines = rows[group == shadows.OWN_SURFACE]
-        if len(lines):
-            seen_from = [*nodes.positions, nodes.centre] if is_shared else [nodes.positions[k]]
-            ends = np.stack([_shadow_lines(origin, lines) for origin in seen_from], axis=1)
-            parts.append((ends, np.tile(_NO_PLANE, (len(lines), 1)), span))
-            groups.append(np.full(len(lines), NO_SURFACE))
+    origins = np.concatenate([nodes.positions, nodes.centre[None]])
+    for part, numbers in _edges_by_nodes(nodes, silhouettes, blocked.groups):
+        parts.append(part)
+        groups.append(np.maximum(numbers, NO_SURFACE))
+        if (numbers == shadows.OWN_SURFACE).any():
+            parts.append(part.rows(numbers == shadows.OWN_SURFACE).shadow_lines(origins))
+            groups.append(np.full(len(parts[-1].planes), NO_SURFACE))
     ends, edges, samples = _edge_rows(nodes, parts)
     group = np.concatenate(groups)
     planes = edges[:, 6:10]
@@ -133,51 +137,168 @@ def edge_tables(
             triangles.append(_pyramids(blocker.triangles - origin))
             rims.append(blocker.rim.reshape(-1, 6))
             sizes = [sizes[0] + len(triangles[-1]), sizes[1] + len(rims[-1])]
-        numbers = [first, end, before[0], sizes[0], before[1], sizes[1]]
-        spans.append([*origin, *plane, *numbers])
+        rows = [first, end, before[0], sizes[0], before[1], sizes[1]]
+        spans.append([*origin, *plane, *rows])
     return EdgeTables(
         np.array(spans), edges, ends, samples, np.concatenate(triangles), np.concatenate(rims)
     )
 
 
-def _shadow_lines(origin: Floats, rows: Floats) -> Floats:
-    """Return the shadow lines (m, 6) of edges (m, 10) with planes, as a point sees them."""
-    table = np.column_stack([np.tile([*origin, *np.zeros(4)], (len(rows), 1)), rows])
-    return shadows.shadow_lines(table)[:, 7:13]
+class _Edges(NamedTuple):
+    """Edges that the nodes of a range see in front of the same faces."""
+
+    ends: Floats
+    """(m, v, 6), ends from each node and from the centre, or from a single node."""
+    lines: Floats
+    """(m, 6), ends of the line that all pieces of an edge form."""
+    pieces: Floats
+    """(m, 6), ends of the line that the pieces in front of one face form."""
+    planes: Floats
+    """(m, 4), plane of the face behind each edge."""
+    span: tuple[int, int]
+    """First and end node."""
+
+    def rows(self, some: NDArray[np.bool_]) -> _Edges:
+        """Return some edges."""
+        return _Edges(
+            self.ends[some], self.lines[some], self.pieces[some], self.planes[some], self.span
+        )
+
+    def shadow_lines(self, origins: Floats) -> _Edges:
+        """Return the shadow lines on the faces behind the edges.
+
+        ``origins`` (k + 1, 3): nodes, and the centre.
+        """
+        is_shared = self.ends.shape[1] == len(origins)
+        seen_from = origins if is_shared else origins[slice(*self.span)]
+        ends = [
+            _shadow_lines(origin, some, self.planes)
+            for origin, some in zip(seen_from, np.moveaxis(self.ends, 1, 0), strict=True)
+        ]
+        line = _shadow_lines(seen_from[-1], self.pieces, self.planes)
+        free = np.tile(_NO_PLANE, (len(self.planes), 1))
+        return _Edges(np.stack(ends, axis=1), line, line, free, self.span)
 
 
-def _edge_rows(
-    nodes: SourceNodes, parts: Sequence[tuple[Floats, Floats, tuple[int, int]]]
-) -> tuple[Floats, Floats, Floats]:
+def _shadow_lines(origin: Floats, ends: Floats, planes: Floats) -> Floats:
+    """Return the shadow lines (m, 6) of edges (m, 6) on planes (m, 4), as a point sees them."""
+    start = np.tile([*origin, *np.zeros(4)], (len(ends), 1))
+    return shadows.shadow_lines(np.column_stack([start, ends, planes]))[:, 7:13]
+
+
+def _edges_by_nodes(
+    nodes: SourceNodes, silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
+) -> Iterator[tuple[_Edges, Indices]]:
+    """Yield the edges that all silhouettes have in common, and the other ones of each, by group.
+
+    Pieces of one mesh edge in front of one face are in common if all silhouettes have as many.
+    """
+    count = len(silhouettes)
+    view, ends, planes, labels = _joined(silhouettes, groups)
+    group = labels[:, -1]
+    _, key = np.unique(labels, axis=0, return_inverse=True)
+    key = key.ravel()
+    order = np.lexsort([_positions_along(ends, 0), view, key])
+    pieces = np.bincount(key * count + view, minlength=count * (key.max(initial=-1) + 1))
+    pieces = pieces.reshape(-1, count)
+    is_common = (pieces == pieces[:, :1]).all(axis=1)
+    # number of each piece among the pieces of its key in one silhouette
+    first = np.cumsum(pieces.ravel()) - pieces.ravel()
+    piece = np.empty(len(key), np.intp)
+    piece[order] = np.arange(len(key)) - first[(key * count + view)[order]]
+    rows = np.lexsort([view, piece, key])
+    rows = rows[is_common[key[rows]]].reshape(-1, count)
+    central = np.linalg.norm(nodes.positions - nodes.centre, axis=1).argmin()
+    seen_by = [*range(count), central] if count > 1 else [0] * (len(nodes.positions) + 1)
+    # a segment that is not on a mesh edge is a line of its own
+    single = np.where(labels[:, 0] < 0, np.arange(len(key)), -1)
+    lines = _hulls(ends, np.column_stack([labels[:, :3], single]))
+    pieces_behind = _hulls(ends, np.column_stack([labels[:, :4], single]))
+    ends = ends.reshape(-1, 6)
+
+    def edges(rows: Indices, seen: Floats, span: tuple[int, int]) -> tuple[_Edges, Indices]:
+        return _Edges(seen, lines[rows], pieces_behind[rows], planes[rows], span), group[rows]
+
+    yield edges(rows[:, 0], ends[rows][:, seen_by], (0, len(nodes.positions)))
+    for k in range(count):
+        (own,) = np.nonzero(~is_common[key] & (view == k))
+        yield edges(own, ends[own][:, None], (k, k + 1))
+
+
+def _joined(
+    silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
+) -> tuple[Indices, Floats, Floats, Indices]:
+    """Return all edges, after adjoining pieces of one mesh edge before one face are joined.
+
+    The results are numbers of silhouettes (m,), ends (m, 2, 3), planes (m, 4), and labels (m, 5):
+    mesh edge, body, whether the edge has the direction of _AXIS, face behind, and group.
+    """
+    view = np.repeat(np.arange(len(silhouettes)), [len(s.edges) for s in silhouettes])
+    names = ("edges", "planes", "numbers", "bodies", "behind")
+    ends, planes, number, body, behind = (
+        np.concatenate([getattr(s, name) for s in silhouettes]) for name in names
+    )
+    direction = (ends[:, 1] - ends[:, 0]) @ _AXIS > 0.0
+    labels = np.column_stack([number, body, direction, behind, np.concatenate(groups)])
+    order = np.lexsort([_positions_along(ends, 0), *labels.T, view])
+    view, ends, planes, labels = (part[order] for part in (view, ends, planes, labels))
+    gap = np.abs(ends[1:, 0] - ends[:-1, 1]).max(axis=1)
+    adjoins = (gap <= _GAP * np.abs(ends).max(initial=0.0)) & (labels[1:, 0] >= 0)
+    adjoins &= (view[1:] == view[:-1]) & (labels[1:] == labels[:-1]).all(axis=1)
+    first, last = np.append(True, ~adjoins)[: len(ends)], np.append(~adjoins, True)[: len(ends)]
+    ends = np.stack([ends[first, 0], ends[last, 1]], axis=1)
+    return view[first], ends, planes[first], labels[first]
+
+
+def _positions_along(ends: Floats, side: int) -> Floats:
+    """Return the positions (m,) of the starts (0) or ends (1) of edges (m, 2, 3) on their lines."""
+    along = ends[:, 1] - ends[:, 0]
+    return np.asarray((ends[:, side] * along).sum(axis=1) / np.linalg.norm(along, axis=1))
+
+
+def _hulls(ends: Floats, labels: Indices) -> Floats:
+    """Return the ends (m, 6) of the line that all edges (m, 2, 3) of one label form."""
+    _, label = np.unique(labels, axis=0, return_inverse=True)
+    label = label.ravel()
+    corners = []
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        order = np.lexsort([sign * _positions_along(ends, side), label])
+        _, first = np.unique(label[order], return_index=True)
+        corners.append(ends[order[first], side][label])
+    return np.column_stack(corners)
+
+
+def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Floats, Floats]:
     """Return the tables ``ends``, ``edges`` and ``samples`` of :class:`EdgeTables`."""
     reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
-    places = [_places(nodes, reach, edge) for ends, *_ in parts for edge in ends[:, -1]]
+    places = [_places(nodes, reach, edge) for part in parts for edge in part.lines]
     counts = np.array([len(some) for some in places])
     firsts = np.cumsum(counts) - counts
-    waves, detours = nodes.waves_at(np.concatenate(places))
+    at = np.concatenate(places)
+    (waves, detours), dipoles = nodes.waves_at(at), nodes.dipoles_at(at)
     loudest = np.maximum.reduceat(np.abs(waves[:, -1]), firsts) * EDGE_AMPLITUDE / nodes.peak
+    views = np.concatenate([np.full(len(part.ends), part.ends.shape[1]) for part in parts])
     limits = np.column_stack(
         [
             np.full(len(counts), NEAR if nodes.is_reduced else _ALWAYS),
-            np.maximum.reduceat(detours, firsts),
+            np.where(views > 1, np.maximum.reduceat(detours, firsts), _ALWAYS),
             loudest**2,
             np.zeros(len(counts)),
         ]
     )
     width = waves.shape[1]
-    pairs = np.stack([waves[:-1], waves[1:]], axis=2)
+    rows = np.stack([waves[:-1], waves[1:], 0.5 * (dipoles[:-1] + dipoles[1:])], axis=2)
     # There is no interval between the last sample of an edge and the first sample of the next one.
-    pairs = np.delete(pairs, firsts[1:] - 1, axis=0)
-    samples = pairs.reshape(-1, 2).view(np.float64)
+    rows = np.delete(rows, firsts[1:] - 1, axis=0)
+    samples = rows.reshape(-1, 3).view(np.float64)
     intervals = counts - 1
     numbers = np.column_stack([width * (np.cumsum(intervals) - intervals), intervals])
-    views = np.concatenate([np.full(len(ends), ends.shape[1]) for ends, *_ in parts])
     numbers = np.column_stack([np.cumsum(views) - views, views > 1, numbers])
-    spans = np.concatenate([np.tile(span, (len(ends), 1)) for ends, _, span in parts])
-    seen = np.concatenate([ends[:, -1] for ends, *_ in parts])
-    planes = np.concatenate([planes for _, planes, _ in parts])
+    spans = np.concatenate([np.tile(part.span, (len(part.ends), 1)) for part in parts])
+    seen = np.concatenate([part.lines for part in parts])
+    planes = np.concatenate([part.planes for part in parts])
     edges = np.column_stack([seen, planes, spans, numbers, limits])
-    rows = np.concatenate([ends.reshape(-1, 6) for ends, *_ in parts])
+    rows = np.concatenate([part.ends.reshape(-1, 6) for part in parts])
     return np.column_stack([rows, np.zeros((len(rows), 2))]), edges, samples
 
 
@@ -190,14 +311,18 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
     along = end - start
     foot = np.clip(-(start @ along) / (along @ along), 0.0, 1.0)
     nearest = float(np.linalg.norm(start + foot * along))
-    phase = 2.0 * math.pi * reach * float(np.linalg.norm(along)) / nearest
+    phase = 2.0 * math.pi * max(reach, _SLANT) * float(np.linalg.norm(along)) / nearest
     most = _MOST_SAMPLES if nodes.is_reduced else 2
     count = min(max(1, math.ceil(phase / _STEP)), most)
     return edge[:3] + np.linspace(0.0, 1.0, count + 1)[:, None] * along
 
 
 def _pyramids(corners: Floats) -> Floats:
-    """Return side normals and volumes (t, 10) of pyramids from the origin over triangles."""
+    """Return side normals and heights (t, 10) of pyramids from triangles (t, 3, 3) to the origin.
+
+    Normals are divided by twice the area of the triangle.
+    """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
-    return np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
+    rows = np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
+    return rows / np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None]
