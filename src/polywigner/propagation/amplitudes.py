@@ -192,7 +192,7 @@ def amplitude_with_error(
         See :func:`amplitude`.
     error : ndarray of float64, shape (...)
         Estimated error of each value. It covers the sum over nodes, not the approximation of
-        "fresnel" or "fraunhofer". Behind obstacles the estimate doubles the computing time.
+        "fresnel" or "fraunhofer". Behind obstacles the estimate may double the computing time.
 
     Raises
     ------

@@ -54,8 +54,8 @@ _CLOSE, _OVERLAP = 1.0, 1.1
 _PAIRS = 1 << 19
 # The same for arrays in the processor's cache.
 _CACHED = 1 << 14
-# Largest number of nodes in a row of the table of far edges, and the step between such numbers,
-# each of which has a compiled kernel.
+# Largest number of nodes in a row of the table of far edges, and the step between such numbers.
+# Every number has a compiled kernel.
 _PER_ROW, _STEP = 40, 4
 # Least number of points of the source, and of pairs of a point of the source and an edge, times the
 # number of samples. Largest number of samples from which the largest free field is estimated.

@@ -197,7 +197,7 @@ def irradiance_with_error(
     error : ndarray of float64, shape (...)
         Estimated error of each value. For rays it is the difference between the last two rules, and
         infinite for points so near to the source that their rays pass between the nodes of every
-        rule. Behind obstacles the estimate doubles the computing time.
+        rule. Behind obstacles the estimate may double the computing time.
 
     Raises
     ------

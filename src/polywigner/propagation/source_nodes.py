@@ -38,13 +38,13 @@ _BY_CENTRE = 5e-4
 _LEAST_DETOUR, _RATIOS = 0.05, tuple(1.5**k for k in range(10))
 # Largest number of nodes.
 _MOST_NODES = 225
-# Least distance on an edge from the boundary of a shadow to that for the centre, over half of the
-# size of the source.
+# Least distance on a far edge between the edge and the line from the centre of the source to the
+# point, over half of the size of the source.
 _CLEAR = 1.5
-# Estimated error of far nodes, over that of near nodes, if both have the same error. It was at
-# least 10 for all cases of tests/test_edge_sums.py, with tolerances of 1e-4 and 1e-6.
+# Factor by which the estimated error of far nodes may exceed the allowed error. The estimate was at
+# least ten times too large for plates, boxes and balls, with tolerances of 1e-4 and 1e-6.
 _FAR_ERROR = 5.0
-# Cost of a node for far edges over that of a near node, if all detours are below 1.
+# Ratio of the costs of a far node and a near node, if all detours are below 1.
 _FAR_COST = 0.1
 # Number of directions along each axis of the hemisphere in which the largest far field is searched.
 _DIRECTIONS = 33
