@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -159,3 +160,19 @@ def test_nodes_of_a_source_see_different_silhouettes_of_a_ball() -> None:
     use("llvm_ad_mono")
     bodies = {"ball": {"type": "sphere", "center": [0, 0.01, 0.15], "radius": 0.02, "bsdf": BLACK}}
     assert error_on_floor(4e-3, bodies) < 3e-3
+
+
+@pytest.mark.slow
+@pytest.mark.drjit
+@pytest.mark.llvm
+def test_points_on_far_walls_are_not_behind_them_in_single_precision() -> None:
+    import polywigner.mitsuba as pm
+
+    use("llvm_ad_mono")
+    example = Path(__file__).parents[1] / "examples/street_77ghz/scene.xml"
+    shadows = shadows_of(pm.load_scene(example, diffraction=True))
+    # a kerb at grazing incidence, and a wall behind a pillar, in metres in the source's frame
+    points = np.array([[2.351512, -0.665311, 10.125941], [4.702853, 0.622157, 11.324124]])
+    # |U|^2 of all points of the source, each with its own silhouette, in double precision
+    expected = np.array([8.471e-8, 4.777e-8])
+    assert intensities(shadows, points) == pytest.approx(expected, rel=1e-2)
