@@ -56,7 +56,8 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Error of a Fourier transform, as a fraction of the upper bound `content` on its modulus.
+# Numerical error of a Fourier transform, as a fraction of the upper bound on its modulus that
+# `Radiator.content` returns.
 _FOURIER_ERROR = 1e-13
 
 
@@ -90,11 +91,11 @@ def amplitude(
 ) -> Complex:
     """Compute the complex field U(x, y, z) of a source in the plane z = 0.
 
-    A free wave is exp(+ikR)/R. The Rayleigh-Sommerfeld and Kirchhoff integrals are reduced to
-    integrals along the edges without approximation, evanescent waves included (docs/theory.md,
-    (B1) to (B5)). They are as accurate at z = 1e-6 wavelengths as far away, and smooth across the
-    boundary of the geometric shadow, as is Fresnel's integral (B6). Fraunhofer's field (B7) is a
-    closed form.
+    The Rayleigh-Sommerfeld and Kirchhoff integrals over the source are reduced to integrals along
+    its edges without approximation, evanescent waves included (docs/theory.md, (B1) to (B5)). They
+    are as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's integral (B6), they
+    are smooth across the boundary of the geometric shadow. Fraunhofer's field (B7) follows from
+    the Fourier transform of the source. The phase convention is exp(+ikR)/R for a spherical wave.
 
     Parameters
     ----------
@@ -103,13 +104,14 @@ def amplitude(
         sum over nodes on the source (docs/curved.md, (Q7)). A :class:`Screen` is illuminated from
         behind.
     points : array_like, shape (..., 3), or (..., 2) with ``through``
-        Points in m, z > 0; on any side of a PointSource.
+        Points in m, with z > 0 unless the source is a PointSource.
     wavelength : float
         Wavelength in m.
     method : str, default "rayleigh-sommerfeld-1"
-        "rayleigh-sommerfeld-1" (given field in the opening), "rayleigh-sommerfeld-2" (given normal
-        derivative), "kirchhoff" (their mean), "fresnel" (parabolic waves, for points near the
-        axis) or "fraunhofer" (far field about the centre of the source).
+        "rayleigh-sommerfeld-1" (the field is given in the plane z = 0), "rayleigh-sommerfeld-2"
+        (its normal derivative is given), "kirchhoff" (average of these two integrals), "fresnel"
+        (parabolic waves, for points near the axis) or "fraunhofer" (far field about the centre of
+        the source).
     through : FirstOrder or sequence, optional
         First-order system from the plane of the source to the plane of ``points``, or a sequence
         of systems and stops in the order in which the light passes them. The field is Collins'
@@ -230,7 +232,10 @@ def field_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Complex, Floats]:
-    """Return the field (...) and its error; behind obstacles, the error requires ``with_error``."""
+    """Return the field at points and an estimate of its error.
+
+    The error behind obstacles is estimated only if ``with_error`` is true.
+    """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     pupil = None
     if aberration is not None:
@@ -274,7 +279,7 @@ def field_and_error(
 
 
 def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options not allowed for point sources and behind obstacles."""
+    """Raise ArgumentError for options that point sources or obstacles do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "
@@ -291,7 +296,7 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
 def _checked_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> Aperture | Array | Wavefront:
-    """Return the source; raise ArgumentError for options not allowed with an aberration."""
+    """Return the source; raise ArgumentError if an option cannot be combined with an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -314,7 +319,7 @@ def _aberrated_field(
     method: str,
     tolerance: float,
 ) -> tuple[Complex, Floats]:
-    """Return the field of an aberrated source and its error, (n,), at points (n, 3)."""
+    """Return the field of an aberrated source at points, and its error."""
     if isinstance(source, Wavefront):
         checked_wavefront(source)
     checked_aberration(aberration, wavelength)
@@ -330,9 +335,9 @@ def _aberrated_field(
 
 
 def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return the direction (n, 3) and distance (n,) of points from a centre, and exp(ikr), (n,).
+    """Return directions and distances of points from a centre, and the phase factors exp(ikr).
 
-    Distances are in wavelengths.
+    The distances r are in wavelengths.
     """
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -350,7 +355,7 @@ def _free_field(
     tolerance: float | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the field without obstacles and its error, (n,), at points (n, 3)."""
+    """Return the field without obstacles at points, and its error."""
     allowed = checked_amplitude_tolerance(tolerance)
     if isinstance(source, PointSource):
         field = source.amplitude * incident_of_point(source.position, points, wavelength)
@@ -373,7 +378,7 @@ def _free_field(
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
-    """Return points (..., 3) in metres on any side of a point source, but not on it."""
+    """Return points in metres; raise ArgumentError if one of them is the point source."""
     positions = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
     if (positions == np.array(source.position)).all(axis=-1).any():
         raise ArgumentError(
@@ -390,7 +395,7 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the far field (B7) about the centre of the source, and its error, at points (n, 3)."""
+    """Return the far field (B7) at points, about the centre of the source, and its error."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)
