@@ -96,10 +96,10 @@ def radiated_power(
 ) -> float:
     """Return the radiated power of a source: the integral of |E|^2 over the hemisphere (RP2).
 
-    The radiated power is less than the integral of |u|^2 over the source, because evanescent waves
-    do not radiate, and depends on the boundary condition. For example, a patch of a third of a
-    wavelength radiates a seventh of this integral (docs/patterns.md). With ``obliquity="paper"``
-    the result equals :func:`power`.
+    The radiated power differs from the integral of |u|^2 over the source, because evanescent waves
+    do not radiate, and because it depends on the boundary condition (docs/patterns.md). For
+    example, a patch of a third of a wavelength radiates a seventh of this integral. With
+    ``obliquity="paper"`` the result equals :func:`power`.
 
     Parameters
     ----------
