@@ -39,7 +39,7 @@ _ERRORS = {
     "position": (math.inf, "an rms error of zero or more, in m"),
     "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
 }
-# Change of the level in dB when an amplitude is multiplied by e.
+# Change of a level in dB if the amplitude is multiplied by e.
 _NEPER = 20 / math.log(10)
 
 
@@ -239,7 +239,10 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
-    """Return the far field of each element of an array, without its weight, in directions."""
+    """Return the far field of each element of an array in directions, shape (n, elements).
+
+    The weights of the elements are not included.
+    """
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

@@ -59,8 +59,8 @@ _NAN_PAIR = (math.nan, math.nan)
 class CutMetrics:
     """Main beam and sidelobes along a cut, on both sides of its peak.
 
-    On a meridian, angles are theta, negative at the opposite phi. On a great circle through the
-    beam, angles are measured from the beam.
+    Angles on a meridian are values of theta, which are negative at the opposite azimuth. Angles on
+    a great circle through the beam are measured from the beam.
 
     Examples
     --------
@@ -118,11 +118,11 @@ class BeamMetrics:
     phi: float
     """Azimuth of the beam from the x axis in rad; 0 for a beam along the normal."""
     directivity: float
-    """Directivity of the beam in dBi: 4 pi |E|^2 over the radiated power."""
+    """Directivity of the beam in dBi: 4 pi |E|^2 divided by the radiated power."""
     gain: float
     """Gain in dBi: directivity times efficiency."""
     radiated_power: float
-    """Power in W radiated into the hemisphere; NaN for a pattern without a field."""
+    """Radiated power in W; NaN for a pattern without a field."""
     eirp: float | None
     """Radiated power times directivity in W; None if no power is specified."""
     radiated_fraction: float
@@ -133,9 +133,12 @@ class BeamMetrics:
     cuts: tuple[CutMetrics, ...]
     """Metrics of each meridian of the pattern, or of each great circle of :func:`beam_cuts`."""
     axial_ratio: float | None = None
-    """Axial ratio of the beam in dB, infinite if it is linear; None for a scalar pattern."""
+    """Axial ratio in dB along the beam; None for a scalar pattern.
+
+    The ratio is infinite for linear polarisation.
+    """
     cross_polar_discrimination: float | None = None
-    """Ratio in dB of co- to cross-polar field of the beam; None for a scalar pattern."""
+    """Ratio in dB of the co- to the cross-polar field along the beam; None for a scalar pattern."""
     beam_cuts: tuple[CutMetrics, ...] = ()
     """Metrics of two orthogonal great circles through the beam.
 
@@ -225,7 +228,7 @@ def beam_metrics(
       is never negative, columns at phi and phi + pi are joined to a meridian.
     - ``beam_cuts`` : two great circles through the beam, over angles from the beam. They are exact
       for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi covers the full
-      circle. A pattern of single meridians has none.
+      circle. For a pattern of single meridians the tuple is empty.
 
     Levels between samples are interpolated by parabolas. With ten samples within the half-power
     beamwidth, the relative error of the beamwidth is below 3e-3.
@@ -390,7 +393,7 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
     if not rising.size:
         return _Side(half)
     null = flank + int(rising[0])
-    # Close to a null, |E|^2 is a parabola; the level in dB is not.
+    # Close to a null, |E|^2 follows a parabola, but the level in dB does not.
     scale = levels[null - 1 : null + 2].max()
     null_angle, _ = _vertex(angles, -(10 ** ((levels - scale) / 10)), null)
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))

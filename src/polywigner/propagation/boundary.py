@@ -51,7 +51,7 @@ class _Element:
     shifts: Floats
     """Positions (n, 2) of the copies, in m."""
     weights: Complex
-    """Complex factors (n,) of the fields of the copies."""
+    """Complex weights (n,) of the copies."""
 
     @property
     def edges(self) -> int:
@@ -131,7 +131,7 @@ def radiator_of(source: object) -> Radiator:
 # Smallest direction cosine p_z of a plane wave whose rounding error is estimated. Smaller cosines
 # have few correct digits, and p_z = 0 for waves along the plane of the source.
 _GRAZING = 1e-6
-# Number of cycles of phase over half a panel that the largest Gauss rule resolves with a margin.
+# Largest number of cycles of phase over half a panel; the largest Gauss rule resolves more cycles.
 _TURNS = 48.0
 
 
@@ -186,7 +186,7 @@ def panels_of(
                 rows[..., 2:4] = along
                 rows[..., 4] = length / wavelength
                 rows[..., 5:7] = plane[wave]
-                # The cosine p_z is either real or imaginary.
+                # The direction cosine p_z is either real or imaginary.
                 rows[..., 7] = cosines[wave].real + cosines[wave].imag
                 rows[..., 8:11] = errors[wave]
                 rows[..., 11] = cycles
@@ -245,8 +245,8 @@ _TERMS = 16
 # Largest number of panels of a source. These panels take 2 GB of memory, and one second per point
 # on one core.
 _MOST_PANELS = 1 << 24
-# Upper ends of ranges of distance from the source, and the longest panels for points in these
-# ranges, both in wavelengths. Panels twice as long as the distance need the fewest nodes.
+# Pairs of an upper limit of the distance from the source, and the longest panels for points up to
+# this distance, both in wavelengths. Panels twice as long as the distance need the fewest nodes.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
 # Number of panels per block.
 _ROWS = 1 << 14
@@ -344,8 +344,8 @@ def _summed(
         )
     sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
     # The allowed error is a fraction of the incident amplitude, or of the bound on the source's
-    # field if the bound is smaller. The bound is the sum of a wave and, for the normal derivative
-    # of a wave, the static field, which dominates within a wavelength.
+    # field if the bound is smaller. The bound is the sum of the radiated field and of the static
+    # field, which dominates within a wavelength.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))
@@ -403,14 +403,14 @@ def _is_shallow(cosines: Complex) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class _EdgeSums:
-    """Fields as sums over edges, or over panels of edges."""
+    """Computation of fields as sums over edges, or over panels of edges."""
 
     radiator: Radiator
     wavelength: float
     share: float
     paraxial: bool
     points: int
-    """Number of points of the call; the choice of the engine depends on it."""
+    """Number of points of the call, on which the choice of the engine depends."""
     engine: str
 
     def by_steepest_descent(self, points: Floats, digits: float) -> tuple[Complex, Floats]:

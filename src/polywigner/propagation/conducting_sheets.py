@@ -38,7 +38,7 @@ class Sheet:
 
     @classmethod
     def of(cls, bodies: Obstacles) -> Sheet:
-        """Return the plane of all obstacles; raise ArgumentError if they are not in one plane."""
+        """Return the plane of all plates; raise ArgumentError for bodies or for several planes."""
         normal = bodies.bodies[0].normals[0]
         normal = normal / np.linalg.norm(normal)
         heights = bodies.vertices @ normal
@@ -97,7 +97,9 @@ def change_by_sheet(
     both = sheet.with_images(positions, sources.mean(axis=0), raised)
     changes, waves, error = compute(sheet.silhouettes(bodies, sources), both)
     (here, mirrored), (wave, image) = np.split(changes, 2), np.split(waves, 2)
-    free = np.where(on_plate, 0.5 * (wave + image), wave)  # at the position before it is moved
+    # Positions on a plate were moved off it. The field without plates at the original position is
+    # the mean of the fields at the moved position and at its image.
+    free = np.where(on_plate, 0.5 * (wave + image), wave)
     if edge == "soft":
         change = np.where(on_plate, -free, here + mirrored)
     else:

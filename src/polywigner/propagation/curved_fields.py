@@ -27,8 +27,8 @@ from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 # Number of Gauss nodes along each side of a cell.
 _NODES = 20
 # Largest number of cycles of phase along a side of a cell. The Gauss rule then has 13 correct
-# digits for waves, and also for the static field 1/R^2 at points at least half a side away from the
-# cell.
+# digits for waves. It has as many digits for the static field 1/R^2 at points whose distance from
+# the cell is at least half its side.
 _MOST_CYCLES = 4.0
 # Rounding error of a sum over nodes, as a fraction of the sum of the moduli.
 _ROUNDING = 1e-13

@@ -67,14 +67,14 @@ Values = NDArray[Any]
 # Methods that accept the option ``obliquity``. The boundary condition of every other method implies
 # its obliquity.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options of the result and of its storage; `_settings` omits them.
+# Options of a dataset and of its storage, which are not keywords of irradiance and amplitude.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
 # Number of points that are computed at once in memory. This number is large enough for the full
 # speed of compiled engines, and takes tens of megabytes.
 _BLOCK = 1 << 17
-# Largest and smallest number of samples of a stored chunk, and number of chunks into which other
-# grids are divided. The largest chunk is 4 MB of float32. With about 64 chunks, the first chunk of
-# a run is stored within a minute.
+# Largest and smallest number of samples of a stored chunk, and number of chunks of a grid between
+# these limits. The largest chunk is 4 MB of float32. With about 64 chunks, the first chunk of a run
+# is stored within a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
 # Unit and long name of each quantity of a dataset.
 _QUANTITIES = {
@@ -136,9 +136,9 @@ def _described(obstacles: Sequence[Obstacle]) -> str:
 def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
-    """Return a dataset of fields on a grid, with one variable for each method.
+    """Return a dataset of a field on a grid, with one variable for each method.
 
-    ``dtype`` is the default type of the values.
+    ``dtype`` is the type of the values if the options do not specify it.
     """
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
@@ -207,7 +207,7 @@ def _positions(grid: Grid) -> dict[str, Any]:
     """Return those of the coordinates x, y and z that are not axes of a grid."""
     axes = tuple(grid.coords)
     origin, missing = (0,) * len(axes), [k for k, name in enumerate("xyz") if name not in axes]
-    if len(missing) < 3:  # Coordinates that are not axes of the grid are constant.
+    if len(missing) < 3:  # The coordinates that are not axes of the grid are constant.
         axes, points = (), grid.points(origin, (1,) * len(axes)).reshape(3)
     else:
         points = grid.points(origin, grid.shape)
@@ -573,8 +573,8 @@ def _values(
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Kernels compute a slice of the source for each x (W) or each xi (A). They are fastest if the
-    # leading axes vary x or xi.
+    # Kernels compute a slice of the source for each position x (W) or each lag xi (A). They are
+    # fastest if the leading axes of the arrays are x or xi.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)

@@ -36,7 +36,7 @@ _EVEN = 1e-6
 # the horizon. With 8 samples per lobe, the error is 1e-6 (docs/patterns.md). The interpolation
 # amplifies rounding errors in files less than 100 times.
 _STENCIL = 12
-# Fields behind the plane of the aperture count as zero below this fraction of the largest field.
+# Fields behind the plane of the aperture below this fraction of the largest field count as zero.
 _NOTHING = 1e-9
 # Number of directions per block.
 _ROWS = 4096
@@ -103,8 +103,8 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        # For an even number of samples, the wave of highest order is a cosine: half of it belongs
-        # to the negative order.
+        # For an even number of samples, the wave of the highest order is a cosine. Half of it is a
+        # wave of the negative order.
         if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
@@ -245,7 +245,7 @@ def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
 
 
 class FittedPattern(NamedTuple):
-    """Result of :func:`fit_pattern`."""
+    """Aperture field that :func:`fit_pattern` returns, with measures of its quality."""
 
     aperture: Aperture
     """Aperture with the fitted field."""
@@ -353,7 +353,7 @@ def fit_pattern(
     waves = _waves_on(aperture, length)
     blocks = list(directions_and_weights(aperture.diameter, length))
     s, weights = (np.concatenate(column) for column in zip(*blocks, strict=True))
-    # Far fields (n, 3) of a point source, divided by its scalar far field F/(i lambda).
+    # Far-field vectors of a polarised point source, divided by its scalar far field.
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:

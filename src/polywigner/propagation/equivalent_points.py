@@ -28,7 +28,7 @@ from polywigner.source.obliquities import CONDITIONS, Obliquity, times_direction
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_source
 
-# Largest number of points that replace a source.
+# Largest number of point sources that replace a source.
 _MOST_SOURCES = 1 << 15
 # Additional nodes along a side of the bounding box, which are tried in this order: first beyond the
 # number of nodes that suits a uniform aperture, then beyond the number that suits any source.
@@ -138,7 +138,8 @@ def _spectra(
     if condition.slope and isinstance(source, Wavefront) and not source.is_flat:
         spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
     elif condition.slope:
-        # No normal derivative: all waves graze the plane, and their cosines are zero.
+        # This error is raised if all waves graze the plane. Their cosines are then zero, and so is
+        # the normal derivative.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(flat_source(source), wavelength)
             spectra.append(condition.slope * fourier(slopes, nu) * phase)
@@ -196,8 +197,8 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
         others = [m for m in range(3) if m != k]
         closest, farthest = (np.linalg.norm(part[:, others], axis=1) for part in (near, far))
         margin = _MARGIN / max(high[k] - low[k], 1e-9)
-        # The sine along an axis increases with the component along this axis. It decreases with the
-        # other components unless it is negative.
+        # The sine along an axis increases with the component of the displacement along this axis.
+        # If it is positive, it decreases with the other components.
         largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
         least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
         lowest = max(-1.0, float(least.min()) - margin)

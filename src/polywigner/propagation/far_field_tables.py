@@ -339,8 +339,8 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
             f"phase, got {'a magnitude' if sizes else 'a phase' if phases else 'none'} only; "
             "export the components along theta and phi with their phases"
         )
-    # If a table contains several quantities, the first one of field, intensity, directivity and
-    # gain is used.
+    # If a table contains several quantities, the first one in the order field, intensity,
+    # directivity, gain is used.
     size, values = min(sizes, key=lambda pair: list(_UNITS).index(pair[0].quantity))
     phase, angles = phases[0]
     absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values))

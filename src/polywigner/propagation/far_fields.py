@@ -158,7 +158,7 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
 def powers_of(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> tuple[float, float]:
-    """Return the radiated power, and the power int |u|^2 on the source, in W."""
+    """Return the radiated power of a source, and the integral of |u|^2 over the source, in W."""
     power = power_by_lags(source, wavelength, obliquity)
     if power is None:
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -185,8 +185,8 @@ def _intensity(
 _LEAST_STEPS = 16
 # Number of directions per block, which takes some megabytes.
 _BLOCK = 1 << 17
-# Largest number of directions of a search for the beam over the whole hemisphere. The search takes
-# a tenth of a second.
+# Largest number of directions in a search for the beam over the whole hemisphere. These directions
+# take a tenth of a second.
 _MOST = 1 << 20
 # The beam of a wide source is searched only near the directions of its plane waves, within this
 # many widths of the main lobe of its smallest element.
@@ -213,7 +213,7 @@ class FarField:
     is_vector: bool = True
     """Whether the field is an electric field with three components."""
     jones: Values | None = None
-    """Jones vector of the co-polar part; None for the polarisation of the beam."""
+    """Jones vector of the co-polar part; None if the co-polar part is polarised as the beam."""
     goes_backwards: bool = False
     """Whether the source radiates behind its plane."""
     known_beam: tuple[float, float, float] | None = None
@@ -288,7 +288,7 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
-        """Move direction cosines into the unit disc, and return them with |E|^2 there."""
+        """Return direction cosines, moved into the unit disc, and |E|^2 in these directions."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)

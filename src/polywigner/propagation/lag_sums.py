@@ -72,8 +72,8 @@ def _sum_over_lags(
     previous: Floats | None = None
     for extra in _LEVELS:
         lags, weights, _ = rule_on(cells, rates, _ERROR, extra)
-        # The cells cover half of the lags. The opposite lags contribute the same amount, hence the
-        # factor 2.
+        # The cells cover half of the lags. The factor 2 accounts for the opposite lags, which
+        # contribute the same amount.
         values = irradiance(lags, 2.0 * weights, extra)
         if previous is not None and abs(values - previous).max() <= error * abs(values).max():
             return values
@@ -174,9 +174,10 @@ def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
 
 
 def channel_at(element: SourceElement, channel: Channel, x: Floats) -> Complex | float:
-    """Return the field of an element at positions x, or one of its plane waves for a frequency.
+    """Return the field of an element at positions x, or one of its plane waves.
 
-    The weight of the element is not included.
+    ``channel`` is None for the field, or the frequency of the plane wave. The weight of the element
+    is not included.
     """
     if channel is None:
         return 1.0 if element.illumination is None else element.illumination(x)
@@ -345,7 +346,7 @@ The second axis contains y, the left x and the right x, and the last axis stands
 the upper side.
 """
 
-# Number of pairs of an edge and a height per block.
+# Number of pairs of an edge and the height of a vertex per block.
 _BATCH = 1 << 20
 # Poles of the integrand at the distance d from a trapezoid of size 2 a require _POLE/arcsinh(d/a)
 # additional nodes.
@@ -378,9 +379,10 @@ def trapezoids_of(
 
 
 def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
-    """Return trapezoids that tile polygons with equal numbers of edges, and the polygons' indices.
+    """Return trapezoids that tile polygons, and the index of the polygon of each trapezoid.
 
-    The axes of ``edges`` are polygon, edge, end and coordinate.
+    All polygons have the same number of edges. The axes of ``edges`` are polygon, edge, end and
+    coordinate.
     """
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
@@ -453,7 +455,7 @@ def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Float
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     away = corners - points[:, None, :2]
     # The slope of the distance along an axis is largest at the positions on the source that are
-    # closest to the point across this axis.
+    # closest to the point in the direction perpendicular to this axis.
     outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
     distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature

@@ -286,18 +286,18 @@ class _TiltAxis(NamedTuple):
     half: int
     """Number of tilts above zero."""
     weights: Floats
-    """Weights (2 half + 1,) of the tilts, which add up to 1."""
+    """Weights of the tilts, which add up to 1."""
 
     @property
     def tilts(self) -> Floats:
-        """Tilts (2 half + 1,) in cycles per metre."""
+        """Tilts in ascending order, in cycles per metre."""
         return np.asarray(self.step * np.arange(-self.half, self.half + 1), np.float64)
 
 
 def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
-    """Return the rule with a step of 2 pi/reach standard deviations that ends at ``tail`` of them.
+    """Return the rule for tilts of up to ``tail`` standard deviations.
 
-    ``width`` is the coherence width.
+    The step is 2 pi/reach standard deviations, and ``width`` is the coherence width.
     """
     step = 2 * math.pi / reach
     half = math.ceil(tail / step)
@@ -456,7 +456,7 @@ def _samples(
                 offset = nodes - source.centre
                 bend = ((offset @ source.curvature) * offset).sum(axis=-1)
                 field = field * np.exp(1j * np.pi * bend)
-            # The field channel is the wave times (z/R) (1 + i/(kR)).
+            # The contribution of the field is the spherical wave times (z/R) (1 + i/(kR)).
             size_of_field = size * inverse * (condition.field * z)
             imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
             values.real = size_of_field * sine + imaginary * cosine

@@ -58,8 +58,9 @@ if TYPE_CHECKING:
 
 # Largest relative difference between the requested frequency and a frequency in a file.
 _SAME_FREQUENCY = 1e-3
-# Largest difference in dB between the directivity in a file and the directivity from the integral
-# over its directions. Missing directions and coarse steps can cause smaller differences.
+# Largest difference in dB between the directivity in a file and the directivity that follows from
+# the integral over its directions. Missing directions and coarse steps can cause smaller
+# differences.
 _CONTRADICTION = 1.0
 # Largest relative difference between two fields in a file for the same direction, such as phi = 0
 # and 360 degrees.
@@ -151,7 +152,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern at the frequency in a file that is closest to ``frequency``."""
+    """Read the pattern from a file at the frequency closest to ``frequency``."""
     return _read(path, frequency, math.inf)
 
 

@@ -50,8 +50,8 @@ _STEPS_PER_LOBE = 64
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
 # Number of interpolated samples per angular step of a table.
 _STEPS_PER_ANGLE = 4
-# If the level along the normal is at most this many dB below the beam, the great circles through
-# the beam are parallel to x and y.
+# If the level along the normal is at most this many dB below the beam, the tangents of the great
+# circles at the beam are parallel to x and y.
 _NORMAL = 0.1
 # Smallest number of meridians from which a pattern is interpolated over phi.
 _LEAST_MERIDIANS = 8

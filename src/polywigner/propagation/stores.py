@@ -235,7 +235,7 @@ def _complete(
 ) -> None:
     """Compute the missing chunks of a store, which is created if it does not exist.
 
-    ``default`` is the name of dask's scheduler that is used if the options contain none.
+    ``default`` is the name of dask's scheduler that is used if the options specify no scheduler.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     require_stores(scheduler)

@@ -301,15 +301,15 @@ def _field_bands(
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # The angles between rays are largest at points directly in front of the source.
+        # The angles between rays from the source are largest at points directly in front of it.
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # A line needs many points, because directions change fast where it passes close to the
-        # source.
+        # A line needs many points, because the directions of rays change fast if the line passes
+        # close to the source.
         grid = line_grid(region, _POINTS**2)
         points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
         tangents = [(points[-1] - points[0]) / length]

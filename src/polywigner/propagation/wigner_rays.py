@@ -306,7 +306,10 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def has_few_kinks(source: Aperture | Array) -> bool:
-    """Return whether W has at most 65,536 kinks with at most about 1e6 intersections."""
+    """Return whether the Wigner function of a source has few enough kinks to divide its automean.
+
+    The limits are 65,536 kinks, and about 1e6 intersections of kinks.
+    """
     segments = _kinks(source)
     if segments is None:
         return False

@@ -39,7 +39,10 @@ _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """Return a bandwidth in Hz; raise ArgumentError unless from 0 to twice the frequency."""
+    """Return a bandwidth in Hz.
+
+    Raises ArgumentError unless it is above zero and below twice the frequency.
+    """
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
@@ -106,7 +109,8 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(flat).__name__}; {advice}"
         )
-    # Poses in the plane are applied, so that spatial frequencies have two components.
+    # The poses of elements in the plane are applied, so that spatial frequencies have two
+    # components.
     return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
@@ -139,8 +143,8 @@ def checked_positions(x: Any) -> Floats:
 _MOST_WAVELENGTHS = 1e5
 # Number of directions per block, which takes a few MB.
 _BLOCK = 1 << 17
-# Number of values of the Fourier transform or the Wigner function above which a terminal shows
-# progress. They take a few seconds.
+# Number of values of the Fourier transform or the Wigner function above which a terminal shows a
+# progress bar. These values take a few seconds.
 _LONG = 1 << 25
 
 # Smallest width in wavelengths of sources whose power is an integral over lags with a smooth
@@ -172,7 +176,7 @@ _PANEL = 400.0
 
 
 def largest_lag(source: PlaneSource | Wavefront) -> float:
-    """Return the largest distance in m between two points of the source, or an upper bound."""
+    """Return the largest distance in m between two points of a source, or an upper bound."""
     flat: Any = flat_source(source)
     if isinstance(flat, Aperture):
         return flat.diameter
@@ -252,9 +256,10 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
 
 
 def _azimuths(phase: Floats) -> NDArray[np.intp]:
-    """Return the number of evenly spaced azimuths that integrate a wave over phi, for each phase.
+    """Return the number of evenly spaced azimuths phi that are required to integrate waves.
 
-    The wave is ``exp(i phase cos(phi)) cos(phi)^m`` with m = 0, 1 or 2, and the error is 3e-15.
+    For each phase, the integrand is ``exp(i phase cos(phi)) cos(phi)^m`` with m = 0, 1 or 2, and
+    the error is 3e-15.
     """
     # The error with n azimuths is 2 J_n(phase), which is negligible if n exceeds the phase by a few
     # times phase^(1/3). The constants were fitted to phases from 0.1 to 3000.
