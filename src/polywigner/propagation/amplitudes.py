@@ -115,13 +115,14 @@ def amplitude(
     through : FirstOrder or sequence, optional
         First-order system from the plane of the source to the plane of ``points``, or a sequence
         of systems and stops in the order in which the light passes them. The field is Collins'
-        integral (O4) without the factor exp(ikL) of the axial path L; ``method`` is not used. In an
-        image (B = 0) the field is u itself. Stops are Apertures and Arrays, whose field is their
-        transmission (O8).
+        integral (O4) without the factor exp(ikL) of the axial path length L, and ``method`` is not
+        used. If the points lie in an image of the source (B = 0), the field is the image of u.
+        Stops are Apertures and Arrays, whose transmission is their field (O8).
     obstacles : Polyhedron, placed Aperture or sequence, optional
-        Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Radiation
-        passes at most one edge (docs/shadows.md, (SB1)): the field is smooth across the boundaries
-        of shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer".
+        Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Each ray
+        is diffracted by at most one edge (docs/shadows.md, (SB1)). The field is smooth across the
+        boundaries of shadows, and zero in bodies. Obstacles cannot be combined with ``through``,
+        "fresnel" and "fraunhofer".
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
         zero. Soft and hard obstacles are plates in one plane, and reflect (docs/shadows.md, (SB9)).
@@ -131,12 +132,12 @@ def amplitude(
     aberration : Aberration, optional
         Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
-        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude
-        or, if that is smaller, of |u| area/(wavelength distance), the field with all parts of the
-        source in phase. Within a wavelength of the source, the static field
-        |u| area/(2 pi distance^2) replaces the latter. With obstacles the default is 1e-6, at least
-        1e-8, as a fraction of the largest field at three or more wavelengths from the source.
-        Not for "fraunhofer" without an aberration.
+        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude,
+        or of the field with all parts of the source in phase if this field is smaller. The latter
+        is |u| area/(wavelength distance), or, within a wavelength of the source, the static field
+        |u| area/(2 pi distance^2). With obstacles the tolerance is a fraction of the largest field
+        at three or more wavelengths from the source; the default is 1e-6, and the smallest value is
+        1e-8. The tolerance is not used by "fraunhofer" without an aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 

@@ -238,8 +238,8 @@ def beam_metrics(
     pattern : xarray.Dataset
         Result of :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern`.
     power : float, optional
-        Power in W that the antenna accepts. By default the radiated power is the integral of |E|^2,
-        and ``eirp`` is None.
+        Power in W that the antenna accepts. By default the radiated power is the integral of |E|^2
+        over the hemisphere, and ``eirp`` is None.
     efficiency : float, default 1
         Radiated power divided by accepted power, above 0 and up to 1, which accounts for losses.
 

@@ -114,7 +114,7 @@ def radiated_power(
     Returns
     -------
     float
-        Power in W, accurate to 1e-12 of int |u|^2.
+        Power in W, accurate to 1e-12 of the integral of |u|^2 over the source.
 
     Notes
     -----

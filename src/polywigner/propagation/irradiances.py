@@ -113,10 +113,12 @@ def irradiance(
         hundred times faster than rays (300 vertices, 50 points: 0.19 s instead of 19.7 s).
     through : FirstOrder or sequence, optional
         First-order systems and stops between source and points, as in :func:`amplitude`. The
-        square of Collins' integral is exactly the integral of W over all frequencies.
+        squared modulus of Collins' integral equals the integral of the Wigner function over all
+        frequencies exactly.
     obstacles : Polyhedron, placed Aperture or sequence, optional
-        Bodies and plates whose shadows diffract, as in :func:`amplitude`. Requires "auto" or a
-        method of :func:`amplitude`, and no ``bandwidth``.
+        Bodies and plates, as in :func:`amplitude`, whose shadows include diffraction. Obstacles
+        require "auto" or a method of :func:`amplitude`, and cannot be combined with a
+        ``bandwidth``.
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles, as in :func:`amplitude`.
     obliquity : str, optional

@@ -95,9 +95,9 @@ def radiation_pattern(
     obliquity : str, default "rayleigh-sommerfeld-1"
         Boundary condition, which determines the obliquity factor g: cos^2(theta) for
         "rayleigh-sommerfeld-1", ((1 + cos(theta))/2)^2 for "kirchhoff", 1 for
-        "rayleigh-sommerfeld-2", or cos(theta) for "paper". For tapers and steering, it applies to
-        each plane wave of the field (docs/theory.md, (D2), (D3)). Polarised sources have no
-        obliquity.
+        "rayleigh-sommerfeld-2", or cos(theta) for "paper". For tapers and steering, the factor
+        applies to each plane wave of the field (docs/theory.md, (D2), (D3)). Polarised sources have
+        no obliquity.
     polarisation : str or array_like, optional
         Polarisation of the source, as in :func:`polywigner.field`. By default the field is scalar.
     method : {"huygens", "magnetic", "electric"}

@@ -71,8 +71,9 @@ def radiance(
     Returns
     -------
     ndarray of float, shape (...)
-        Radiance in W/(m^2 sr). The error is at most 1e-12 of int |u|^2/wavelength^2, or 5e-6 of
-        it in single precision. DataArrays give a DataArray, as in :func:`fourier`.
+        Radiance in W/(m^2 sr). The error is at most 1e-12 int |u|^2/wavelength^2, or
+        5e-6 int |u|^2/wavelength^2 in single precision, where the integral extends over the source.
+        DataArrays give a DataArray, as in :func:`fourier`.
 
     Raises
     ------
@@ -195,8 +196,9 @@ def flux_vector(
     Returns
     -------
     ndarray of float, shape (..., 3)
-        Flux vector in W/m^2, with an error of at most 1e-12 of int |u|^2/wavelength^2. A DataArray
-        gives a DataArray, as in :func:`fourier`, with the components along ``flux_component``.
+        Flux vector in W/m^2. The error is at most 1e-12 int |u|^2/wavelength^2, where the integral
+        extends over the source. A DataArray gives a DataArray, as in :func:`fourier`, with the
+        components along ``flux_component``.
 
     Raises
     ------
@@ -245,7 +247,7 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
     Returns
     -------
     float
-        Power in W, accurate to 1e-12 of int |u|^2.
+        Power in W, accurate to 1e-12 of the integral of |u|^2 over the source.
 
     Raises
     ------
