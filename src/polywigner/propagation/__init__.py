@@ -1,7 +1,7 @@
 """Fields and radiation patterns of sources: boundary integrals, Wigner rays and far fields.
 
-Sources lie in the plane z = 0 and radiate to z > 0. Points (..., 3) and wavelengths are in metres.
-A spherical wave is exp(+i k R)/R (docs/conventions). Fields have the unit of the source's field.
+Sources lie in the plane z = 0 and radiate to z > 0. Positions and wavelengths are in metres. A
+spherical wave is exp(+i k R)/R (docs/conventions). Fields have the unit of the source's field.
 
 ======================  ========================================================================
 module                  content

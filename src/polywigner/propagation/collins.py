@@ -104,7 +104,7 @@ def collins_field(
 
 
 def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return which singular values of the system's matrix B, in descending order, are zero."""
+    """Return whether the singular values of a system's matrix B, in descending order, are zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -282,9 +282,10 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 def _folded(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
-    """Remove each stop in an image of the source or of the previous stop, and clip that instead.
+    """Remove stops that lie in images of the source or of the previous stop.
 
-    ``planes`` contains the source and the stops, and ``systems`` the system behind each of them.
+    Instead of such a stop, the imaged source or stop is clipped. ``planes`` contains the source and
+    the stops, and ``systems`` the system behind each of them.
     """
     remaining, paths = planes[:1], systems[:1]
     for stop, system in zip(planes[1:], systems[1:], strict=True):
@@ -312,7 +313,7 @@ def _folded(
 
 
 def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
-    """Return the part of a source or stop within the outline of a stop in its image."""
+    """Return the part of a source or stop within an outline; raise ArgumentError if it is empty."""
     elements = normal_form(plane).in_plane.elements
     parts = [
         (e.shape & outline, e.weight)
@@ -382,7 +383,7 @@ def _rate(
 ) -> float:
     """Return the highest spatial frequency, in 1/m, of Collins' integrand on a stop.
 
-    ``previous`` is the source or stop in front of it, and ``path`` the system between the two.
+    ``previous`` is the source or stop in front of the stop, and ``path`` the system between both.
     """
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)

@@ -204,7 +204,7 @@ def _checked_methods(method: Any) -> tuple[str, ...]:
 
 
 def _positions(grid: Grid) -> dict[str, Any]:
-    """Return those of the coordinates x, y and z that are not axes of a grid."""
+    """Return the coordinates x, y and z of the points of a grid, except those that are its axes."""
     axes = tuple(grid.coords)
     origin, missing = (0,) * len(axes), [k for k, name in enumerate("xyz") if name not in axes]
     if len(missing) < 3:  # The coordinates that are not axes of the grid are constant.

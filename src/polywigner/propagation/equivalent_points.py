@@ -77,10 +77,11 @@ def equivalent_grid(
     allowed: Callable[[Sequence[int]], bool],
     sines: Sines = _ALL_SINES,
 ) -> EquivalentGrid | None:
-    """Return the smallest grid of point sources that reproduces the far field of a source.
+    """Return a grid of point sources that reproduces the far field of a source.
 
-    The error of the squared far field is at most ``error`` times its peak, in directions within
-    ``sines``. Returns None if ``allowed`` rejects the numbers of nodes along x and y.
+    The numbers of nodes are increased until the error of the squared far field is at most ``error``
+    times its peak, in directions within ``sines``. Returns None if ``allowed`` rejects the numbers
+    of nodes along x and y.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
