@@ -131,7 +131,7 @@ def radiator_of(source: object) -> Radiator:
 # Smallest direction cosine p_z of a plane wave whose rounding error is estimated. Smaller cosines
 # have few correct digits, and p_z = 0 for waves along the plane of the source.
 _GRAZING = 1e-6
-# Largest number of cycles of phase over half a panel; the largest Gauss rule resolves more cycles.
+# Number of cycles of phase over half a panel that the largest Gauss rule resolves with a margin.
 _TURNS = 48.0
 
 

@@ -121,7 +121,7 @@ class ElementPattern:
 
     @property
     def band(self) -> tuple[int, int]:
-        """Highest orders of the trigonometric polynomials along theta and along phi."""
+        """Highest orders of the field's Fourier series along theta and along phi."""
         return self._waves.shape[1] // 2, int(np.abs(self._orders).max(initial=0))
 
     def components(self, theta: Floats, phi: Floats) -> Complex:

@@ -447,7 +447,7 @@ def rule_on(
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
-    """Return the highest frequencies along x and y, in 1/m, of the integrand of (PC11).
+    """Return the highest spatial frequencies along x and y of integrands on a source, in 1/m.
 
     For each point, the integrand is the field on the source times the wave to the point.
     """
