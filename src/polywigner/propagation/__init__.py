@@ -1,7 +1,7 @@
 """Fields and radiation patterns of sources: boundary integrals, Wigner rays and far fields.
 
-Sources lie in the plane z = 0 and radiate to z > 0. Points (..., 3) and wavelengths are in metres.
-A spherical wave is exp(+i k R)/R (docs/conventions). Fields have the unit of the source's field.
+Sources lie in the plane z = 0 and radiate to z > 0. Positions and wavelengths are in metres. A
+spherical wave is exp(+i k R)/R (docs/conventions). Fields have the unit of the source's field.
 
 ======================  ========================================================================
 module                  content
@@ -13,7 +13,7 @@ module                  content
 ``lag_sums``            irradiance of light whose coherence width is far below the source's size
 ``amplitudes``          the complex field at points, by boundary integrals and in the far field
 ``boundary``            boundary integrals over panels of edges, to a tolerance
-``vector_fields``       electric fields of polarised sources, near and far
+``vector_fields``       electric near and far fields of polarised sources
 ``screens``             opaque plates and openings in front of point sources and plane waves
 ``shadows``             fields behind opaque bodies
 ``equivalent_points``   point sources that replace a source behind bodies
@@ -32,7 +32,7 @@ module                  content
 ``datasets``            fields on lines, planes, hemispheres and in volumes, W and A on grids of
                         four coordinates: in memory, lazy, or stored
 ``stores``              datasets on disk: zarr stores written by chunks, NetCDF files
-``suggestions``         numbers of samples that a grid needs
+``suggestions``         numbers of samples that a grid requires
 ======================  ========================================================================
 """
 

@@ -51,7 +51,8 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Error of a Fourier transform, as a fraction of the upper bound `content` on its modulus.
+# Numerical error of a Fourier transform, as a fraction of the upper bound on its modulus that
+# `Radiator.content` returns.
 _FOURIER_ERROR = 1e-13
 
 
@@ -85,11 +86,11 @@ def amplitude(
 ) -> Complex:
     """Compute the complex field U(x, y, z) of a source in the plane z = 0.
 
-    A free wave is exp(+ikR)/R. The Rayleigh-Sommerfeld and Kirchhoff integrals are reduced to
-    integrals along the edges without approximation, evanescent waves included (docs/theory.md,
-    (B1) to (B5)). They are as accurate at z = 1e-6 wavelengths as far away, and smooth across the
-    boundary of the geometric shadow, as is Fresnel's integral (B6). Fraunhofer's field (B7) is a
-    closed form.
+    The Rayleigh-Sommerfeld and Kirchhoff integrals over the source are reduced to integrals along
+    its edges without approximation, evanescent waves included (docs/theory.md, (B1) to (B5)). They
+    are as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's integral (B6), they
+    are smooth across the boundary of the geometric shadow. Fraunhofer's field (B7) follows from
+    the Fourier transform of the source. The phase convention is exp(+ikR)/R for a spherical wave.
 
     Parameters
     ----------
@@ -98,23 +99,25 @@ def amplitude(
         sum over nodes on the source (docs/curved.md, (Q7)). A :class:`Screen` is illuminated from
         behind.
     points : array_like, shape (..., 3), or (..., 2) with ``through``
-        Points in m, z > 0; on any side of a PointSource.
+        Points in m, with z > 0 unless the source is a PointSource.
     wavelength : float
         Wavelength in m.
     method : str, default "rayleigh-sommerfeld-1"
-        "rayleigh-sommerfeld-1" (given field in the opening), "rayleigh-sommerfeld-2" (given normal
-        derivative), "kirchhoff" (their mean), "fresnel" (parabolic waves, for points near the
-        axis) or "fraunhofer" (far field about the centre of the source).
+        "rayleigh-sommerfeld-1" (the field is given in the plane z = 0), "rayleigh-sommerfeld-2"
+        (its normal derivative is given), "kirchhoff" (average of these two integrals), "fresnel"
+        (parabolic waves, for points near the axis) or "fraunhofer" (far field about the centre of
+        the source).
     through : FirstOrder or sequence, optional
         First-order system from the plane of the source to the plane of ``points``, or a sequence
         of systems and stops in the order in which the light passes them. The field is Collins'
-        integral (O4) without the factor exp(ikL) of the axial path L; ``method`` is not used. In an
-        image (B = 0) the field is u itself. Stops are Apertures and Arrays, whose field is their
-        transmission (O8).
+        integral (O4) without the factor exp(ikL) of the axial path length L, and ``method`` is not
+        used. If the points lie in an image of the source (B = 0), the field is the image of u.
+        Stops are Apertures and Arrays, whose transmission is their field (O8).
     obstacles : Polyhedron, placed Aperture or sequence, optional
-        Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Radiation
-        passes at most one edge (docs/shadows.md, (SB1)): the field is smooth across the boundaries
-        of shadows, and zero in bodies. Not with ``through``, "fresnel" and "fraunhofer".
+        Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Each ray
+        is diffracted by at most one edge (docs/shadows.md, (SB1)). The field is smooth across the
+        boundaries of shadows, and zero in bodies. Obstacles cannot be combined with ``through``,
+        "fresnel" and "fraunhofer".
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
         zero. Soft and hard obstacles are plates in one plane, and reflect (docs/shadows.md, (SB9)).
@@ -124,12 +127,12 @@ def amplitude(
     aberration : Aberration, optional
         Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
-        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude
-        or, if that is smaller, of |u| area/(wavelength distance), the field with all parts of the
-        source in phase. Within a wavelength of the source, the static field
-        |u| area/(2 pi distance^2) replaces the latter. With obstacles the default is 1e-6, at least
-        1e-8, as a fraction of the largest field at three or more wavelengths from the source.
-        Not for "fraunhofer" without an aberration.
+        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude,
+        or of the field with all parts of the source in phase if this field is smaller. The latter
+        is |u| area/(wavelength distance), or, within a wavelength of the source, the static field
+        |u| area/(2 pi distance^2). With obstacles the tolerance is a fraction of the largest field
+        at three or more wavelengths from the source; the default is 1e-6, and the smallest value is
+        1e-8. The tolerance is not used by "fraunhofer" without an aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
@@ -225,7 +228,10 @@ def field_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Complex, Floats]:
-    """Return the field (...) and its error; behind obstacles, the error requires ``with_error``."""
+    """Return the field at points and an estimate of its error.
+
+    The error behind obstacles is estimated only if ``with_error`` is true.
+    """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     pupil = None
     if aberration is not None:
@@ -269,7 +275,7 @@ def field_and_error(
 
 
 def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options not allowed for point sources and behind obstacles."""
+    """Raise ArgumentError for options that point sources or obstacles do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "
@@ -286,7 +292,7 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
 def _checked_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> Aperture | Array | Wavefront:
-    """Return the source; raise ArgumentError for options not allowed with an aberration."""
+    """Return the source; raise ArgumentError if an option cannot be combined with an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -309,7 +315,7 @@ def _aberrated_field(
     method: str,
     tolerance: float,
 ) -> tuple[Complex, Floats]:
-    """Return the field of an aberrated source and its error, (n,), at points (n, 3)."""
+    """Return the field of an aberrated source at points, and its error."""
     if isinstance(source, Wavefront):
         checked_wavefront(source)
     checked_aberration(aberration, wavelength)
@@ -325,9 +331,9 @@ def _aberrated_field(
 
 
 def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return the direction (n, 3) and distance (n,) of points from a centre, and exp(ikr), (n,).
+    """Return directions and distances of points from a centre, and the phase factors exp(ikr).
 
-    Distances are in wavelengths.
+    The distances r are in wavelengths.
     """
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -345,7 +351,7 @@ def _free_field(
     tolerance: float | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the field without obstacles and its error, (n,), at points (n, 3)."""
+    """Return the field without obstacles at points, and its error."""
     allowed = checked_amplitude_tolerance(tolerance)
     if isinstance(source, PointSource):
         field = source.amplitude * incident_of_point(source.position, points, wavelength)
@@ -368,7 +374,7 @@ def _free_field(
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
-    """Return points (..., 3) in metres on any side of a point source, but not on it."""
+    """Return points in metres; raise ArgumentError if one of them is the point source."""
     positions = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
     if (positions == np.array(source.position)).all(axis=-1).any():
         raise ArgumentError(
@@ -385,7 +391,7 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the far field (B7) about the centre of the source, and its error, at points (n, 3)."""
+    """Return the Fraunhofer field (B7) of a source at points, and its error."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)

@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
 # Largest number of complex values per block (64 MiB).
 _BLOCK = 2**22
-# Largest allowed value of each kind of error, and its description in error messages.
+# Largest allowed value of each kind of element error, and its description in error messages.
 _ERRORS = {
     "amplitude": (40.0, "an rms error from 0 to 40 dB"),
     "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),
     "position": (math.inf, "an rms error of zero or more, in m"),
     "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
 }
-# Change of the level in dB when an amplitude is multiplied by e.
+# Change of a level in dB if the amplitude is multiplied by e.
 _NEPER = 20 / math.log(10)
 
 
@@ -61,11 +61,13 @@ def array_tolerance(
     """Compute the mean and quantiles of an array's pattern for random errors of its elements.
 
     The weight w_k of element k is multiplied by an independent random factor
-    f_k = d_k 10^(a_k/20) exp(i p_k - i k s.x_k). The errors a_k of the amplitude, p_k of the phase
-    and x_k of the position are normally distributed; d_k is 0 for dead elements and 1 otherwise.
-    With m = <f_k>, v = <|f_k|^2> - |m|^2 and the far fields E_k of the elements, the mean is (RP4)
+    ``f_k = d_k 10^(a_k/20) exp(i p_k - 2 pi i s.x_k/wavelength)``, where s is the direction of
+    radiation. The errors a_k of the amplitude in dB, p_k of the phase and x_k of the position are
+    normally distributed. The factor d_k is 0 for dead elements and 1 otherwise.
 
-        <|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2
+    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). In it, E_0 is the
+    far field without errors, E_k is the far field of element k, m = <f_k> is the mean of the random
+    factors, and v = <|f_k|^2> - |m|^2 is their variance.
 
     Parameters
     ----------
@@ -94,10 +96,10 @@ def array_tolerance(
     -------
     xarray.Dataset
         Levels 4 pi |E|^2/P in dBi over theta and phi, at least -300 dBi, where P is the radiated
-        power without errors. ``nominal`` is the pattern without errors, ``expected`` the mean in
-        closed form, and ``mean``, ``low`` and ``high`` are the mean, the 5 % and the 95 % quantile
-        of the samples. Attributes are the errors, the count, and ``peak_loss``, the nominal minus
-        the expected level in dB at the peak of the nominal pattern.
+        power without errors. ``nominal`` is the pattern without errors and ``expected`` is the
+        mean (RP4). ``mean``, ``low`` and ``high`` are the mean, the 5 % quantile and the 95 %
+        quantile of the samples. The attributes contain the errors, the count, and ``peak_loss``,
+        the nominal minus the expected level in dB at the peak of the nominal pattern.
 
     Raises
     ------
@@ -107,7 +109,8 @@ def array_tolerance(
 
     Notes
     -----
-    The time is proportional to angles x elements x count.
+    The computing time is proportional to the number of directions times the number of elements
+    times ``count``.
 
     References
     ----------
@@ -155,7 +158,10 @@ def array_tolerance(
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:
-    """Return the errors by name; raise ArgumentError if one is out of range or all are zero."""
+    """Return the rms errors and the fraction of dead elements.
+
+    Raises ArgumentError if a value is out of range, or if all values are zero.
+    """
     for name, (most, meaning) in _ERRORS.items():
         errors[name] = checked_number(errors[name], name, meaning)
         if not 0 <= errors[name] <= most:
@@ -169,7 +175,7 @@ def _checked_errors(**errors: float) -> dict[str, float]:
 
 
 def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
-    """Return |<f>|^2 and <|f|^2> - |<f>|^2 of the random factors f of :func:`array_tolerance`."""
+    """Return the squared mean and the variance of the random factors of :func:`array_tolerance`."""
     spread = (errors["amplitude"] / _NEPER) ** 2
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
@@ -182,9 +188,10 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complex, Floats | None]:
-    """Draw factors (n, count) of n weights, and shifts (n, count, 3) of n elements in m.
+    """Draw random factors of the weights, and random shifts of the elements in m.
 
-    ``shape`` is (n, count). The shifts are None if the positions have no error.
+    ``shape`` contains the numbers of elements and of samples. The shifts are None if the positions
+    have no error.
     """
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
@@ -204,7 +211,7 @@ def _statistics(
     factors: Complex,
     shifts: Floats | None,
 ) -> dict[str, Floats]:
-    """Return the statistics of |E|^2 in n directions, by the names of :func:`array_tolerance`."""
+    """Return the variables of :func:`array_tolerance` as values of |E|^2 in directions."""
     square, variance = _moments(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
@@ -232,7 +239,10 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
-    """Return the far fields (n, elements) of elements of weight 1 in directions (n, 3)."""
+    """Return the far field of each element of an array in directions, shape (n, elements).
+
+    The weights of the elements are not included.
+    """
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength
@@ -254,9 +264,10 @@ def two_way_pattern(
 ) -> xarray.Dataset:
     """Return the two-way pattern of a radar: the product of the transmit and receive patterns.
 
-    The field is the product E_t E_r of both far fields, and the level is the sum of both
-    directivities in dBi. A target of cross section c at the distance r returns the fraction
-    G_t G_r c lambda^2/((4 pi)^3 r^4) of the power.
+    The field is the product of both far fields, and the level is the sum of both directivities in
+    dBi. A target of radar cross section c at the distance r returns the fraction
+    ``G_t G_r c wavelength^2/((4 pi)^3 r^4)`` of the transmitted power, where G_t and G_r are the
+    gains of both antennas.
 
     Parameters
     ----------

@@ -31,10 +31,10 @@ _DARK = -400.0
 # Largest difference in dB between the samples to which a parabola is fitted. Levels close to a null
 # are steeper and do not follow a parabola.
 _STEEP = 10.0
-# If a cut lies this many dB below the beam, its levels are rounding errors.
+# If the peak of a cut lies this many dB below the beam, the levels of the cut are rounding errors.
 _NOTHING = 150.0
 # If two polarisations differ by more than this ratio in dB, the weaker polarisation is a rounding
-# error, and the table contains "over 200 dB".
+# error, and the printed table contains "over 200 dB".
 _LINEAR = 200
 # If the beam exceeds the largest level of all cuts by more than this difference in dB, a warning
 # reports that no cut passes through the beam.
@@ -59,8 +59,8 @@ _NAN_PAIR = (math.nan, math.nan)
 class CutMetrics:
     """Main beam and sidelobes along a cut, on both sides of its peak.
 
-    On a meridian, angles are theta, negative at the opposite phi. On a great circle through the
-    beam, angles are measured from the beam.
+    Angles on a meridian are values of theta, which are negative at the opposite azimuth. Angles on
+    a great circle through the beam are measured from the beam.
 
     Examples
     --------
@@ -87,9 +87,13 @@ class CutMetrics:
     sidelobe_angles: tuple[float, float]
     """Angles in rad of the first sidelobe on each side."""
     first_nulls: tuple[float, float] = _NAN_PAIR
-    """Angles in rad of the first minima beyond half power; NaN if the cut ends before them."""
+    """Angles in rad of the first minimum beyond the half-power direction on each side.
+
+    NaN stands for a minimum beyond the end of the cut.
+    """
     peak_sidelobe_level: float = math.nan
-    """Largest level in dB beyond the first nulls, relative to the peak; NaN if there is no null."""
+    """Largest level in dB beyond the first nulls, relative to the peak of the cut; NaN without a
+    null."""
     peak_sidelobe_angle: float = math.nan
     """Angle in rad of the highest sidelobe."""
     kind: CutKind = "theta"
@@ -99,7 +103,7 @@ class CutMetrics:
 
 @dataclass(frozen=True)
 class BeamMetrics:
-    """Main beam of a pattern; ``str()`` returns a table.
+    """Data-sheet numbers of the main beam of a pattern; ``str()`` returns a table.
 
     Examples
     --------
@@ -114,23 +118,32 @@ class BeamMetrics:
     phi: float
     """Azimuth of the beam from the x axis in rad; 0 for a beam along the normal."""
     directivity: float
-    """Directivity of the beam in dBi: 4 pi |E|^2 over the radiated power."""
+    """Directivity of the beam in dBi: 4 pi |E|^2 divided by the radiated power."""
     gain: float
     """Gain in dBi: directivity times efficiency."""
     radiated_power: float
-    """Power in W radiated into the hemisphere; NaN for a pattern without a field."""
+    """Radiated power in W; NaN for a pattern without a field."""
     eirp: float | None
     """Radiated power times directivity in W; None if no power is specified."""
     radiated_fraction: float
-    """Radiated power over int |u|^2; NaN if the pattern or the element pattern is from a file."""
+    """Radiated power divided by the integral of |u|^2 over the source.
+
+    NaN stands for a pattern, or an element pattern, that was read from a file.
+    """
     cuts: tuple[CutMetrics, ...]
     """Metrics of each meridian of the pattern, or of each great circle of :func:`beam_cuts`."""
     axial_ratio: float | None = None
-    """Axial ratio of the beam in dB, infinite if it is linear; None for a scalar pattern."""
+    """Axial ratio in dB along the beam; None for a scalar pattern.
+
+    The ratio is infinite for linear polarisation.
+    """
     cross_polar_discrimination: float | None = None
-    """Ratio in dB of co- to cross-polar field of the beam; None for a scalar pattern."""
+    """Ratio in dB of the co- to the cross-polar field along the beam; None for a scalar pattern."""
     beam_cuts: tuple[CutMetrics, ...] = ()
-    """Metrics of two orthogonal great circles through the beam; empty if the angles are too few."""
+    """Metrics of two orthogonal great circles through the beam.
+
+    The tuple is empty if the pattern has too few angles.
+    """
     steering: tuple[float, float] | None = None
     """Theta and phi in rad to which the source is steered; None if unknown."""
 
@@ -177,7 +190,7 @@ class BeamMetrics:
 
 
 def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
-    """Return the lines of the printed table for one cut."""
+    """Return the rows of the printed table for one cut, as names and values."""
     name = "cut across it" if cut.kind == "across" else f"cut phi {_degrees(cut.phi)}"
     if cut.directivity == -math.inf:
         return [(name, "nothing is radiated")]
@@ -207,27 +220,28 @@ def beam_metrics(
 ) -> BeamMetrics:
     """Return directivity, gain, EIRP, beam direction, beamwidths, nulls and sidelobes.
 
-    Directivity, gain, EIRP and direction are values of the beam, which may lie between the cuts.
-    Half-power beamwidths, first nulls and sidelobes are values of cuts, which end at the horizon:
+    Directivity, gain, EIRP and direction are values at the peak of the pattern, which may lie
+    between the cuts. Half-power beamwidths, first nulls and sidelobes are values along the cuts,
+    which end at the horizon:
 
     - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. If theta
       is never negative, columns at phi and phi + pi are joined to a meridian.
     - ``beam_cuts`` : two great circles through the beam, over angles from the beam. They are exact
       for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi covers the full
-      circle. A pattern of single meridians has none.
+      circle. For a pattern of single meridians the tuple is empty.
 
-    Levels between samples are interpolated by parabolas. With ten samples within a beamwidth, its
-    relative error is below 3e-3.
+    Levels between samples are interpolated by parabolas. With ten samples within the half-power
+    beamwidth, the relative error of the beamwidth is below 3e-3.
 
     Parameters
     ----------
     pattern : xarray.Dataset
         Result of :func:`radiation_pattern`, :func:`beam_cuts` or :func:`read_pattern`.
     power : float, optional
-        Power in W that the antenna accepts. By default the radiated power is the integral of |E|^2,
-        and ``eirp`` is None.
+        Power in W that the antenna accepts. By default the radiated power is the integral of |E|^2
+        over the hemisphere, and ``eirp`` is None.
     efficiency : float, default 1
-        Radiated over accepted power, above 0 and up to 1, which accounts for losses.
+        Radiated power divided by accepted power, above 0 and up to 1, which accounts for losses.
 
     Returns
     -------
@@ -310,7 +324,7 @@ def _warn_of_samples(
 
 
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
-    """Return the metrics of a cut; ``beam`` is the directivity of the pattern's beam in dBi."""
+    """Return the metrics of a cut of a pattern whose beam has the directivity ``beam`` in dBi."""
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
     peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
     angle, level = _vertex(angles, levels, peak)
@@ -337,10 +351,8 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
 
 
 def _top(levels: Levels, angles: Levels) -> int:
-    """Return the index of the largest sample of the beam, near angle 0 of a great circle.
-
-    The largest of all samples may belong to a back lobe.
-    """
+    """Return the index of the sample at the peak of the beam, near angle 0 of a great circle."""
+    # The search climbs from angle 0, because the largest of all samples may be in a back lobe.
     k = int(np.abs(angles).argmin())
     while True:
         neighbours = range(max(0, k - 1), min(len(levels), k + 2))
@@ -351,7 +363,10 @@ def _top(levels: Levels, angles: Levels) -> int:
 
 
 class _Side(NamedTuple):
-    """Angles in rad and levels in dBi on one side of a peak; NaN if the cut ends before them."""
+    """Half-power direction, null and sidelobes on one side of the peak of a cut.
+
+    Angles are in rad and levels in dBi. NaN stands for a feature beyond the end of the cut.
+    """
 
     half_power: float = math.nan
     null: float = math.nan
@@ -364,7 +379,10 @@ class _Side(NamedTuple):
 
 
 def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) -> _Side:
-    """Return the metrics on the side of larger (``step`` = 1) or smaller (-1) angles of a peak."""
+    """Return the metrics of a cut on one side of its peak.
+
+    The angles on this side are larger than at the peak if ``step`` is 1, and smaller if it is -1.
+    """
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
@@ -375,7 +393,7 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
     if not rising.size:
         return _Side(half)
     null = flank + int(rising[0])
-    # Close to a null, |E|^2 is a parabola; the level in dB is not.
+    # Close to a null, |E|^2 follows a parabola, but the level in dB does not.
     scale = levels[null - 1 : null + 2].max()
     null_angle, _ = _vertex(angles, -(10 ** ((levels - scale) / 10)), null)
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))
@@ -387,7 +405,7 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
 
 
 def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
-    """Return angle and level of the vertex of the parabola through a maximum and its neighbours."""
+    """Return angle and level of the vertex of the parabola through a sample and its neighbours."""
     angle, level = float(angles[peak]), float(levels[peak])
     near = slice(max(0, peak - 1), peak + 2)
     x, y = angles[near] - angle, levels[near] - level
@@ -400,10 +418,7 @@ def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
 
 
 def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
-    """Return the angle between samples k - 1 and k at which a level is reached.
-
-    The angle is interpolated by an inverse parabola.
-    """
+    """Return the angle between samples k - 1 and k at which the pattern has a given level."""
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:
@@ -414,7 +429,7 @@ def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
 
 
 def checked_efficiency(value: Any) -> float:
-    """Return a number above 0 and up to 1, or raise ArgumentError."""
+    """Return an efficiency above 0 and up to 1; raise ArgumentError for other values."""
     fraction = checked_length(value, "efficiency", meaning="a finite number above 0")
     if fraction > 1:
         raise ArgumentError(f"efficiency must be at most 1, got {value_text(value)}")

@@ -1,7 +1,8 @@
 """Fields as boundary integrals, computed to a tolerance.
 
-Steepest descent evaluates the integral along an entire edge. For points close to the plane of the
-source, for waves that graze this plane and for evanescent waves, edges are divided into panels.
+The method of steepest descent evaluates the integral along an entire edge. Edges are divided into
+panels for points close to the plane of the source, for plane waves that graze this plane, and for
+evanescent waves.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import OBLIQUITIES, direction_cosines
 
 FieldEstimate = tuple[Complex, Floats, Floats]
-"""Field, estimate of its error, and allowed error, shape (n,) each."""
+"""Field at points, estimated error and allowed error; shape (n,) for each array."""
 _OPS = NumpyOperations()
 
 
@@ -40,28 +41,33 @@ _OPS = NumpyOperations()
 
 @dataclass(frozen=True)
 class _Element:
-    """Copies of one outline with plane waves, at shifts (n, 2) with weights (n,)."""
+    """Copies of one outline, all with the same plane waves."""
 
     outline: Aperture
     amplitudes: Complex
+    """Amplitudes (m,) of the plane waves."""
     frequencies: Floats
+    """Spatial frequencies (m, 2) of the plane waves, in 1/m."""
     shifts: Floats
+    """Positions (n, 2) of the copies, in m."""
     weights: Complex
+    """Complex weights (n,) of the copies."""
 
     @property
     def edges(self) -> int:
-        """Number of edges of all copies, counted once for each wave."""
+        """Number of edges of all copies, counted once for each plane wave."""
         return sum(map(len, self.outline.rings)) * len(self.amplitudes) * len(self.weights)
 
 
 @dataclass(frozen=True)
 class Radiator:
-    """A source in the plane z = 0 as outlines with plane waves; each element is a set of copies."""
+    """A source in the plane z = 0, as outlines whose fields are sums of plane waves."""
 
     elements: tuple[_Element, ...]
     low: Floats
-    """Lower corner (2,) of the bounding box."""
+    """Lower corner (2,) of the bounding box of the source, in m."""
     high: Floats
+    """Upper corner (2,) of the bounding box, in m."""
 
     @property
     def centre(self) -> Floats:
@@ -69,14 +75,14 @@ class Radiator:
 
     @property
     def amplitude(self) -> float:
-        """Upper bound on the modulus of the field of any single element."""
+        """Upper bound on the modulus of the field u of any single element."""
         return max(
             float(np.abs(e.weights).max() * np.abs(e.amplitudes).sum()) for e in self.elements
         )
 
     @property
     def content(self) -> float:
-        """Upper bound on the modulus of the Fourier transform."""
+        """Upper bound on the modulus of the source's Fourier transform."""
         return sum(
             float(np.abs(e.weights).sum() * np.abs(e.amplitudes).sum()) * e.outline.area
             for e in self.elements
@@ -84,23 +90,23 @@ class Radiator:
 
     @property
     def highest_frequency(self) -> float:
-        """Highest frequency of all waves, in cycles per metre."""
+        """Highest spatial frequency of the plane waves, in 1/m."""
         return max(float(np.linalg.norm(e.frequencies, axis=1).max()) for e in self.elements)
 
     @property
     def perimeter(self) -> float:
-        """Total length of the edges of all copies, counted once for each plane wave."""
+        """Total length in m of the edges of all copies, counted once for each plane wave."""
         return sum(
             e.outline.polygons.length * len(e.amplitudes) * len(e.shifts) for e in self.elements
         )
 
     def distance(self, points: Floats) -> Floats:
-        """Return the distances (n,) of points (n, 3) from the bounding box."""
+        """Return the distances of points from the bounding box, in m."""
         outside = np.maximum(np.maximum(self.low - points[:, :2], points[:, :2] - self.high), 0.0)
         return np.asarray(np.sqrt((outside**2).sum(axis=1) + points[:, 2] ** 2))
 
     def distance_of_centre(self, points: Floats) -> Floats:
-        """Return the distances (n,) of points (n, 3) from the centre of the bounding box."""
+        """Return the distances of points from the centre of the bounding box, in m."""
         aside = points[:, :2] - self.centre
         return np.asarray(np.sqrt((aside**2).sum(axis=1) + points[:, 2] ** 2))
 
@@ -122,23 +128,27 @@ def radiator_of(source: object) -> Radiator:
 
 # ---- division of edges into panels --------------------------------------------------------------
 
-# Smallest direction cosine p_z whose rounding error is estimated. Smaller cosines have few correct
-# digits, and waves along the plane of the source have p_z = 0.
+# Smallest direction cosine p_z of a plane wave whose rounding error is estimated. Smaller cosines
+# have few correct digits, and p_z = 0 for waves along the plane of the source.
 _GRAZING = 1e-6
 # Number of cycles of phase over half a panel that the largest Gauss rule resolves with a margin.
 _TURNS = 48.0
 
 
 class _Panels(NamedTuple):
-    """Table with one row for each panel and wave; all lengths are in wavelengths."""
+    """Table with one row for each pair of a panel and a plane wave; lengths are in wavelengths."""
 
     rows: Floats
-    """Shape (m, 12): x and y of the first end relative to the centre, x and y of the direction,
-    length, p_x, p_y, |p_z|, the rounding errors of these three cosines, and the phase at the first
-    end in cycles.
+    """Numbers of each row, shape (m, 12).
+
+    The columns are x and y of the first end of the panel relative to the centre of the source, x
+    and y of its direction, its length, the direction cosines p_x, p_y and |p_z| of the wave, the
+    rounding errors of these cosines, and the phase of the wave at the first end in cycles.
     """
     amplitudes: Complex
+    """Amplitudes (m,) of the plane waves."""
     evanescent: NDArray[np.bool_]
+    """Whether each plane wave is evanescent, shape (m,)."""
 
 
 def panels_of(
@@ -151,8 +161,8 @@ def panels_of(
 ) -> Iterator[_Panels]:
     """Yield panels of at most ``longest`` wavelengths, in blocks of about ``count`` panels.
 
-    If ``paraxial``, 1 - (p_x^2 + p_y^2)/2 replaces |p_z|, and no wave is evanescent. ``is_wanted``
-    selects the waves by p_z.
+    The direction cosines p_z are those of :func:`cosines_of`. ``is_wanted`` selects plane waves by
+    p_z.
     """
     for element in radiator.elements:
         plane = element.frequencies * wavelength
@@ -176,7 +186,7 @@ def panels_of(
                 rows[..., 2:4] = along
                 rows[..., 4] = length / wavelength
                 rows[..., 5:7] = plane[wave]
-                # The cosine p_z is either real or imaginary.
+                # The direction cosine p_z is either real or imaginary.
                 rows[..., 7] = cosines[wave].real + cosines[wave].imag
                 rows[..., 8:11] = errors[wave]
                 rows[..., 11] = cycles
@@ -186,7 +196,10 @@ def panels_of(
 
 
 def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Complex:
-    """Return the cosines p_z (m,) of waves (m, 2), or 1 - (p_x^2 + p_y^2)/2 if ``paraxial``."""
+    """Return the direction cosines p_z of plane waves with given spatial frequencies.
+
+    If ``paraxial`` is true, the cosine is replaced by ``1 - (p_x^2 + p_y^2)/2``, which is real.
+    """
     if not paraxial:
         return direction_cosines(frequencies, wavelength)
     return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
@@ -195,7 +208,7 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
 def _rounding_of(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
-    """Return the rounding errors (m, 3) of p_x, p_y and p_z of waves."""
+    """Return the rounding errors of the direction cosines of plane waves, shape (m, 3)."""
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -210,7 +223,10 @@ def _rounding_of(
 
 
 def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, Floats]:
-    """Divide edges into n pieces: first ends (n, 2), directions (n, 2) and lengths (n,)."""
+    """Divide the edges of an outline into pieces of limited length.
+
+    Returns the first ends (n, 2), directions (n, 2) and lengths (n,) of the pieces.
+    """
     begin = np.concatenate(outline.rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -223,29 +239,30 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
 # ---- sums over panels ---------------------------------------------------------------------------
 
-# Computing time of an edge, as a number of terms of other kernels. The choice of an engine depends
-# on it.
+# Computing time of the boundary integral along one edge, in units of the time of one edge in a
+# Fourier transform. The choice of an engine depends on this ratio.
 _TERMS = 16
-# Largest number of panels of a source. This many take 2 GB, and one second per point on one core.
+# Largest number of panels of a source. These panels take 2 GB of memory, and one second per point
+# on one core.
 _MOST_PANELS = 1 << 24
-# Upper ends of ranges of distance from the source, and the longest panels for points in these
-# ranges, both in wavelengths. Panels twice as long as the distance need the fewest nodes.
+# Pairs of an upper limit of the distance from the source, and the longest panels for points up to
+# this distance, both in wavelengths. Panels twice as long as the distance need the fewest nodes.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
 # Number of panels per block.
 _ROWS = 1 << 14
-# If points miss their tolerance, their fields are computed again with this factor more digits, at
-# most this number of times.
+# If the field at a point misses its tolerance, the number of digits is multiplied by the first
+# value and the field is computed again, at most as often as the second value.
 _HARDER, _ROUNDS = 1.6, 4
-# Number of additional digits (base e) of each panel, because the errors of panels add up and the
-# error estimate is conservative.
+# Additional accuracy of each panel, as minus the natural logarithm of a factor of the error. It is
+# needed because the errors of panels add up and the error estimate is conservative.
 _MARGIN = 2.7
 # Largest number of pairs of a point and a panel per call: about one second on two cores, in which
 # Ctrl-C has no effect. With fewer points than _FEWEST_POINTS, setting up a call takes longer than
 # the computation.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
-# Steepest descent requires points at least this high above the source, in wavelengths, and waves
-# with at least this p_z. The stationary phase is then at least _STEEP_HEIGHT _STEEP_COSINE cycles,
-# and N' in (B3) is twice that.
+# Steepest descent requires points at least this high above the source, in wavelengths, and plane
+# waves with at least this direction cosine p_z. The stationary phase is then at least the product
+# of both values in cycles, and N' in (B3) is twice the product.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
 # Number of attempts by steepest descent. Points that still miss their tolerance are computed with
 # panels.
@@ -253,7 +270,7 @@ _STEEP_ROUNDS = 2
 
 
 class _Table(NamedTuple):
-    """Panels of a source for the kernels."""
+    """Panels of a source, as input of a kernel."""
 
     panels: _Panels
     radiator: Radiator
@@ -268,7 +285,7 @@ def boundary_field(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 3).
+    """Compute the field of a source at points (n, 3) by boundary integrals.
 
     ``tolerance`` is the allowed error as a fraction of the incident amplitude, or of the upper
     bound on the field of the entire source if the bound is smaller.
@@ -292,12 +309,13 @@ def parabolic_field(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
-    """Compute the field of parabolic waves at points (n, 2).
+    """Compute the Fresnel field of a source at points (n, 2) of planes behind it.
 
-    The field is int u(x) exp(i pi |y - x|^2/spread) dx/(i spread), without the factor exp(i pi |y -
-    c|^2/spread) of the centre c. ``spread`` (n,) is the wavelength times the distance, in m^2. The
-    size of the source replaces the wavelength in the kernel.
+    The field at y is ``int u(x) exp(i pi |y - x|^2/spread) dx/(i spread)``, divided by
+    ``exp(i pi |y - c|^2/spread)``, where c is the centre of the source. ``spread`` (n,) is the
+    wavelength times the distance of the plane, in m^2.
     """
+    # The size of the source replaces the wavelength as the unit of length in the kernel.
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
     return _summed(radiator, scaled, size, "fresnel", tolerance, engine)
@@ -311,7 +329,10 @@ def _summed(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
-    """Return the field; for "fresnel" without the phase of the distance from the centre."""
+    """Return the field at points, with more digits where the estimated error is too large.
+
+    The "fresnel" field lacks the phase of the distance from the centre of the source.
+    """
     paraxial = method == "fresnel"
     # Coefficient of the second boundary term in (B3), which Fresnel fields do not have.
     share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
@@ -323,8 +344,8 @@ def _summed(
         )
     sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
     # The allowed error is a fraction of the incident amplitude, or of the bound on the source's
-    # field if the bound is smaller. The bound is the sum of a wave and, for the normal derivative
-    # of a wave, the static field, which dominates within a wavelength.
+    # field if the bound is smaller. The bound is the sum of the radiated field and of the static
+    # field, which dominates within a wavelength.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))
@@ -356,7 +377,11 @@ class _Estimates:
         digits: float,
         rounds: int,
     ) -> None:
-        """Compute the field at some points, with more digits if its error is too large."""
+        """Compute the field at selected points, again with more digits if its error is too large.
+
+        ``some`` contains the indices of the points, and ``rounds`` is the largest number of
+        attempts.
+        """
         for _ in range(rounds):
             if not len(some):
                 return
@@ -368,7 +393,7 @@ class _Estimates:
 
 
 def _is_steep(cosines: Complex) -> NDArray[np.bool_]:
-    """Return for which waves the field is computed by steepest descent."""
+    """Return whether steepest descent can compute the field of each plane wave."""
     return cosines.real >= _STEEP_COSINE
 
 
@@ -378,20 +403,21 @@ def _is_shallow(cosines: Complex) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class _EdgeSums:
-    """Fields as sums over edges, or over panels of edges."""
+    """Computation of fields as sums over edges, or over panels of edges."""
 
     radiator: Radiator
     wavelength: float
     share: float
     paraxial: bool
     points: int
-    """Number of points of the call; the choice of the engine depends on it."""
+    """Number of points of the call, on which the choice of the engine depends."""
     engine: str
 
     def by_steepest_descent(self, points: Floats, digits: float) -> tuple[Complex, Floats]:
-        """Return the field, with errors of about exp(-digits), and an estimate of the error.
+        """Return the field at points by steepest descent, and an estimate of its error.
 
-        Evanescent waves and waves close to the plane are summed over panels.
+        The error is about exp(-digits). Evanescent waves, and waves close to the plane of the
+        source, are summed over panels.
         """
         if self.paraxial:
             return self._sum(steepest_edge_sum, points, digits, math.inf)
@@ -401,7 +427,11 @@ class _EdgeSums:
         return whole[0] + others[0], whole[1] + others[1]
 
     def over_panels(self, points: Floats, digits: float, longest: float) -> tuple[Complex, Floats]:
-        """Return the field, with errors of about exp(-digits), and an estimate of the error."""
+        """Return the field at points as a sum over panels, and an estimate of its error.
+
+        The error is about exp(-digits), and ``longest`` is the largest length of a panel in
+        wavelengths.
+        """
         return self._sum(integrals.edge_sum, points, digits, longest)
 
     def _sum(
@@ -446,7 +476,11 @@ class _EdgeSums:
 def strata_of(
     radiator: Radiator, points: Floats, wavelength: float
 ) -> Iterator[tuple[Indices, float]]:
-    """Yield indices of points of similar distance, and the longest panels in wavelengths."""
+    """Divide points into groups of similar distance from a source.
+
+    Yields the indices of the points of each group, and the longest panels that they allow, in
+    wavelengths.
+    """
     distance = radiator.distance(points) / wavelength
     low = 0.0
     for high, longest in _STRATA:
@@ -457,7 +491,7 @@ def strata_of(
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
-    """Return an upper bound on the number of panels times the number of waves."""
+    """Return an upper bound on the number of pairs of a panel and a plane wave."""
     edges = sum(element.edges for element in radiator.elements)
     return edges + radiator.perimeter / (longest * wavelength)
 
@@ -465,7 +499,10 @@ def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
 def boundary_tables(
     radiator: Radiator, wavelength: float, longest: float, double: bool, share: float
 ) -> integrals.BoundaryTables:
-    """Return all panels of a source as tables of a kernel; ``share`` as in `BoundaryTables`."""
+    """Return all panels of a source as the tables of a kernel.
+
+    ``share`` is the coefficient of the same name in `BoundaryTables`.
+    """
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
     return _tables(_Table(panels, radiator, wavelength), double, share, False)

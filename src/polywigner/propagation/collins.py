@@ -38,23 +38,24 @@ PublicSource = Aperture | Array
 
 _ULP = 2.0**-52
 # Two curvatures count as equal if their relative difference is below this value times the condition
-# number.
+# number of the system's matrix B.
 _EQUAL = 8 * _ULP
-# Error of fields in closed form, as a fraction of int |u| dx.
+# Error of a field that is a Fourier transform or an image, as a fraction of the integral of |u|.
 _CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
-# Numbers of nodes along a line that two quadrature rules on a stop have in addition to the nodes
-# that waves require. The difference between the results of both rules is the error estimate.
+# Additional nodes along a line of two quadrature rules on a stop, beyond the nodes that resolve the
+# waves. The difference between the results of both rules is the error estimate.
 _EXTRA = (8.0, 12.0)
 # Smallest tolerance of the field on a stop.
 _FINEST = 1e-13
 # Largest number of pairs of a node on a stop and a point; 1e9 pairs take about a minute.
 _MOST_WORK = 2e10
-# Computing time of the incident field at a node, as a number of waves from a node to a point.
+# Computing time of the incident field at one node of a stop, in units of the time of one complex
+# exponential.
 _NODE_COST = 1000
-# Number of products of two waves that take as long as one wave.
+# Number of complex multiplications that take as long as one complex exponential.
 _PRODUCTS = 50
-# A lattice of frequencies is used if it has at most this many lattice points per point.
+# Frequencies are computed as a lattice if the lattice has at most this many points per frequency.
 _SPARSE = 4
 # Number of pairs of a quadrature node and a point per block.
 _BLOCK = 1 << 21
@@ -68,10 +69,10 @@ def collins_field(
     tolerance: float,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2) behind a system without stops.
+    """Compute the field at points (n, 2) behind a first-order system without stops.
 
-    The allowed error is ``tolerance`` times a bound on the field: the field with all points of the
-    source in phase, or the geometrical-optics field of the image if that is less.
+    The allowed error is ``tolerance`` times a bound on the field. The bound is the field with all
+    parts of the source in phase or the field of geometrical optics, whichever is smaller.
     """
     radiator = radiator_of(source)
     if _without_spread(system).all():
@@ -103,7 +104,7 @@ def collins_field(
 
 
 def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return which singular values of B (2,), in descending order, are zero."""
+    """Return whether the singular values of a system's matrix B, in descending order, are zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -111,7 +112,11 @@ def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
 def _waves_of(
     system: FirstOrder, points: Floats, wavelength: float
 ) -> tuple[Floats, Floats, Complex]:
-    """Return M, q (n, 2), c (n,) of Collins' integral c int u exp(i pi/lambda x.(M x - 2 q)) dx."""
+    """Return the coefficients M, q and c of Collins' integral (O4) for n points.
+
+    The field is ``c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx``, where the matrix M is the
+    same for all points, and q (n, 2) and c (n,) depend on the point.
+    """
     inverse = np.linalg.inv(system.B)
     front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
     out = waves_of_cycles(_cycles(system.D @ inverse, points, wavelength)) * front
@@ -119,12 +124,15 @@ def _waves_of(
 
 
 def _cycles(form: Floats, points: Floats, wavelength: float) -> Floats:
-    """Return the phases y^T form y/(2 wavelength) of points y (n, 2), in cycles."""
+    """Return the quadratic phase ``y.(form y)/(2 wavelength)`` of points y (n, 2), in cycles."""
     return np.asarray(0.5 * ((points @ form.T) * points).sum(axis=1) / wavelength)
 
 
 def _front(matrix: Floats) -> complex:
-    """Return the product of 1/sqrt(i) for each positive and 1/sqrt(-i) for each negative axis."""
+    """Return the constant phase factor of Collins' integral (O4) for a system's matrix B.
+
+    Each positive eigenvalue contributes 1/sqrt(i), and each negative eigenvalue 1/sqrt(-i).
+    """
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
@@ -133,7 +141,7 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return the errors (n,) of the integral along edges that the rounding of phases causes."""
+    """Return bounds on the errors that rounded phases cause in integrals along edges."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -146,7 +154,7 @@ def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Return the integral for equal curvatures along x and y: a Fresnel field at 1/curvature."""
+    """Return Collins' integral for equal curvatures along x and y, as a scaled Fresnel field."""
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -173,10 +181,9 @@ def _by_fresnel(
 def _image(
     field: Callable[[Floats], Complex], points: Floats, wavelength: float, system: FirstOrder
 ) -> tuple[Complex, float]:
-    """Return the image (n,) of a field for B = 0, and the magnification of the image.
+    """Return the image of a field behind a system with B = 0, and the factor of its modulus.
 
-    ``field`` is a function of x (n, 2). The modulus of the field is multiplied by the
-    magnification.
+    ``field`` is the field as a function of positions x (n, 2) in the plane in front of the system.
     """
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
@@ -185,7 +192,10 @@ def _image(
 
 
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
-    """Return the field u (n,) at x (n, 2); on the outline as in :func:`autocorrelation`."""
+    """Return the field u of a source at positions x (n, 2) in its plane.
+
+    Points on the outline are inside or outside as in :func:`autocorrelation`.
+    """
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -194,7 +204,7 @@ def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """Return the field of an element at x (n, 2), multiplied by its weight."""
+    """Return the sum of the plane waves of an element at x (n, 2), multiplied by its weight."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -208,10 +218,10 @@ def field_behind(
     others: dict[str, Any],
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the field (...) at points (..., 2) behind a system, and its error.
+    """Return the field at points (..., 2) behind first-order systems and stops, and its error.
 
-    ``others`` holds the arguments, by name, that only fields in free space have. ArgumentError is
-    raised if any of them is not None.
+    ``others`` contains arguments of :func:`amplitude` that apply to free space only. ArgumentError
+    is raised if any of their values is not None.
     """
     for name, value in others.items():
         if value is not None:
@@ -239,7 +249,7 @@ def field_behind(
 
 
 def checked_points_behind(points: Any) -> Floats:
-    """Return points (..., 2) behind a system; raise ArgumentError for other shapes."""
+    """Return points behind a system; raise ArgumentError unless their shape is (..., 2)."""
     expected = (
         "with through=, expected points as real numbers of shape (..., 2), since the system "
         "determines z"
@@ -248,7 +258,10 @@ def checked_points_behind(points: Any) -> Floats:
 
 
 def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSource]]:
-    """Return n systems and the n - 1 stops between them; raise ArgumentError for other objects."""
+    """Return the first-order systems of ``through``, and the stops between them.
+
+    Raises ArgumentError for an object of another type.
+    """
     systems: list[FirstOrder] = [_IDENTITY]
     stops: list[PublicSource] = []
     for part in through if isinstance(through, list | tuple) else [through]:
@@ -269,11 +282,10 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 def _folded(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
-    """Remove each stop that lies in an image, and clip the imaged source or stop instead.
+    """Remove stops that lie in images of the source or of the previous stop.
 
-    ``planes`` are the source and the stops, and ``systems`` the system behind each of them. A stop
-    in an image of the source has the same effect as a smaller source; a stop in an image of the
-    previous stop has the same effect as a smaller previous stop.
+    Instead of such a stop, the imaged source or stop is clipped. ``planes`` contains the source and
+    the stops, and ``systems`` the system behind each of them.
     """
     remaining, paths = planes[:1], systems[:1]
     for stop, system in zip(planes[1:], systems[1:], strict=True):
@@ -301,7 +313,7 @@ def _folded(
 
 
 def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
-    """Return the part of a source or stop within an outline."""
+    """Return the part of a source or stop within an outline; raise ArgumentError if it is empty."""
     elements = normal_form(plane).in_plane.elements
     parts = [
         (e.shape & outline, e.weight)
@@ -328,8 +340,8 @@ def _behind(
 ) -> FieldEstimate:
     """Compute the field at points (n, 2) behind a source and stops, each followed by a system (O8).
 
-    The integral over the last stop is a Gauss rule that resolves the fastest oscillation that the
-    incident field can have there.
+    The integral over the last stop is a Gauss rule that resolves the highest spatial frequency of
+    the incident field on the stop.
     """
     *others, stop = planes
     *earlier_systems, system = systems
@@ -369,7 +381,10 @@ def _rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Return the highest frequency in 1/m of a stop's field, times the waves to all points."""
+    """Return the highest spatial frequency, in 1/m, of Collins' integrand on a stop.
+
+    ``previous`` is the source or stop in front of the stop, and ``path`` the system between both.
+    """
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre
@@ -383,7 +398,7 @@ def _rate(
 def _rule(
     stop: Any, rate: float, extra: float, lattice: FrequencyLattice
 ) -> tuple[Floats, Complex]:
-    """Return quadrature nodes (m, 2) on a stop, and their weights (m,) times its transmission."""
+    """Return quadrature nodes on a stop, and their weights times the transmission of the stop."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
@@ -399,10 +414,10 @@ def _rule(
 
 
 class FrequencyLattice:
-    """Frequencies (n, 2) of waves that are products of a wave along x and a wave along y.
+    """Spatial frequencies (n, 2) of a Fourier sum over quadrature nodes.
 
-    If the frequencies lie on a lattice, the wave along an axis is computed once for each
-    coordinate.
+    If the frequencies lie on a lattice, the factors of the complex exponentials along x and along y
+    are computed once for each coordinate of the lattice.
     """
 
     def __init__(self, nu: Floats) -> None:
@@ -413,10 +428,13 @@ class FrequencyLattice:
         if size > _SPARSE * len(nu):
             self.axes, self.index, size = [*nu.T], None, len(nu) * _PRODUCTS
         self.work = _NODE_COST + sum(map(len, self.axes)) + size / _PRODUCTS
-        """Computing time of a node, as a number of waves."""
+        """Computing time of a node, in units of the time of one complex exponential."""
 
     def summed(self, nodes: Floats, waves: Complex) -> Complex:
-        """Return the sums (n,) over nodes x (m, 2) of ``waves`` (m,) times exp(-2 pi i nu.x)."""
+        """Return the Fourier sum at all frequencies.
+
+        The sum at a frequency nu is ``sum_k waves_k exp(-2 pi i nu.x_k)`` over the nodes x_k.
+        """
         total: Any = 0.0
         rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
         with with_progress("waves", range(0, len(nodes), rows)) as starts:
@@ -436,8 +454,9 @@ class FrequencyLattice:
 def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrder, complex]:
     """Return a curved wave as a flat source, a lens directly behind the source, and a phase factor.
 
-    In (x - c).Q (x - c) = x.Q x - 2 x.Q c + c.Q c, the first term is the lens, the second term
-    tilts the flat source, and the third term is the phase.
+    The quadratic phase of the wave is ``pi (x - c).Q (x - c)``, where c is its centre and Q its
+    curvature. The lens contains the term ``x.Q x``, the tilt of the flat source contains
+    ``-2 x.Q c``, and the phase factor contains ``c.Q c``.
     """
     checked_wavefront(wave)
     q, slope = wavelength * wave.curvature, wave.curvature @ wave.centre
@@ -448,6 +467,6 @@ def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrde
 
 
 def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
-    """Return |U|^2 and its error, from U and its error."""
+    """Return the squared modulus of a complex field, and its error."""
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error

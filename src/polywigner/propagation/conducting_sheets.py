@@ -1,8 +1,9 @@
 """Fields behind and in front of soft and hard plates in one plane. Source: (SB9).
 
-The field of a conducting half-plane is the sum of two fields with a shadow: the incident field at
-the point, and the incident field at the mirror image of the point. Both shadows have edge waves of
-the same form, so a sheet requires the changes of the field by its edges at two points.
+The field near a conducting half-plane is the sum or difference of two fields with a shadow: the
+incident field at the point, and the incident field at the mirror image of the point. Both shadows
+have edge waves of the same form. The field at one point therefore requires the edge waves at two
+points.
 """
 
 from __future__ import annotations
@@ -27,14 +28,17 @@ EDGES = ("black", "soft", "hard")
 
 @dataclass(frozen=True)
 class Sheet:
-    """Plane of all obstacles. Lengths are in wavelengths."""
+    """Plane that contains all plates. Lengths are in wavelengths."""
 
     plane: Floats
-    """(4,): n.x + d is the height of a position x; n is the unit normal."""
+    """Unit normal n and offset d of the plane, shape (4,).
+
+    The height of a position x above the plane is ``n.x + d``.
+    """
 
     @classmethod
     def of(cls, bodies: Obstacles) -> Sheet:
-        """Return the plane of all obstacles; raise ArgumentError if they are not in one plane."""
+        """Return the plane of all plates; raise ArgumentError for bodies or for several planes."""
         normal = bodies.bodies[0].normals[0]
         normal = normal / np.linalg.norm(normal)
         heights = bodies.vertices @ normal
@@ -50,11 +54,9 @@ class Sheet:
         return np.asarray(positions @ self.plane[:3] + self.plane[3])
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
-        """Return a silhouette for each source (n, 3); its planes face the source.
-
-        The edges do not depend on the position of the source. They are found from a point in front
-        of the plane, because sources may lie in the plane.
-        """
+        """Return the silhouette of the plates for each source position (n, 3)."""
+        # The edges do not depend on the position of the source. They are found from a point in
+        # front of the plane, because sources may lie in the plane.
         centre, extent = bodies.vertices.mean(axis=0), np.ptp(bodies.vertices, axis=0).max()
         views = []
         for side in (-1.0, 1.0):
@@ -64,10 +66,10 @@ class Sheet:
         return [views[int(height >= 0.0)] for height in self.heights(sources)]
 
     def with_images(self, positions: Floats, source: Floats, least: Floats) -> Floats:
-        """Return positions (n, 3) and their mirror images as (2n, 3).
+        """Return positions (n, 3) followed by their mirror images, as one array (2n, 3).
 
-        Positions whose height is below ``least`` (n,) are moved to this height on the side of the
-        source, so that their images are on the other side.
+        Positions whose height above the plane is below ``least`` (n,) are first moved to this
+        height on the side of the source.
         """
         height, side = self.heights(positions), np.sign(self.heights(source))
         moved = np.where(np.abs(height) < least, least * (side or 1.0), height)
@@ -83,10 +85,11 @@ def change_by_sheet(
     positions: Floats,
     least: Floats,
 ) -> tuple[Complex, Complex, Floats]:
-    """Return the change by soft or hard plates, the free field and the error at positions (n, 3).
+    """Return the change of the field that soft or hard plates cause at positions (n, 3).
 
-    ``compute`` returns the same values for the shadow of the incident field alone. Positions whose
-    distance from a plate is below ``least`` (n,) are on the illuminated side.
+    Returns the change, the field without plates, and the error of the change. ``compute`` returns
+    the same three arrays for black plates. Positions closer to a plate than ``least`` (n,) count as
+    points on its illuminated side.
     """
     sheet, count = Sheet.of(bodies), len(positions)
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
@@ -94,7 +97,9 @@ def change_by_sheet(
     both = sheet.with_images(positions, sources.mean(axis=0), raised)
     changes, waves, error = compute(sheet.silhouettes(bodies, sources), both)
     (here, mirrored), (wave, image) = np.split(changes, 2), np.split(waves, 2)
-    free = np.where(on_plate, 0.5 * (wave + image), wave)  # at the position before it is moved
+    # Positions on a plate were moved off it. The field without plates at the original position is
+    # the mean of the fields at the moved position and at its image.
+    free = np.where(on_plate, 0.5 * (wave + image), wave)
     if edge == "soft":
         change = np.where(on_plate, -free, here + mirrored)
     else:
@@ -103,7 +108,7 @@ def change_by_sheet(
 
 
 def check_edge(edge: object, obstacles: object) -> None:
-    """Raise ArgumentError for an unknown boundary condition, or one without obstacles."""
+    """Raise ArgumentError for an unknown boundary condition, or if its obstacles are missing."""
     checked_choice(edge, "edge", EDGES)
     if obstacles is None and edge != "black":
         raise ArgumentError(

@@ -1,7 +1,7 @@
 """Fields of curved waves: exact sums over cells of the source (Q7), and Fresnel fields.
 
-The source is divided into triangular cells so small that the phase changes by at most four cycles
-on each cell. All cells use the same Gauss rule.
+The source is divided into triangular cells, on each of which the phase changes by at most four
+cycles. All cells use the same Gauss rule.
 """
 
 from __future__ import annotations
@@ -27,26 +27,27 @@ from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 # Number of Gauss nodes along each side of a cell.
 _NODES = 20
 # Largest number of cycles of phase along a side of a cell. The Gauss rule then has 13 correct
-# digits for waves, and also for the static field 1/R^2 at points at least half a side away from the
-# cell.
+# digits for waves. It has as many digits for the static field 1/R^2 at points whose distance from
+# the cell is at least half its side.
 _MOST_CYCLES = 4.0
 # Rounding error of a sum over nodes, as a fraction of the sum of the moduli.
 _ROUNDING = 1e-13
-# Numbers of cells and of points per block, and largest number of pairs of a point and a cell.
+# Number of cells per block, number of points per block, and largest number of pairs of a point and
+# a cell.
 _CELLS, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
 def curved_field(
     wave: Wavefront, points: Floats, wavelength: float, method: str
 ) -> tuple[Complex, Floats]:
-    """Return the field (n,) at points (n, 3), and a bound (n,) on its rounding errors."""
+    """Return the field of a curved wave at points (n, 3), and a bound on its rounding errors."""
     if method == "fresnel":
         return _fresnel(wave, points, wavelength)
     return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
-    """Return the Fresnel field (Q6): a Fourier transform with a quadratic phase per point."""
+    """Return the Fresnel field (Q6) of a curved wave at points, and a bound on rounding errors."""
     q, axes = principal_axes(wave.curvature)
     scale = 1.0 / (wavelength * points[:, 2])
     position, centre = points[:, :2], wave.centre
@@ -59,16 +60,16 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
 
 
 class _Part(NamedTuple):
-    """A copy of an element of a source, as triangles with plane waves."""
+    """One element of a source, as triangles with plane waves."""
 
     triangles: Floats
     """Triangles (n, 3, 2) in m."""
     shift: Floats
-    """Shift (2,) of this copy in m."""
+    """Position (2,) of the element in m, which is included in the triangles."""
     amplitudes: Complex
     """Amplitudes (m,) of the plane waves."""
     frequencies: Floats
-    """Frequencies (m, 2) of the plane waves in 1/m, before the shift."""
+    """Spatial frequencies (m, 2) of the plane waves in 1/m; phases are relative to ``shift``."""
 
 
 def summed_over_cells(
@@ -78,11 +79,11 @@ def summed_over_cells(
     terms: Callable[[_Part, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
-    """Return an integral over a source for n points, and bounds (n,) on its rounding errors.
+    """Return an integral over a curved source for n points, and bounds on its rounding errors.
 
-    ``terms(part, cells, points, wavelength)`` returns the integrand at the nodes of k cells (k, 3,
-    2), multiplied by the weights of the nodes, for one point per cell (k, 3). The integrand has the
-    shape (k, nodes, *components), and the integral has the shape (n, *components).
+    ``terms(part, cells, points, wavelength)`` returns the integrand at the nodes of k cells,
+    multiplied by the weights of the nodes, for one point per cell. The integrand has the shape
+    (k, nodes, *components), and the integral has the shape (n, *components).
     """
     values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
     with with_progress("points", range(0, len(points), _POINTS)) as starts:
@@ -106,9 +107,10 @@ def _parts(wave: Wavefront) -> Iterator[_Part]:
 
 
 def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
-    """Yield parts of a source, and triangles (k, 3, 2) with at most four cycles of phase each.
+    """Yield the parts of a curved source, and the triangles (k, 3, 2) into which they are divided.
 
-    The phase is that of the source's field, multiplied by a plane wave in any direction.
+    The phase of the source's field, multiplied by a plane wave in any direction, changes by at most
+    four cycles on each triangle.
     """
     for part in _parts(wave):
         cells = part.triangles
@@ -126,7 +128,10 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
 
 
 def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
-    """Return the highest spatial frequency (k,) of the wave on cells, plus given frequencies."""
+    """Return the highest spatial frequency on each cell of a curved wave.
+
+    ``frequencies`` is added to the frequencies of the wave at the corners of the cells.
+    """
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -137,7 +142,10 @@ def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> F
 def _cells(
     wave: Wavefront, part: _Part, points: Floats, wavelength: float
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Yield triangles (k, 3, 2) that tile a part for each point, and point indices (k,)."""
+    """Yield cells that tile a part of the source, separately for each point of observation.
+
+    Each block contains the indices (k,) of points, and the triangles (k, 3, 2).
+    """
     count = len(part.triangles)
     owners = np.repeat(np.arange(len(points)), count)
     cells = np.tile(part.triangles, (len(points), 1, 1))
@@ -158,10 +166,10 @@ def _cells(
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Return which cells (k,) are small enough for the Gauss rule.
+    """Return whether each cell is small enough for the Gauss rule.
 
-    The phase may change by at most four cycles on a cell, and the longest side may be at most twice
-    the distance of the point.
+    The phase may change by at most four cycles on a cell. The longest side of the cell may be at
+    most twice its distance from the point of observation.
     """
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
@@ -179,10 +187,10 @@ def _are_small(
 def field_at_nodes(
     wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
-    """Return nodes (k, n, 2) on k cells, and the field and its normal derivative there, (k, n).
+    """Return quadrature nodes (k, n, 2) on k cells, and the field and its normal derivative.
 
-    Both are multiplied by the weights of the nodes. The normal derivative is divided by ik; it is
-    zero unless ``with_slopes`` is true.
+    The field and the derivative, shape (k, n), are multiplied by the weights of the nodes. The
+    derivative is divided by ik, and is zero unless ``with_slopes`` is true.
     """
     coordinates, weights = _rule()
     nodes = np.einsum("nc,kcd->knd", coordinates, cells)
@@ -207,7 +215,7 @@ def field_at_nodes(
 def _terms(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
 ) -> Complex:
-    """Return the integrand of (Q7), multiplied by the weights of the nodes, (k, nodes)."""
+    """Return the integrand of (Q7) at the nodes of cells, times the weights of the nodes."""
     condition = CONDITIONS[method]
     nodes, field, slopes = field_at_nodes(
         wave, part, cells, wavelength, condition.needs_normal_derivative
@@ -223,7 +231,7 @@ def _terms(
 
 @lru_cache(maxsize=1)
 def _rule() -> tuple[Floats, Floats]:
-    """Return barycentric coordinates (n, 3) of nodes, and weights (n,) that add up to 1/2."""
+    """Return barycentric coordinates and weights of quadrature nodes on a triangle of area 1/2."""
     x, w = np.polynomial.legendre.leggauss(_NODES)
     x, w = (x + 1) / 2, w / 2
     u, v = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))

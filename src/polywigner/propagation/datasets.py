@@ -66,14 +66,14 @@ Quantity = Literal["irradiance", "amplitude", "phase"]
 # Methods that accept the option ``obliquity``. The boundary condition of every other method implies
 # its obliquity.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options of the result and of its storage; `_settings` omits them.
+# Options of a dataset and of its storage, which are not keywords of irradiance and amplitude.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
 # Number of points that are computed at once in memory. This number is large enough for the full
 # speed of compiled engines, and takes tens of megabytes.
 _BLOCK = 1 << 17
-# Largest and smallest number of samples of a stored chunk, and number of chunks of small grids. The
-# largest chunk is 4 MB of float32. With about 64 chunks, the first chunk of a run is stored within
-# a minute.
+# Largest and smallest number of samples of a stored chunk, and number of chunks of a grid between
+# these limits. The largest chunk is 4 MB of float32. With about 64 chunks, the first chunk of a run
+# is stored within a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
 # Unit and long name of each quantity of a dataset.
 _QUANTITIES = {
@@ -110,7 +110,7 @@ def _field_values(
 
 
 def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the attributes of a variable: its unit and the settings of the computation."""
+    """Return the attributes of a field in a dataset: unit, name and settings."""
     units, long_name = _QUANTITIES[quantity]
     return {
         "units": units,
@@ -125,7 +125,7 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
 
 
 def _described(obstacles: Sequence[Obstacle]) -> str:
-    """Return the names of obstacles, and a digest of their positions and shapes, as text."""
+    """Return a text with the names of obstacles, and a digest of their positions and shapes."""
     meshes = [obstacle_of(body) for body in obstacles]
     content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
@@ -135,9 +135,9 @@ def _described(obstacles: Sequence[Obstacle]) -> str:
 def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
-    """Return a dataset of fields on a grid, with one variable for each method.
+    """Return a dataset of a field on a grid, with one variable for each method.
 
-    ``dtype`` is the default type of the values.
+    ``dtype`` is the type of the values if the options do not specify it.
     """
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
@@ -176,7 +176,7 @@ def _dataset(
 
 
 def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
-    """Return the keywords of :func:`irradiance` or :func:`amplitude`."""
+    """Return the keywords with which :func:`irradiance` or :func:`amplitude` is called."""
     settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
@@ -203,10 +203,10 @@ def _checked_methods(method: Any) -> tuple[str, ...]:
 
 
 def _positions(grid: Grid) -> dict[str, Any]:
-    """Return the coordinates x, y and z of a grid that are not among its axes."""
+    """Return the coordinates x, y and z of the points of a grid, except those that are its axes."""
     axes = tuple(grid.coords)
     origin, missing = (0,) * len(axes), [k for k, name in enumerate("xyz") if name not in axes]
-    if len(missing) < 3:  # Coordinates that are not axes of the grid are constant.
+    if len(missing) < 3:  # The coordinates that are not axes of the grid are constant.
         axes, points = (), grid.points(origin, (1,) * len(axes)).reshape(3)
     else:
         points = grid.points(origin, grid.shape)
@@ -215,7 +215,10 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue the warnings of a block at its end, once if they differ only in numbers."""
+    """Collect the warnings of a ``with`` block, and issue them at its end without repetitions.
+
+    Warnings that differ only in numbers are issued once.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
@@ -232,16 +235,16 @@ def line(
     wavelength: float,
     **options: Unpack[FieldOptions],
 ) -> xarray.Dataset:
-    """Compute a field along a line, both ends included.
+    """Compute a field along a straight line.
 
     Parameters
     ----------
     source : Aperture, Array or Wavefront
         Source in the plane z = 0.
     ends : array_like, shape (2, 3)
-        Both ends in m, with z > 0.
+        Positions of both ends of the line in m, with z > 0.
     samples : int
-        Number of points.
+        Number of points, both ends included.
     wavelength : float
         Wavelength in m.
     **options
@@ -250,8 +253,8 @@ def line(
     Returns
     -------
     xarray.Dataset
-        Variables as in :func:`plane`, over the ``distance`` from the first end in m. The
-        coordinates x, y and z are the positions of the points.
+        One variable for each method, as in :func:`plane`, over the ``distance`` from the first end
+        in m. The coordinates x, y and z are the positions of the points.
 
     Raises
     ------
@@ -275,45 +278,46 @@ def plane(
     wavelength: float,
     **options: Unpack[FieldOptions],
 ) -> xarray.Dataset:
-    """Compute a field on a rectangle of any size, position and resolution (docs/volumes.md).
+    """Compute a field on a plane rectangle of any size, position and resolution (docs/volumes.md).
 
     Parameters
     ----------
     source : Aperture, Array or Wavefront
         Source in the plane z = 0.
     where : array_like, shape (2, 3) or (3, 3)
-        Opposite corners (x0, y0, z0) and (x1, y1, z1) in m with one pair of equal coordinates; or
-        three corners of a rectangle in any direction, the first between the other two. z > 0.
+        Opposite corners in m of a rectangle parallel to two axes, with one pair of equal
+        coordinates and ascending others; or three corners of a rectangle in any orientation, of
+        which the first is adjacent to the other two. All corners must have z > 0.
     shape : tuple of int
         Number of points along both axes, edges included.
     wavelength : float
         Wavelength in m.
     method : str or sequence of str, default "wigner"
-        "wigner", a method of :func:`amplitude`, or several methods.
+        "wigner", a method of :func:`amplitude`, or a list of these.
     quantity : {"irradiance", "amplitude", "phase"}
-        "irradiance": |U|^2 in W/m^2 for |u|^2 in W/m^2. "amplitude": complex U. "phase": phase of U
-        in rad. "wigner" has an irradiance only.
+        Quantity to compute: the irradiance |U|^2 in W/m^2 for |u|^2 in W/m^2, the complex amplitude
+        U, or the phase of U in rad. The method "wigner" has an irradiance only.
     obliquity : str, optional
         Obliquity factor of "wigner" and "fraunhofer", as in :func:`irradiance`.
     bandwidth : float, optional
         Bandwidth of an irradiance in Hz, as in :func:`irradiance`.
     tolerance : float, optional
-        Tolerance as in :func:`irradiance` and :func:`amplitude`, with their defaults.
+        Allowed error as in :func:`irradiance` and :func:`amplitude`, with the same defaults.
     obstacles : sequence of bodies and plates, optional
         Obstacles as in :func:`amplitude`; their shadows include diffraction (docs/shadows.md). They
         require an exact method and a single wavelength.
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles, as in :func:`amplitude`.
     dtype : {"float64", "float32"}
-        Type of the values. Amplitudes are complex, with parts of this type.
+        Type of real values, and of the real and imaginary parts of amplitudes.
     engine : str, optional
         See :func:`fourier`.
     chunks : int, str or sequence, optional
-        With chunks the result is lazy. dask accepts a number, a number for each axis, or "auto".
-        Without chunks all values are computed now.
+        Chunk size of a lazy result: a number of samples, one number for each axis, or "auto", as in
+        dask. By default all values are computed before the function returns.
     out : path, optional
         Folder of a zarr store (format 3) to which the values are written chunk by chunk. After an
-        interruption the same call completes the store. Needs the extra ``datasets``.
+        interruption the same call completes the store. Requires the extra ``datasets``.
     scheduler : str or cluster, default this machine
         With ``out``: address of a dask.distributed scheduler whose workers can access ``out``, or a
         cluster object such as ``LocalCluster``.
@@ -326,8 +330,8 @@ def plane(
     Returns
     -------
     xarray.Dataset
-        A variable for each method, named after the method, over two of the axes x, y and z; for
-        three corners over u and v, the distances from the first corner. Attributes contain
+        One variable for each method, with the name of the method. Its axes are two of x, y and z,
+        or, for three corners, the distances u and v from the first corner. Attributes contain
         units, settings and the version. A coordinate contains the source.
 
     Raises
@@ -362,7 +366,7 @@ def hemisphere(
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
     **options: Unpack[FieldOptions],
 ) -> xarray.Dataset:
-    """Compute a field over angles at a fixed distance from a point: on a hemisphere or along a cut.
+    """Compute a field over angles at a fixed distance from a point.
 
     Parameters
     ----------
@@ -371,7 +375,8 @@ def hemisphere(
     radius : float
         Distance from ``centre`` in m.
     theta : array_like, shape (n,)
-        Angles from the z axis in rad. Negative angles, for cuts, lie at the opposite phi.
+        Angles from the z axis in rad. A negative angle theta at phi is the direction of its
+        absolute value at phi + pi.
     phi : array_like, shape (m,) or ()
         Angles from the x axis in rad.
     wavelength : float
@@ -384,7 +389,8 @@ def hemisphere(
     Returns
     -------
     xarray.Dataset
-        Variables as in :func:`plane`, and coordinates x, y and z, over ``theta`` and ``phi``.
+        One variable for each method, as in :func:`plane`, and the coordinates x, y and z of the
+        points, over ``theta`` and ``phi``.
 
     Raises
     ------
@@ -410,7 +416,7 @@ def volume(
 ) -> xarray.Dataset:
     """Compute a field in a box of any size, position and resolution (docs/volumes.md).
 
-    Volumes larger than memory need ``chunks`` or ``out``.
+    Fields larger than memory require ``chunks`` or ``out``.
 
     Parameters
     ----------
@@ -428,7 +434,7 @@ def volume(
     Returns
     -------
     xarray.Dataset
-        Variables as in :func:`plane`, over ``x``, ``y`` and ``z``.
+        One variable for each method, as in :func:`plane`, over ``x``, ``y`` and ``z``.
 
     Raises
     ------
@@ -446,8 +452,8 @@ def volume(
 
 Kind = Literal["wigner", "ambiguity"]
 
-# For each transform: name of the variable, long name, sign convention, and dtype of the values in
-# single precision.
+# Name of the variable in a dataset, long name, sign convention, and dtype in single precision, for
+# each transform.
 _TABLES: dict[Kind, tuple[str, str, str, type]] = {
     "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", np.float32),
     "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", np.complex64),
@@ -470,10 +476,10 @@ def wigner_table(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[TableOptions],
 ) -> xarray.Dataset:
-    """Return W(x, y, nu_x, nu_y) of a plane source on a grid of the four coordinates.
+    """Return the Wigner function W(x, y, nu_x, nu_y) of a plane source on a grid.
 
     With ``out`` the table is written to disk chunk by chunk, and may be larger than memory
-    (docs/large_runs.md). Sources and accuracy: see :func:`wigner`.
+    (docs/large_runs.md). The accuracy is described at :func:`wigner`.
 
     Parameters
     ----------
@@ -484,9 +490,10 @@ def wigner_table(
     nu_x, nu_y : array_like, shape (n,)
         Spatial frequencies in 1/m.
     out : path, optional
-        Folder of a zarr store, as of :func:`plane`.
+        Folder of a zarr store, as in :func:`plane`.
     chunks : int, str or sequence, optional
-        As in :func:`plane`. The default with ``out`` is chunks of up to 4 million samples.
+        Chunk size as in :func:`plane`. With ``out``, the default is chunks of up to 4 million
+        samples.
     precision : {"single", "double"}
         Precision of sums and results.
     engine : {"auto", "numpy", "llvm", "cuda"}
@@ -522,7 +529,7 @@ def ambiguity_table(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[TableOptions],
 ) -> xarray.Dataset:
-    """Return A(upsilon_x, upsilon_y, xi_x, xi_y) of a plane source on a grid.
+    """Return the ambiguity function of a plane source on a grid of its four coordinates.
 
     Parameters
     ----------
@@ -560,13 +567,13 @@ def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute W or A on a block of a grid; ``origin`` is the index of the block's first point."""
+    """Compute W or A on a block of a grid, whose first point has the index ``origin``."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Kernels compute a slice of the source for each x (W) or each xi (A). They are fastest if the
-    # leading axes vary x or xi.
+    # Kernels compute a slice of the source for each position x (W) or each lag xi (A). They are
+    # fastest if the leading axes of the arrays are x or xi.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)

@@ -1,4 +1,4 @@
-"""Far fields from tables over angles: interpolation, and aperture fields fitted to them."""
+"""Far fields from tables over angles: their interpolation, and fits of aperture fields."""
 
 from __future__ import annotations
 
@@ -32,33 +32,36 @@ if TYPE_CHECKING:
 
 # Largest rounding error of angles in pattern files, in rad.
 _EVEN = 1e-6
-# Number of samples from which a value is interpolated along a meridian that ends at the horizon.
-# With 8 samples per lobe the error is 1e-6 (docs/patterns.md). Rounding errors of files are
-# amplified less than 100 times.
+# Number of neighbouring samples from which a value is interpolated along a meridian that ends at
+# the horizon. With 8 samples per lobe, the error is 1e-6 (docs/patterns.md). The interpolation
+# amplifies rounding errors in files less than 100 times.
 _STENCIL = 12
-# Fields behind the plane of the aperture count as zero below this fraction of the largest field.
+# Fields behind the plane of the aperture below this fraction of the largest field count as zero.
 _NOTHING = 1e-9
 # Number of directions per block.
 _ROWS = 4096
-# Largest numbers of angles theta and phi, for steps of a quarter degree: tables take 16 MB, and the
-# matrices of interpolation some 0.1 GB.
+# Largest numbers of angles theta and phi, for steps of a quarter degree. A table then takes 16 MB,
+# and the matrices that interpolate it take some 0.1 GB.
 MOST_THETA, MOST_PHI = 721, 1440
 # Number of quadrature nodes in addition to those that the bandwidth of the field requires. The
-# error, which is a Bessel function of high order, is then below rounding errors.
+# quadrature error, a Bessel function of high order, is then below rounding errors.
 _MARGIN = 40
 
 
 class ElementPattern:
-    """Interpolated far field of a table over evenly spaced angles theta and phi in rad.
+    """Far field of an antenna, interpolated in a table over evenly spaced angles theta and phi.
 
-    Along phi, the field is a trigonometric polynomial. A meridian continues across the pole at phi
-    + pi with opposite signs of E_theta and E_phi. If the table covers the sphere, the field along
-    the closed meridian is also a trigonometric polynomial, which is exact for band-limited fields.
-    If it covers a hemisphere, polynomials of degree 11 interpolate along the meridian.
+    Along phi, the field is a trigonometric polynomial. If the table covers the sphere, the field
+    along a closed meridian is also a trigonometric polynomial, which is exact for band-limited
+    fields. If the table covers a hemisphere, polynomials of degree 11 interpolate along a meridian.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
-        """Store E_theta and E_phi (n, m) over theta (n,), from 0 to pi/2 or pi, and phi (m,)."""
+        """Prepare the interpolation of the components E_theta and E_phi of a table.
+
+        The components have the shape (n, m) over the angles theta (n,), from 0 to pi/2 or pi, and
+        phi (m,), in rad.
+        """
         if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
                 f"expected at most {MOST_THETA} angles theta and {MOST_PHI} angles phi, got "
@@ -100,15 +103,15 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        # For an even number of samples, the wave of highest order is a cosine: half of it belongs
-        # to the negative order.
+        # For an even number of samples, the wave of the highest order is a cosine. Half of it is a
+        # wave of the negative order.
         if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        # Along a meridian continued to -theta, the components change their signs at the pole.
+        # A meridian continues across the pole at phi + pi, where both components change their sign.
         beyond = -waves * (-1.0) ** np.abs(self._orders)
         # The angles pi and -pi are the same sample.
         last = len(theta) - 1 if self.covers_sphere else len(theta)
@@ -118,20 +121,20 @@ class ElementPattern:
 
     @property
     def band(self) -> tuple[int, int]:
-        """Highest orders of the field's waves along theta and along phi."""
+        """Highest orders of the field's Fourier series along theta and along phi."""
         return self._waves.shape[1] // 2, int(np.abs(self._orders).max(initial=0))
 
     def components(self, theta: Floats, phi: Floats) -> Complex:
-        """Return E_theta and E_phi (2, n, m) over theta (n,) and phi (m,)."""
+        """Return the components E_theta and E_phi, shape (2, n, m), over theta and phi."""
         along, around = self._along(theta), self._around(phi)
         return np.asarray(along @ self._waves @ around.T)
 
     def grid(self, theta: Floats, phi: Floats) -> Complex:
-        """Return the far field (n, m, 3) over theta (n,) and phi (m,)."""
+        """Return the far-field vectors, shape (n, m, 3), over theta and phi."""
         return _vector(theta[:, None], phi, *self.components(theta, phi))
 
     def vectors(self, directions: Floats) -> Complex:
-        """Return the far field (..., 3) at unit vectors (..., 3)."""
+        """Return the far-field vectors in directions given by unit vectors."""
         flat = directions.reshape(-1, 3)
         field = np.empty(flat.shape, np.complex128)
         for k in range(0, len(flat), _ROWS):
@@ -143,11 +146,10 @@ class ElementPattern:
         return field.reshape(directions.shape)
 
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
-        """Return the radiated power in W of the element, or of an array of such elements.
+        """Return the radiated power in W of the antenna, or of an array of such antennas.
 
-        ``factor`` is the array factor as a function of directions (..., 3), and ``lag`` is 2 pi
-        times the extent of the array in wavelengths. |E|^2 |factor|^2 is integrated over all
-        directions by a Gauss rule in cos(theta) and evenly spaced nodes in phi.
+        ``factor`` is the array factor as a function of direction, and ``lag`` is 2 pi times the
+        extent of the array in wavelengths.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
@@ -168,7 +170,7 @@ class ElementPattern:
         return np.exp(1j * phi[:, None] * self._orders)
 
     def _along(self, theta: Floats) -> Floats:
-        """Return the matrix (n, samples) that interpolates a meridian at angles theta (n,)."""
+        """Return the matrix that interpolates the samples of a meridian at angles theta."""
         count = self._waves.shape[1]
         if self.covers_sphere:  # Dirichlet kernel for an even number of samples
             half = (theta[:, None] - (self._start + self._step * np.arange(count))) / 2
@@ -190,7 +192,7 @@ class ElementPattern:
 
 
 def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
-    """Return field vectors (..., 3) from their components along theta and phi."""
+    """Return field vectors from their components along theta and phi."""
     sine, cosine = np.sin(phi), np.cos(phi)
     radial = np.cos(theta) * polar
     x, y = radial * cosine - azimuthal * sine, radial * sine + azimuthal * cosine
@@ -198,7 +200,7 @@ def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> C
 
 
 def covers_front(theta: Floats, phi: Floats) -> bool:
-    """Return whether theta (n,) and phi (m,), in rad, cover the front hemisphere in even steps."""
+    """Return whether angles theta and phi in rad cover the front hemisphere in even steps."""
     even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
     reach = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
@@ -206,10 +208,11 @@ def covers_front(theta: Floats, phi: Floats) -> bool:
 
 
 def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:
-    """Return theta (n,), phi (m,), the fields (n, m) along x and y, and the Jones vector (2,).
+    """Return the angles of a pattern, its field along x and y, and its Jones vector.
 
-    The angles are ascending. Raises ArgumentError unless ``pattern`` is the pattern of a polarised
-    source; the message refers to it as ``name``.
+    The angles theta (n,) and phi (m,) are ascending, and both components of the field have the
+    shape (n, m). Raises ArgumentError, with the argument's name ``name``, unless ``pattern`` is the
+    pattern of a polarised source.
     """
     try:
         pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
@@ -227,13 +230,13 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
-    """Return E_theta and E_phi (n, m), from fields along x and y of Ludwig's third definition."""
+    """Return E_theta and E_phi from the components along x and y of Ludwig's third definition."""
     sine, cosine = np.sin(phi), np.cos(phi)
     return x * cosine + y * sine, y * cosine - x * sine
 
 
 def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
-    """Return the interpolated far field of a pattern of a polarised source."""
+    """Return the pattern of a polarised source as a far field that is interpolated over angles."""
     theta, phi, x, y, _ = linear_components(pattern, name)
     # The columns phi = 0 and phi = 360 degrees are the same meridian.
     if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:
@@ -242,22 +245,23 @@ def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
 
 
 class FittedPattern(NamedTuple):
-    """Result of :func:`fit_pattern`."""
+    """Aperture field that :func:`fit_pattern` returns, with measures of its quality."""
 
     aperture: Aperture
     """Aperture with the fitted field."""
     residual: float
-    """Square root of the ratio of two powers: of the far field's error, and of the pattern."""
+    """Square root of the power of the far field's error, divided by the power of the pattern."""
     power_ratio: float
-    """Power int |u|^2 on the aperture over the radiated power. Values far above 3 indicate
-    superdirectivity.
+    """Integral of |u|^2 over the aperture, divided by the radiated power.
+
+    Values far above 3 indicate superdirectivity.
     """
 
 
 # Residual of a fit above which a warning is issued.
 _POOR = 0.3
-# Period of the plane waves of a fit, in extents of the outline. A period of 2 would halve the
-# residual, but needs 2.6 times as many waves.
+# Period of the sum of plane waves of a fit, as a multiple of the extent of the outline. A period of
+# 2 would halve the residual, but requires 2.6 times as many waves.
 _PERIODS = 1.25
 # Largest number of plane waves of a fit, enough for an outline of some 12 wavelengths. The fit then
 # takes some seconds.
@@ -275,15 +279,16 @@ def fit_pattern(
 ) -> FittedPattern:
     """Fit a field on an aperture to a far-field pattern, by least squares over plane waves.
 
-    The fit minimises the power of the difference of both far fields over the hemisphere, and
-    discards singular values below ``cut_off``. The frequencies of the waves form a lattice whose
-    period is 1.25 times the extent of the outline, up to 1/wavelength plus the width of a beam.
+    The fit minimises the power, over the hemisphere, of the difference between the pattern and the
+    far field of the aperture. Singular values below ``cut_off`` are discarded. The spatial
+    frequencies of the plane waves form a lattice up to 1/wavelength plus the reciprocal of the
+    outline's extent. The sum of the waves has a period of 1.25 times this extent.
 
     Parameters
     ----------
     pattern : xarray.Dataset
-        Result of :func:`read_pattern`, or of :func:`radiation_pattern` with a polarisation. Its
-        origin lies in the plane of the aperture. Backward radiation is ignored.
+        Result of :func:`read_pattern`, or of :func:`radiation_pattern` with a polarisation. The
+        origin of its phase lies in the plane of the aperture. Backward radiation is ignored.
     aperture : Aperture
         Outline of the radiating part without a field, up to some 12 wavelengths wide.
     wavelength : float, default the wavelength of the pattern
@@ -348,7 +353,7 @@ def fit_pattern(
     waves = _waves_on(aperture, length)
     blocks = list(directions_and_weights(aperture.diameter, length))
     s, weights = (np.concatenate(column) for column in zip(*blocks, strict=True))
-    # Far fields (n, 3) of a point source, divided by its scalar far field F/(i lambda).
+    # Far-field vectors of a polarised point source, divided by its scalar far field.
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:
@@ -385,7 +390,7 @@ def fit_pattern(
 
 
 def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
-    """Return the frequencies (m, 2) of the plane waves of a fit."""
+    """Return the spatial frequencies in 1/m of the plane waves of a fit."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents

@@ -1,7 +1,7 @@
-"""Point sources that replace a source at distances beyond a few wavelengths. Source: (B8).
+"""Point sources that have the same field as an aperture beyond a few wavelengths. Source: (B8).
 
-The point sources lie at Gauss nodes on the bounding box of the source. Their weights reproduce the
-far field of the source in the required directions. Lengths are in wavelengths.
+The point sources lie at Gauss nodes on the bounding box of the aperture or array. Their weights are
+fitted to its far field in the required directions. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -28,35 +28,38 @@ from polywigner.source.obliquities import CONDITIONS, Obliquity, times_direction
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_source
 
-# Largest number of points that replace a source.
+# Largest number of point sources that replace a source.
 _MOST_SOURCES = 1 << 15
-# Numbers of nodes along a side that are tried one after the other, in addition to the number for a
-# uniform aperture, then in addition to the number for any source.
+# Additional nodes along a side of the bounding box, which are tried in this order: first beyond the
+# number of nodes that suits a uniform aperture, then beyond the number that suits any source.
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
 # Singular values of the matrix of plane waves at nodes below this fraction of the largest singular
 # value are rounding errors.
 _ROUNDING = 1e-9
-# The range of sines of the required directions is widened by this value, divided by the length of a
-# side in wavelengths.
+# The range of sines of the required directions is widened by this value, divided by the length of
+# the side of the bounding box in wavelengths.
 _MARGIN = 4.0
 # Number of triangles per block; each triangle has 400 nodes.
 _CELLS = 1 << 6
-# Numbers of directions in which the fitted far field is compared with the far field of the source:
-# per cycle of phase, and in addition.
+# Number of directions per cycle of phase in which the fitted far field is compared with the far
+# field of the source, and number of additional directions.
 _DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
 
 
 @dataclass(frozen=True)
 class EquivalentGrid:
-    """Gauss nodes on the bounding box of a source, in wavelengths from its centre."""
+    """Point sources at Gauss nodes on the bounding box of a source."""
 
     nodes: tuple[Floats, Floats]
-    """Nodes along x and along y, as fractions of half the sides."""
+    """Coordinates of the nodes along x and along y, from the centre of the box, as fractions of
+    half its sides."""
     half: Floats
-    """Half the sides (2,)."""
+    """Half the sides (2,) of the box, in wavelengths."""
     weights: tuple[Complex, ...]
-    """Weights (nx, ny) for the field and for the normal derivative, as far as the boundary
-    condition contains them, in units of u times a square wavelength.
+    """Weights (nx, ny) of the field and of the normal derivative, in units of u times a square
+    wavelength.
+
+    A term that the boundary condition does not contain is omitted.
     """
 
 
@@ -74,9 +77,11 @@ def equivalent_grid(
     allowed: Callable[[Sequence[int]], bool],
     sines: Sines = _ALL_SINES,
 ) -> EquivalentGrid | None:
-    """Return a small grid whose |F|^2 is within ``error`` of its peak in directions of ``sines``.
+    """Return a grid of point sources that reproduces the far field of a source.
 
-    Returns None if ``allowed`` rejects the numbers of nodes along x and y.
+    The numbers of nodes are increased until the error of the squared far field is at most ``error``
+    times its peak, in directions within ``sines``. Returns None if ``allowed`` rejects the numbers
+    of nodes along x and y.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
@@ -104,12 +109,13 @@ def equivalent_grid(
 
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
-    """Return increasing numbers of nodes along a side, to be tried one after the other.
+    """Return increasing numbers of nodes along a side of the bounding box, to be tried in turn.
 
     ``cycles`` is the phase difference over half the side between the outermost and the central
-    direction. The first numbers suit uniform apertures. Other sources require nodes that resolve
-    their waves at the centre.
+    direction.
     """
+    # The first numbers suit uniform apertures. Other sources require nodes that resolve the waves
+    # at the centre of the side.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
     return numbers + [
@@ -120,9 +126,10 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 def _spectra(
     source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Return the far fields of both terms of a boundary condition: field and normal derivative.
+    """Return the far fields of a source for the field and the normal derivative in its plane.
 
-    Far fields are in units of a square wavelength, with the phase relative to the centre.
+    A term that the boundary condition does not contain is omitted. Far fields are in units of a
+    square wavelength, and phases are relative to the centre.
     """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
     phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
@@ -132,7 +139,8 @@ def _spectra(
     if condition.slope and isinstance(source, Wavefront) and not source.is_flat:
         spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
     elif condition.slope:
-        # No normal derivative: all waves graze the plane, and their cosines are zero.
+        # This error is raised if all waves graze the plane. Their cosines are then zero, and so is
+        # the normal derivative.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(flat_source(source), wavelength)
             spectra.append(condition.slope * fourier(slopes, nu) * phase)
@@ -158,7 +166,10 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 def _fitted(
     spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """Fit the weights of a grid of nodes to a far field; return None if the error is too large."""
+    """Fit the weights of point sources on a grid to a far field.
+
+    Returns None if the error of the squared far field exceeds ``error`` times its peak.
+    """
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
@@ -170,10 +181,11 @@ def _fitted(
 
 
 def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
-    """Return bounds on the sines of directions from a rectangle at z = 0 to boxes (n, 2, 3).
+    """Return bounds on the sines of directions from a rectangle in the plane z = 0 to boxes.
 
-    ``low`` and ``high`` are corners (2,) of the rectangle. The bounds are widened by the angular
-    resolution of a source of this size.
+    ``low`` and ``high`` are opposite corners of the rectangle, and ``boxes`` (n, 2, 3) contains
+    opposite corners of each box. The bounds are widened by the angular resolution of a source that
+    fills the rectangle.
     """
     start = np.column_stack([low, high]).T
     first, last = boxes[:, 0].copy(), boxes[:, 1].copy()
@@ -186,8 +198,8 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
         others = [m for m in range(3) if m != k]
         closest, farthest = (np.linalg.norm(part[:, others], axis=1) for part in (near, far))
         margin = _MARGIN / max(high[k] - low[k], 1e-9)
-        # The sine along an axis increases with the component along this axis. It decreases with the
-        # other components unless it is negative.
+        # The sine along an axis increases with the component of the displacement along this axis.
+        # If it is positive, it decreases with the other components.
         largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
         least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
         lowest = max(-1.0, float(least.min()) - margin)
@@ -201,10 +213,11 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
 
 
 def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None) -> Pair:
-    """Return the term of (SB5) that changes the obliquity from the point's value to the edge's.
+    """Return the obliquity term of (SB5) for a point source with a given field and position.
 
-    ``rate`` is the derivative of the boundary wave with respect to z of the source. ``turns``: see
-    :func:`spherical_wave`.
+    The term replaces the obliquity factor of the direction to the point of observation by the
+    factor of the direction to the edge. ``rate`` is the derivative of the boundary wave with
+    respect to z of the source. ``turns`` is described at :func:`spherical_wave`.
     """
     # The factor is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
     wave = spherical_wave(ops, ahead, turns) * Pair(*field) * rate
@@ -212,9 +225,10 @@ def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any 
 
 
 def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
-    """Return exp(2 pi i R)/(i R), where R is the length of ``ahead`` in wavelengths.
+    """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
-    ``turns`` is the phase in cycles, if known more accurately than from the distance.
+    Lengths are in wavelengths. ``turns`` replaces R in the phase if R is known more accurately than
+    from ``ahead``.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
     c, s = cos_sin_cycles(ops, distance if turns is None else turns)
@@ -222,9 +236,10 @@ def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
 
 
 def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
-    """Return the wave at ``ahead`` from a point with weights of the field and normal derivative.
+    """Return the wave of a point source at the displacement ``ahead`` from it.
 
-    ``turns``: see :func:`spherical_wave`.
+    ``field`` and ``slope`` are the weights of the field and of the normal derivative. ``turns`` is
+    described at :func:`spherical_wave`.
     """
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
     near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
@@ -232,11 +247,13 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = 
 
 
 class RadiatingPoint(NamedTuple):
-    """A point that represents a part of a source. Lengths are in wavelengths."""
+    """A point source that represents a part of an aperture. Lengths are in wavelengths."""
 
     position: Floats
     field: complex
+    """Weight of the field."""
     slope: complex
+    """Weight of the normal derivative."""
 
     @property
     def weights(self) -> list[tuple[float, float]]:
@@ -245,11 +262,11 @@ class RadiatingPoint(NamedTuple):
 
     @property
     def row(self) -> Floats:
-        """Array (7,) of the position and the real and imaginary parts of both weights."""
+        """Position, and real and imaginary parts of both weights, shape (7,)."""
         return np.array([*self.position, *self.weights[0], *self.weights[1]])
 
     def wave(self, points: Floats) -> Complex:
-        """Return the wave of this point at points (3, n)."""
+        """Return the field of this point source at points, shape (3, n)."""
         ahead = points - self.position[:, None]
         wave = wave_ahead(NumpyOperations(), tuple(ahead), *self.weights)
         return np.asarray(wave.real + 1j * wave.imag)
@@ -263,12 +280,12 @@ def radiating_points(
     most: int = _MOST_SOURCES,
     targets: Floats | None = None,
 ) -> list[RadiatingPoint]:
-    """Return points with the far field of a source, up to an error of |F|^2 relative to its peak.
+    """Return point sources with the far field of a source.
 
-    ``targets`` (n, 2, 3) are the low and high corners, in wavelengths, of boxes that contain the
-    points of observation; None stands for all directions.
-
-    Raises ArgumentError for sources that require more than ``most`` points.
+    The error of the squared far field is at most ``error`` times its peak. ``targets`` (n, 2, 3)
+    are opposite corners, in wavelengths, of boxes that contain the points of observation. By
+    default the far field is reproduced in all directions. Raises ArgumentError if the source
+    requires more than ``most`` points.
     """
     if isinstance(source, PointSource):
         # The wave exp(ikR)/R equals i/wavelength times exp(ikR)/(i R/wavelength).

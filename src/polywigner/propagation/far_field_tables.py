@@ -18,10 +18,13 @@ from polywigner.numerics import Complex, Floats
 from polywigner.quantities import parse_frequency
 
 FREE_SPACE = 376.730313412
-"""Impedance Z0 of free space in ohm; |rE|^2/(2 Z0) is in W/sr for the peak value rE in V."""
+"""Impedance of free space in ohm.
+
+A field with the peak value rE in V has the radiant intensity |rE|^2/(2 FREE_SPACE) in W/sr.
+"""
 
 FLOOR = -300.0
-"""Level in dB that represents minus infinity."""
+"""Level in dB that stands for zero power."""
 
 DIPOLE_GAIN = 2.15
 """Gain in dBi of the half-wave dipole to which dBd refers."""
@@ -32,20 +35,23 @@ MOST_DIRECTIONS = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class FarFieldTable:
-    """Far field at one frequency, with phases as in the files: exp(+j omega t - j k r)."""
+    """Far field at one frequency in a list of directions, as read from a file.
+
+    Phases follow the convention exp(+j omega t - j k r) of the files.
+    """
 
     theta: Floats
-    """Angles (n,) in degrees, from -180 to 180."""
+    """Angle theta of each direction in degrees, from -180 to 180, shape (n,)."""
     phi: Floats
-    """Angles (n,) in degrees."""
+    """Angle phi of each direction in degrees, shape (n,)."""
     fields: Complex
-    """Components E_theta and E_phi (2, n), as peak values times the distance, in V."""
+    """Components E_theta and E_phi as peak values times the distance, in V, shape (2, n)."""
     frequency: float = math.nan
     """Frequency in Hz; NaN if the file does not contain it."""
     repeated: list[tuple[Column, Floats]] = field(default_factory=list)
-    """Columns that repeat the far field in another form, as radiant intensities (n,) in W/sr."""
+    """Columns of the file that repeat the magnitude of the far field, as intensities in W/sr."""
     has_unit_power: bool = False
-    """Whether the format normalises the field to a radiated power of 1 W."""
+    """Whether the file format normalises the field to a radiated power of 1 W."""
 
 
 # ---- units of columns ----------------------------------------------------------------------------
@@ -54,14 +60,16 @@ Kind = Literal["angle", "frequency", "field", "intensity", "ratio"]
 
 
 class Unit(NamedTuple):
-    """Unit of a column: the kind of quantity, and the conversion to this package's units."""
+    """Unit of a column: the kind of quantity, and the conversion to degrees, Hz, V or W/sr."""
 
     kind: Kind
-    """Kind of quantity. A "field" is rE, or E at 1 m; an "intensity" is in W/sr, or in W/m^2 at 1
-    m; a "ratio" is relative to an isotropic source.
+    """Kind of quantity.
+
+    A "field" is rE in V, or E in V/m at 1 m. An "intensity" is in W/sr, or in W/m^2 at 1 m. A
+    "ratio" is relative to an isotropic source.
     """
     scale: float = 1.0
-    """Value of one unit, or of 0 dB, in degrees, Hz, V or W/sr, or as a ratio."""
+    """Size of the unit, or value of 0 dB, in degrees, Hz, V or W/sr, or as a ratio."""
     is_db: bool = False
 
 
@@ -84,7 +92,7 @@ _ADVICE = (
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit named by a string such as "dBV/m"; None for an unsupported unit."""
+    """Return the unit for a name such as "dBV/m", or None if the unit is not supported."""
     name = re.sub(r"\s|\.$", "", text).replace("²", "2").replace("^", "")
     if name.lower() in _NAMED:
         return _NAMED[name.lower()]
@@ -100,7 +108,7 @@ def unit_of(text: str) -> Unit | None:
 
 # ---- columns of tables ---------------------------------------------------------------------------
 
-# Allowed kinds of unit of each quantity, and the unit that is assumed if the header has none.
+# Allowed kinds of unit for each quantity, and the unit that is assumed if the header has none.
 _UNITS: dict[str, tuple[tuple[Kind, ...], Unit | None]] = {
     "theta": (("angle",), _DEGREES),
     "phi": (("angle",), _DEGREES),
@@ -134,19 +142,22 @@ _NAME = re.compile(
 
 
 class Column(NamedTuple):
-    """Quantity, component and unit of a column of a table."""
+    """Quantity, component and unit of one column of a far-field table."""
 
     title: str
     quantity: str
-    """Name of the quantity, a key of ``_UNITS``."""
+    """Name of the quantity, such as "theta", "field" or "gain"."""
     component: str
-    """"theta", "phi" or "total" for a far field, otherwise an empty string."""
+    """Component "theta", "phi" or "total" of a far field; an empty string for an axis."""
     part: str
-    """"real", "imaginary", "size" or "phase" for a far field, "value" for an axis."""
+    """Part "real", "imaginary", "size" or "phase" of a far field; "value" for an axis."""
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
-        """Convert values to radiant intensity in W/sr; ratios refer to a radiated power of 1 W."""
+        """Convert the magnitudes in this column to radiant intensities in W/sr.
+
+        Gain and directivity are converted for a radiated power of 1 W.
+        """
         is_field = self.unit.kind == "field"
         if self.unit.is_db:
             values = np.where(values <= FLOOR, 0.0, 10 ** (values / (20 if is_field else 10)))
@@ -162,9 +173,9 @@ class Column(NamedTuple):
 
 
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
-    """Return the column with a title and a unit in brackets; None for an unknown title.
+    """Return the column for a title and a unit of a header, or None if the title is unknown.
 
-    ``name`` is the title in the notation of HFSS, if it differs.
+    ``name`` is the title in the notation of HFSS if the file uses another notation.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
@@ -193,10 +204,10 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
 def _checked_unit(
     label: str, text: str | None, kinds: Sequence[Kind], default: Unit | None, db: bool = False
 ) -> Unit:
-    """Return the unit named by a string, or the default if the string is blank.
+    """Return the unit of a column from its name, or the default unit if the name is blank.
 
-    ``db`` specifies whether units in dB are allowed. If the default is in dB, a unit in dB is
-    required. Raises FileFormatError for other units.
+    ``db`` specifies whether units in dB are allowed; they are required if the default is in dB.
+    Raises FileFormatError for other units.
     """
     if text is None or not text.strip():
         if default is None:
@@ -215,11 +226,9 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
-    """Return the columns of a far-field table of CST; None for unknown titles.
-
-    Abs(Theta) and Abs(Phi) contain the same quantity as the column of the total, such as Abs(Dir.)
-    or Abs(E).
-    """
+    """Return the columns of a far-field table of CST, with None for each unknown title."""
+    # The columns Abs(Theta) and Abs(Phi) contain the same quantity as the column of the total, such
+    # as Abs(Dir.) or Abs(E).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
     names = [re.sub(r"[\s.]", "", name).lower() for name, _ in titles]
@@ -261,11 +270,11 @@ SAME_LEVEL = 0.1
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
 
 Cells = Sequence[tuple[Column, Floats]]
-"""Columns with their values (n,)."""
+"""Columns of a far-field table with their values."""
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
-    """Return the numbers in lines as an array (line, column).
+    """Return the numbers in lines of text as an array with one row for each line.
 
     ``first`` is the line number of the first line, for error messages.
     """
@@ -273,7 +282,7 @@ def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
 
 
 def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
-    """Return the numbers in cells as an array (row, column), without blank rows."""
+    """Return the numbers in rows of cells as an array, without blank rows."""
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -303,7 +312,7 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
-    """Yield one table for each frequency in the frequency column, or one table for all rows."""
+    """Yield a far field for each frequency of a table, or one far field without such a column."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
@@ -318,7 +327,7 @@ def _tables_of(
 
 
 def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
-    """Return the field (n,) along theta or phi in V, and the columns from which it was computed."""
+    """Return the field component along theta or phi in V, and the columns that determine it."""
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
@@ -330,8 +339,8 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
             f"phase, got {'a magnitude' if sizes else 'a phase' if phases else 'none'} only; "
             "export the components along theta and phi with their phases"
         )
-    # If a table contains several quantities, the first one of field, intensity, directivity and
-    # gain is used.
+    # If a table contains several quantities, the first one in the order field, intensity,
+    # directivity, gain is used.
     size, values = min(sizes, key=lambda pair: list(_UNITS).index(pair[0].quantity))
     phase, angles = phases[0]
     absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values))
@@ -339,10 +348,11 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
 
 
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
-    """Raise FileFormatError if a column contradicts the fields.
+    """Raise FileFormatError if a column of magnitudes contradicts the field components.
 
-    Columns of the quantities ``sources``, from which the fields were computed, must agree with the
-    fields. Other columns may differ by a constant factor, such as the radiated power.
+    The field components were computed from columns of the quantities ``sources``. Other columns of
+    these quantities must agree with them. Columns of other quantities may differ by a constant
+    factor, such as the radiated power.
     """
     squares = np.square(np.abs(fields)) / (2 * FREE_SPACE)
     total = squares.sum(axis=0)
@@ -364,8 +374,7 @@ def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: se
             )
 
 
-# ---- file formats
-# ---------------------------------------------------------------------------------
+# ---- file formats --------------------------------------------------------------------------------
 
 _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\s*(?P<at>.*))?")
 
@@ -428,7 +437,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read far fields of HFSS (.ffd): two axes of angles, then one block for each frequency."""
+    """Read far fields of HFSS (.ffd): the angles theta and phi, then a block for each frequency."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -452,7 +461,7 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _pair(table: Floats) -> Complex:
-    """Combine four columns of real and imaginary parts into two complex components (2, n)."""
+    """Return two complex field components from four columns of real and imaginary parts."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
@@ -503,7 +512,11 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
-    """Convert ICOMP 1 (theta, phi), 2 (right, left) or 3 (co, cross) to E_theta and E_phi."""
+    """Convert two field components of a GRASP file to E_theta and E_phi.
+
+    ``kind`` is the file's ICOMP: 1 for theta and phi, 2 for right- and left-handed, 3 for co- and
+    cross-polar components.
+    """
     if kind == 1:
         return pair
     co, cross = pair
@@ -521,4 +534,4 @@ LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
     ".ffe": _feko_far_field,
     ".cut": _grasp_cuts,
 }
-"""Functions by file suffix that yield a far field for each frequency from the lines of a file."""
+"""Reader for each file suffix, which yields a far field for each frequency of a file."""

@@ -67,10 +67,10 @@ def far_field(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """Return lim r exp(-i k r) U(r s), shape (...), at unit vectors s (..., 3). Source: (RP1).
+    """Return the far field of a source in directions s (..., 3). Source: (RP1).
 
-    The unit is m times the unit of u. The field is zero at z < 0. The dtype is complex64 in single
-    precision.
+    The far field is the limit of ``r exp(-i k r) U(r s)`` at large distances r, in m times the unit
+    of the source's field. It is zero at z < 0.
     """
     nu, cosine = directions[..., :2] / wavelength, directions[..., 2]
     front = np.maximum(cosine, 0.0)
@@ -95,16 +95,18 @@ def far_field(
 def radiated_power(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: ObliquityName = DEFAULT
 ) -> float:
-    """Return the radiated power of a source, P = int |E|^2 dOmega over the hemisphere (RP2).
+    """Return the radiated power of a source: the integral of |E|^2 over the hemisphere (RP2).
 
-    With ``obliquity="paper"`` the result equals :func:`power`. The radiated power differs from
-    int |u|^2 by the evanescent part, and depends on the boundary condition: patches of a fraction
-    of a wavelength radiate a seventh of int |u|^2 (docs/patterns.md).
+    The radiated power differs from the integral of |u|^2 over the source, because evanescent waves
+    do not radiate, and because it depends on the boundary condition (docs/patterns.md). For
+    example, a patch of a third of a wavelength radiates a seventh of this integral. With
+    ``obliquity="paper"`` the result equals :func:`power`.
 
     Parameters
     ----------
     source : Aperture, Array or Wavefront
-        Source in the plane z = 0, |u|^2 in W/m^2; its light may be partially coherent.
+        Source in the plane z = 0 with |u|^2 in W/m^2. A Wavefront may be curved or partially
+        coherent.
     wavelength : float
         Wavelength in m.
     obliquity : str, default "rayleigh-sommerfeld-1"
@@ -113,13 +115,14 @@ def radiated_power(
     Returns
     -------
     float
-        Power in W, accurate to 1e-12 of int |u|^2.
+        Power in W, accurate to 1e-12 of the integral of |u|^2 over the source.
 
     Notes
     -----
-    The time is the time of F in about 15 (diameter/wavelength)^2 + 1000 directions. For sources
-    wider than 600 wavelengths the power is an integral over lags, as in :func:`power`, with an
-    accuracy of 1e-8, or of 1e-5 for obliquities with normal derivatives.
+    The function computes the Fourier transform of the source in about
+    15 (diameter/wavelength)^2 + 1000 directions. For sources wider than 600 wavelengths the power
+    is an integral over lags, as in :func:`power`. This integral is accurate to 1e-8, or to 1e-5 for
+    obliquities with normal derivatives.
 
     Raises
     ------
@@ -156,7 +159,7 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
 def powers_of(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> tuple[float, float]:
-    """Return the radiated power, and the power int |u|^2 on the source, in W."""
+    """Return the radiated power of a source, and the integral of |u|^2 over the source, in W."""
     power = power_by_lags(source, wavelength, obliquity)
     if power is None:
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -167,7 +170,7 @@ def powers_of(
 def _intensity(
     source: PlaneSource | Wavefront, directions: NDArray[np.float64], wavelength: float, name: str
 ) -> NDArray[np.float64]:
-    """Return the radiant intensity (n,) in W/sr at unit vectors (n, 3) with z >= 0."""
+    """Return the radiant intensity of a source in W/sr, in directions with z >= 0."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
     # The radiant intensity already contains the factor cos(theta) of "paper"; the default condition
@@ -176,22 +179,21 @@ def _intensity(
     return np.asarray(radiant_intensity(source, directions, wavelength) * factor)
 
 
-# ---- far fields as functions of direction
-# ---------------------------------------------------------
+# ---- far fields as functions of direction --------------------------------------------------------
 
-# Smallest number of samples of a direction cosine from -1 to 1. It resolves the obliquity of small
-# sources.
+# Smallest number of samples of a direction cosine from -1 to 1 in the search for the beam. It
+# resolves the obliquity factor of small sources.
 _LEAST_STEPS = 16
 # Number of directions per block, which takes some megabytes.
 _BLOCK = 1 << 17
-# Largest number of directions of a search for the beam over the whole hemisphere. The search takes
-# a tenth of a second.
+# Largest number of directions in a search for the beam over the whole hemisphere. These directions
+# take a tenth of a second.
 _MOST = 1 << 20
-# For a wide source, the beam is searched only near the directions of its plane waves: within this
-# many lobe widths of its smallest element.
+# The beam of a wide source is searched only near the directions of its plane waves, within this
+# many widths of the main lobe of its smallest element.
 _LOBES = 4.0
-# A warning is issued if the frequencies of an element's pattern and of the array differ by more
-# than this fraction.
+# Largest relative difference between the frequencies of an element's pattern and of the array
+# without a warning.
 _OTHER_FREQUENCY = 0.01
 
 
@@ -204,32 +206,35 @@ class FarField:
     wavelength: float
     """Wavelength in m."""
     at: Callable[..., Values]
-    """Function that returns the field (...), or its vectors (..., 3), at unit vectors (..., 3)."""
+    """Function that returns the field, or its vectors, in directions given by unit vectors."""
     powers: tuple[float, float]
-    """Radiated power and power int |u|^2 on the source, in W."""
+    """Radiated power, and integral of |u|^2 over the source, in W."""
     about: dict[str, Any]
-    """Attribute of the result that names the boundary condition, or the model of currents."""
+    """Boundary condition or model of currents, as an attribute of a dataset."""
     is_vector: bool = True
     """Whether the field is an electric field with three components."""
     jones: Values | None = None
-    """Jones vector of the co-polar part; None for the polarisation of the beam."""
+    """Jones vector of the co-polar part; None if the co-polar part is polarised as the beam."""
     goes_backwards: bool = False
     """Whether the source radiates behind its plane."""
     known_beam: tuple[float, float, float] | None = None
     """Value of ``beam`` for a far field from a table."""
     on_grid: Callable[[Values, Values], Values] | None = None
-    """Function that returns the field over theta (n,) and phi (m,); None: ``at`` is called."""
+    """Function that returns the field on a grid of angles theta (n,) and phi (m,).
+
+    If it is None, ``at`` is called for each direction of the grid.
+    """
     how: dict[str, Any] = field(default_factory=dict)
-    """Options ``precision`` and ``engine`` of fields over angles."""
+    """Keywords ``precision`` and ``engine`` of ``at``."""
 
     def grid(self, theta: Values, phi: Values) -> Values:
-        """Return the field (n, m), or its vectors (n, m, 3), over theta (n,) and phi (m,)."""
+        """Return the field (n, m), or its vectors (n, m, 3), on a grid of theta and phi."""
         if self.on_grid is not None:
             return self.on_grid(theta, phi)
         return self.at(unit_vectors(theta, phi), **self.how)
 
     def intensity(self, directions: Values) -> Values:
-        """Return |E|^2 (...) in W/sr at unit vectors (..., 3)."""
+        """Return the radiant intensity |E|^2 in W/sr in directions given by unit vectors."""
         squares = np.square(np.abs(self.at(directions)))
         return np.asarray(squares.sum(axis=-1) if self.is_vector else squares)
 
@@ -237,8 +242,8 @@ class FarField:
     def beam(self) -> tuple[float, float, float]:
         """Largest |E|^2 in front of the plane in W/sr, and theta and phi of its direction.
 
-        If |E|^2 is equally large in several directions, the beam is the direction with the smallest
-        theta, and among these the direction with the smallest phi.
+        If |E|^2 is equally large in several directions, the direction with the smallest theta is
+        used, and then the direction with the smallest phi.
         """
         if self.known_beam is not None:
             return self.known_beam
@@ -269,7 +274,7 @@ class FarField:
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
         """Return windows of direction cosines that may contain the beam of a wide source.
 
-        A window is a centre (2,), and half the number of samples along both axes, (2,).
+        Each window consists of its centre, and half the number of samples along each axis.
         """
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
@@ -284,22 +289,22 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
-        """Return direction cosines (..., 2) moved into the unit disc, and |E|^2 (...) there."""
+        """Return direction cosines, moved into the unit disc, and |E|^2 in these directions."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
         return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
 
 
-# The spectrum |F|^2 of a source of width D varies on scales of 1/D and more. At a distance d from a
-# peak, along an axis, it is at least cos^2(pi d D) times the peak. The sample next to the largest
-# peak is therefore at least this fraction of the peak, and the peak lies in a window around one of
+# The spectrum |F|^2 of a source of width D varies on scales of 1/D and more. At the distance d from
+# a peak, along an axis, the spectrum is at least cos^2(pi d D) times the peak. The sample next to
+# the largest peak is therefore at least this fraction of the peak, and the peak lies near one of
 # the samples that reach this fraction.
 #
 # A peak is searched in a window of _WINDOW samples on either side of its estimated position. The
 # window shrinks by the factor _WINDOW in each of _ROUNDS rounds, so the position of the peak is
-# accurate to 4^-8 of a sample. Since a peak is quadratic, its relative height is accurate to the
-# square of this, about 1e-9.
+# accurate to 4^-8 of the distance between samples. Since a peak is quadratic, its relative height
+# is accurate to the square of this fraction, about 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
 # Largest number of samples around which the largest peak is searched.
@@ -309,11 +314,11 @@ _MOST_REFINED = 256
 def _near_largest(
     points: Floats, values: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the samples that may lie next to the largest peak, in descending order.
+    """Return the samples that may lie next to the largest peak of a far field.
 
-    ``points`` (n, 2) and ``values`` (n,): samples, of which up to 256 are returned. ``step`` (2,):
-    distance between samples along each axis. ``width`` (2,): width D of the source along each axis;
-    ``step * width`` is at most 1/2.
+    Up to 256 samples, as points (n, 2) and values (n,), are returned in descending order of their
+    values. ``step`` is the distance between samples along each axis, and ``width`` the width of the
+    source along each axis. The product of both is at most 1/2.
     """
     fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
     best = np.argsort(-values, kind="stable")[:_MOST_REFINED]
@@ -324,10 +329,10 @@ def _near_largest(
 def _climbed(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the positions (n, 2) and heights (n,) of the largest peak, or of several equal peaks.
+    """Return positions and heights of the largest peak of a function, or of several equal peaks.
 
-    ``evaluate`` maps points (n, m, 2) to points in the domain of the function, and to values (n,
-    m). ``points`` (n, 2) are samples, as :func:`_near_largest` returns them.
+    ``evaluate`` moves points into the domain of the function, and returns them with the values of
+    the function. ``points`` (n, 2) are samples near the peaks, from :func:`_near_largest`.
     """
     around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
     window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
@@ -353,7 +358,10 @@ class FarFieldOptions(TypedDict, total=False):
 
 
 def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) -> FarField:
-    """Return the far field for the arguments of :func:`radiation_pattern`, or raise its errors."""
+    """Return the far field for the arguments of :func:`radiation_pattern`.
+
+    Raises ArgumentError for options that cannot be combined.
+    """
     check_options(options, FarFieldOptions)
     obliquity, polarisation, method, element = (
         options.get(name) for name in ("obliquity", "polarisation", "method", "element")
@@ -430,13 +438,14 @@ def _of_elements(
     )  # fmt: skip
 
 
-# ---- steering direction
-# ---------------------------------------------------------------------------
+# ---- steering direction --------------------------------------------------------------------------
 
-# Largest deviation in rad of the phases of an array's weights from a linear function of position.
-# Phases rounded in tables are within this limit; phases of quantised phase shifters are not.
+# Largest deviation in rad of the phases of an array's weights from a linear function of position,
+# up to which the array counts as steered. Phases rounded in tables deviate less, and phases of
+# quantised phase shifters deviate more.
 _LINEAR = 0.02
-# Plane waves of a field count as symmetric about their centre up to this fraction of 1/wavelength.
+# Largest deviation of the frequencies of plane waves from a symmetric arrangement, as a fraction of
+# 1/wavelength, up to which the waves count as symmetric.
 _SYMMETRIC = 1e-6
 # Largest number of plane waves of a field that is tested for symmetry.
 _MOST_WAVES = 4096
@@ -445,12 +454,11 @@ _MOST_WAVES = 4096
 def steered_direction(
     source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Return theta and phi in rad to which a source is steered; None if they are unknown.
+    """Return the angles theta and phi in rad to which a source is steered; None if unknown.
 
-    A phased array is steered if the phases of its weights are linear in the position, except for
-    negative weights. An aperture is steered if its plane waves are symmetric about one wave, as for
-    a real taper times a plane wave. ``beam`` contains theta and phi of the beam. If grating lobes
-    allow several directions, the direction closest to the beam is returned.
+    A phased array is steered if the phases of its weights, apart from signs, are linear in the
+    position. An aperture is steered if its field is a real taper times a plane wave. If grating
+    lobes allow several directions, the direction closest to theta and phi of ``beam`` is returned.
     """
     if source is None or isinstance(source, Wavefront):
         return None
@@ -472,7 +480,11 @@ def steered_direction(
 def _of_weights(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Return the direction cosines (2,) of weights with linear phases, closest to ``near`` (2,)."""
+    """Return the direction cosines to which weights with linear phases steer an array.
+
+    If grating lobes allow several directions, the direction closest to ``near`` is returned.
+    Returns None if the phases are not linear in the position.
+    """
     if len(weights) < 2:
         return None
     residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
@@ -486,7 +498,10 @@ def _of_weights(
 
 
 def _of_waves(illumination: Any, wavelength: float) -> Values | None:
-    """Return the direction cosines (2,) of the central wave of a symmetric set of waves."""
+    """Return the direction cosines of the central wave of an illumination with symmetric waves.
+
+    Returns None if the plane waves of the illumination are not symmetric about one wave.
+    """
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

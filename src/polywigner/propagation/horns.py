@@ -1,7 +1,8 @@
 """Apertures of horns: the TE10 mode of a rectangular waveguide, with the phase of the flare.
 
-E is along y. The mode is a cosine along x (H plane) and constant along y (E plane). Textbooks
-denote the width and its radius by a_1 and rho_2, and the height and its radius by b_1 and rho_1.
+The electric field is parallel to y. The mode is a cosine along x (H plane) and constant along y (E
+plane). Textbooks denote the width of the mouth and the radius along x by a_1 and rho_2, and the
+height and the radius along y by b_1 and rho_1.
 
 - ``pyramidal`` : horn that flares along x and y
 - ``e_plane`` : sectoral horn that flares along y
@@ -28,11 +29,11 @@ __all__ = ["directivity", "e_plane", "h_plane", "pyramidal"]
 def pyramidal(
     width: float, height: float, radius_x: float, radius_y: float, wavelength: float
 ) -> Wavefront:
-    """Return the aperture of a pyramidal horn: the field cos(pi x/width) with a quadratic phase.
+    """Return the aperture of a pyramidal horn as a source with a curved wave.
 
-    The phase is pi (x^2/radius_x + y^2/radius_y)/wavelength, as in Balanis, "Antenna Theory",
-    section 13.4. It differs from the exact phase of the slant path by about
-    x^4/(8 wavelength radius^3) cycles.
+    The field is ``cos(pi x/width)`` with the phase ``pi (x^2/radius_x + y^2/radius_y)/wavelength``,
+    as in Balanis, "Antenna Theory", section 13.4. The quadratic phase differs from the phase of the
+    exact path length from the apex by about x^4/(8 wavelength radius_x^3) cycles.
 
     Parameters
     ----------
@@ -102,11 +103,12 @@ def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wa
 
 @takes_frequency
 def directivity(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the textbook directivity on the axis, 4 pi |F(0)|^2/(wavelength^2 int |u|^2).
+    """Return the textbook directivity of an aperture on its axis.
 
-    For a horn this is Balanis' formula (13-52) with Fresnel integrals. The directivity is relative
-    to the power in the mouth, while :func:`polywigner.radiation_pattern` uses the power of the far
-    field.
+    The directivity is ``4 pi |F(0)|^2/(wavelength^2 int |u|^2)``, where F is the Fourier transform
+    of the field u. For a horn this is Balanis' formula (13-52) with Fresnel integrals. It is
+    relative to the power in the aperture, while :func:`polywigner.radiation_pattern` uses the power
+    of the far field.
 
     Parameters
     ----------

@@ -47,12 +47,14 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 
 LightSource = Aperture | Array | Wavefront | Screen | PointSource
 Compute = Callable[[LightSource, float, ArrayLike], Floats]
-"""Function of a coherent source, a wavelength in m and points. It returns the irradiance and its
-error as an array (2, ...).
+"""Function that returns the irradiance of a coherent source and its error, as an array (2, ...).
+
+The arguments are the source, the wavelength in m, and the points.
 """
 
 _TOLERANCE = 1e-3
-# Allowed error of a mean over tilts and wavelengths, as a fraction of the tolerance.
+# Allowed error of a mean over the tilts and wavelengths of partially coherent light, as a fraction
+# of the tolerance.
 _OF_MIXTURE = 1e-4
 # Largest allowed error of a mean over tilts and wavelengths of exact fields, as a fraction of the
 # largest irradiance.
@@ -92,61 +94,63 @@ def irradiance(
     """Return the irradiance |U|^2 at points in front of a source.
 
     Wigner rays, the method of the paper, are an approximation to leading order: each position on
-    the automean sends one ray to each point, with the radiance W in that direction (R1). All other
-    methods square the field of :func:`amplitude`. The irradiance is |U|^2; it does not include the
-    cosine of a tilted receiver.
+    the source's automean sends one ray to each point, with the Wigner function as radiance (R1).
+    All other methods square the field of :func:`amplitude`. The irradiance does not include the
+    cosine of the angle between the ray and the normal of a receiver.
 
     Parameters
     ----------
     source : Aperture, Array, Wavefront, Screen or PointSource
-        Apertures of an Array lie in the plane z = 0. A :class:`Screen` requires a method of
-        :func:`amplitude`; a :class:`PointSource` takes any method.
+        Source, whose apertures lie in the plane z = 0. A :class:`Screen` requires a method of
+        :func:`amplitude`; a :class:`PointSource` allows any method.
     points : array_like, shape (..., 3), or (..., 2) with ``through``
         Points in m, z > 0.
     wavelength : float
         Wavelength in m.
     method : str, default "wigner"
-        "wigner" (rays), one of the methods of :func:`amplitude`, or "auto": the exact field with
-        the boundary condition ``obliquity``. For outlines with many edges the exact field is a
+        "wigner" for rays, one of the methods of :func:`amplitude`, or "auto" for the exact field
+        with the boundary condition ``obliquity``. For outlines with many edges the exact field is a
         hundred times faster than rays (300 vertices, 50 points: 0.19 s instead of 19.7 s).
     through : FirstOrder or sequence, optional
         First-order systems and stops between source and points, as in :func:`amplitude`. The
-        square of Collins' integral is exactly the integral of W over all frequencies.
+        squared modulus of Collins' integral equals the integral of the Wigner function over all
+        frequencies exactly.
     obstacles : Polyhedron, placed Aperture or sequence, optional
-        Bodies and plates whose shadows diffract, as in :func:`amplitude`. Requires "auto" or a
-        method of :func:`amplitude`, and no ``bandwidth``.
+        Bodies and plates, as in :func:`amplitude`, whose shadows include diffraction. Obstacles
+        require "auto" or a method of :func:`amplitude`, and cannot be combined with a
+        ``bandwidth``.
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles, as in :func:`amplitude`.
     obliquity : str, optional
-        Boundary condition that rays are matched to, as in :func:`radiation_pattern`, or "paper",
-        a factor cos(theta) that corresponds to no boundary condition. It applies to each pair of
-        plane waves of the source's field. "fraunhofer" also uses it, except "paper"; the obliquity
-        of all other methods is fixed.
+        Boundary condition that determines the obliquity factor of rays, as in
+        :func:`radiation_pattern`, or "paper" for a factor cos(theta), which corresponds to no
+        boundary condition. The factor applies to each pair of plane waves of the source's field.
+        "fraunhofer" allows all values but "paper". The other methods have a fixed obliquity.
     bandwidth : float, optional
         Bandwidth in Hz of a flat spectrum about the frequency of the wavelength
         (docs/coherence.md, (PC6)). By default the light has one wavelength.
     tolerance : float, default 1e-3
-        Allowed relative error of the sum over rays. Below 1e-3 of the largest irradiance that a
-        source of this power and area can produce at that distance (T2), the error is relative to
-        that value instead. The error of the ray approximation (docs/propagation.md) is not
-        included. Other methods are at least as accurate as :func:`amplitude` by default. Their
-        means over partially coherent light have errors of at most 1e-4 of the tolerance, and at
-        most 1e-7, relative to the largest irradiance.
+        Allowed relative error of the sum over rays. For irradiances below 1e-3 of the largest value
+        that a source of this power and area can produce at the same distance (T2), the error is
+        relative to 1e-3 of the largest value. The error of the ray approximation itself
+        (docs/propagation.md) is not included. Other methods are at least as accurate as
+        :func:`amplitude` by default. For partially coherent light their errors are at most 1e-4 of
+        the tolerance, and at most 1e-7, relative to the largest irradiance.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
     Returns
     -------
     ndarray of float64, shape (...)
-        Irradiance in the unit of the source's |u|^2. Near nulls, rays can give slightly negative
+        Irradiance in the unit of |u|^2 on the source. Near nulls, rays can give slightly negative
         values. If ``points`` is an ``xarray.DataArray``, the result is a DataArray.
 
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type, shape or range or is a Dr.Jit array, and if the source is
-        too large for rays (some hundred wavelengths for oblique points nearby, thousands for
-        points far away).
+        If an argument has the wrong type, shape or range, or is a Dr.Jit array; and if the source
+        is too large for rays: wider than some hundred wavelengths for oblique points nearby, or
+        some thousand wavelengths for distant points.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
     EngineError
@@ -195,9 +199,9 @@ def irradiance_with_error(
     irradiance : ndarray of float64, shape (...)
         See :func:`irradiance`.
     error : ndarray of float64, shape (...)
-        Estimated error of each value. For rays it is the difference between the last two rules, and
-        infinite for points so near to the source that their rays pass between the nodes of every
-        rule. Behind obstacles the estimate may double the computing time.
+        Estimated error of each value. For rays it is the difference between the last two quadrature
+        rules. It is infinite for points so close to the source that no rule resolves their rays.
+        Behind obstacles the estimate doubles the computing time.
 
     Raises
     ------
@@ -229,9 +233,9 @@ def _irradiance_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance (...) and its error.
+    """Return the irradiance at points and an estimate of its error.
 
-    Behind obstacles, the error is computed only if ``with_error`` is true.
+    The error behind obstacles is estimated only if ``with_error`` is true.
     """
     checked_method(method, ("wigner", *METHODS, "auto"))
     allowed = checked_tolerance(tolerance)
@@ -300,7 +304,7 @@ def _by_rays(
     tolerance: float,
     engine: Engine,
 ) -> Floats:
-    """Return the irradiance by Wigner rays and its error, (2, ...), at points (..., 3)."""
+    """Return the irradiance by Wigner rays at points, and its error, as an array (2, ...)."""
     length = checked_wavelength(wavelength)
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -316,9 +320,10 @@ def _by_rays(
 
 
 def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bool:
-    """Return whether the mean of W over the tilts of partially coherent light is known (PC8).
+    """Return whether Wigner rays need no sum over the tilts of partially coherent light.
 
-    This requires an obliquity that does not depend on the tilt.
+    The Wigner function of the light is then known (PC8), and the obliquity does not depend on the
+    tilt.
     """
     if not is_partly_coherent(source) or obliquity_of(obliquity).needs_normal_derivative:
         return False
@@ -326,22 +331,21 @@ def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bo
 
 
 def checked_tolerance(tolerance: float) -> float:
-    """Return a number above 0 and below 1; raise ArgumentError for other values."""
+    """Return a tolerance above 0 and below 1; raise ArgumentError for other values."""
     meaning = "a number above 0 and below 1"
     return checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
 
 
-# ---- bands of wavelengths, and tilts of partially coherent light
-# -----------------------------------
+# ---- bands of wavelengths, and tilts of partially coherent light ---------------------------------
 
 
 def mixture_parts(
     source: Aperture | Array | Wavefront, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
-    """Yield coherent sources, wavelengths in m and weights that represent a mixture of waves.
+    """Yield coherent sources, wavelengths in m and weights that represent partially coherent light.
 
-    The irradiance of the mixture is the weighted sum of the irradiances. ``error`` is its allowed
-    error, relative to the largest possible irradiance.
+    The irradiance of the light is the weighted sum of the irradiances of the coherent sources.
+    ``error`` is the allowed error of the sum, relative to the largest possible irradiance.
     """
     for part, length, weight in _band(source, wavelength, bandwidth, error):
         for tilted, fraction in _tilted(part, error):
@@ -379,10 +383,10 @@ def _of_shared_samples(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance of partially coherent light and its error, (2, ...).
+    """Return the irradiance of partially coherent light and its error, as an array (2, ...).
 
-    The samples of the source are reused for all tilts. The result is None if it is faster to
-    compute the field of each tilt separately.
+    The samples of the source are shared by all tilts. Returns None if it is faster to compute the
+    field of each tilt separately.
     """
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]

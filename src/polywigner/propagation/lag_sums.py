@@ -1,10 +1,10 @@
 """Irradiance of partially coherent light as sums over short lags.
 
-If the coherence width is far below the size of the source, only points of the source that are a few
-coherence widths apart interfere, so the irradiance is an integral over short lags. In the Fresnel
-approximation (parabolic waves) the integrand is the ambiguity function (PC10). With exact
-(spherical) waves it is a sum over the mean positions of pairs of points (PC11). The last section
-contains Gauss rules on trapezoids.
+A lag is the difference of the positions of two points on the source. If the coherence width is far
+below the size of the source, only points that are a few coherence widths apart interfere, so the
+irradiance is an integral over short lags. In the Fresnel approximation (parabolic waves) the
+integrand is the ambiguity function (PC10). With exact (spherical) waves it is an integral over the
+midpoints of pairs of points (PC11). The last section contains Gauss rules on trapezoids.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ from polywigner.source.obliquities import Obliquity, direction_cosines
 from polywigner.transforms import ambiguity
 
 Channel = Floats | None
-"""Quantity on the source. None stands for the field, and the frequency (2,) of a plane wave stands
-for the normal derivative of this wave.
+"""Quantity on the source: the field, or the normal derivative of one of its plane waves.
+
+None stands for the field, and the spatial frequency (2,) of a plane wave for its derivative.
 """
 
 # Largest lag, in coherence widths, that contributes. At longer lags, the degree of coherence is
@@ -43,11 +44,11 @@ for the normal derivative of this wave.
 _LONGEST = 6.8
 # Error of the coarsest quadrature rule for a plane wave.
 _ERROR = 1e-7
-# Highest frequency of the degree of coherence that quadrature rules resolve, times the coherence
-# width.
+# Product of the coherence width and the highest frequency of the degree of coherence that
+# quadrature rules resolve.
 _OF_NORMAL = 0.48
-# Numbers of additional nodes of successively finer quadrature rules, which are tried until two of
-# them agree.
+# Numbers of additional nodes of successively finer quadrature rules, which are tried until the
+# results of two rules agree.
 _LEVELS = (0, 2, 5, 10, 18)
 # Largest number of kinks of the ambiguity function along which the lags are divided into cells.
 _MOST_KINKS = 2000
@@ -63,17 +64,17 @@ def _sum_over_lags(
     rates: Floats,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance (n,) from a quadrature rule on cells of lags.
+    """Integrate over short lags, and return the irradiance at points.
 
     ``irradiance`` is a function of lags (m, 2), weights (m,) and the number of additional nodes.
-    The rule is refined until the values change by less than ``error`` times the largest irradiance;
-    without convergence, the result is None.
+    The quadrature rule is refined until the values change by less than ``error`` times the largest
+    irradiance. Without convergence, the result is None.
     """
     previous: Floats | None = None
     for extra in _LEVELS:
         lags, weights, _ = rule_on(cells, rates, _ERROR, extra)
-        # The cells cover half of the lags. The opposite lags contribute the same amount, hence the
-        # factor 2.
+        # The cells cover half of the lags. The factor 2 accounts for the opposite lags, which
+        # contribute the same amount.
         values = irradiance(lags, 2.0 * weights, extra)
         if previous is not None and abs(values - previous).max() <= error * abs(values).max():
             return values
@@ -88,9 +89,10 @@ def _longest_lags(source: Wavefront) -> Floats:
 def _lag_cells(source: Wavefront) -> Trapezoids:
     """Return trapezoids that tile half of the lags at which the source has mutual coherence.
 
-    The ambiguity function has kinks on the segments V_i - E_k of all vertices V_i and edges E_k. No
-    kink crosses a trapezoid, unless there are more than ``_MOST_KINKS`` kinks.
+    No kink of the ambiguity function crosses a trapezoid, unless there are more than
+    ``_MOST_KINKS`` kinks.
     """
+    # The kinks lie on the segments V - E for all pairs of a vertex V and an edge E.
     reach = _longest_lags(source)
     half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
     rings = normal_form(source).rings
@@ -112,10 +114,10 @@ def _lag_cells(source: Wavefront) -> Trapezoids:
 def summed_over_lags(
     source: Wavefront, points: Floats, wavelength: float, system: FirstOrder, error: float
 ) -> Floats | None:
-    """Return the irradiance (n,) at points (n, 2) behind a first-order system by (PC10).
+    """Return the irradiance at points (n, 2) behind a first-order system by (PC10).
 
     ``error`` is relative to the largest irradiance. The result is None if the points lie in an
-    image of the source (B = 0), or if the rule has too many nodes.
+    image of the source (B = 0), or if the quadrature rule has too many nodes.
     """
     determinant = abs(float(np.linalg.det(system.B)))
     if not determinant > 0.0:
@@ -148,13 +150,13 @@ def summed_over_lags(
 
 # ---- spherical waves -----------------------------------------------------------------------------
 
-# Computing time in ns for each pair of points on the source and each field point, and for each
-# vertex of two outlines that are intersected.
+# Computing time in ns for each combination of a field point and a pair of points on the source, and
+# for each vertex of two outlines that are intersected.
 _PAIR, _CUT = 60.0, 2e4
 # Computing time of the two coarsest quadrature rules, which are always evaluated, relative to the
-# time of the coarsest one.
+# computing time of the coarsest rule.
 _TWO_RULES = 2.5
-# Waves must not graze the plane of the source for tilts of up to this number of standard
+# Plane waves must not graze the plane of the source for tilts of up to this number of standard
 # deviations.
 _GRAZING = 5.0
 # Error of the quadrature rule for means over tilts.
@@ -166,13 +168,17 @@ _PAIRS, _POINTS = 1 << 12, 4
 
 
 def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
-    """Return the quantities on the source that a boundary condition uses."""
+    """Return the quantities on the source that a boundary condition requires."""
     channels: list[Channel] = [None] if condition.field else []
     return channels + (list(normal_form(source).frequencies) if condition.slope else [])
 
 
 def channel_at(element: SourceElement, channel: Channel, x: Floats) -> Complex | float:
-    """Return a channel of an element of weight 1, shape (...), at positions x (..., 2)."""
+    """Return the field of an element at positions x, or one of its plane waves.
+
+    ``channel`` is None for the field, or the frequency of the plane wave. The weight of the element
+    is not included.
+    """
     if channel is None:
         return 1.0 if element.illumination is None else element.illumination(x)
     amplitude = element.amplitudes[(element.frequencies == channel).all(axis=1)].sum()
@@ -187,11 +193,11 @@ def summed_over_pairs(
     error: float,
     longest_time: float,
 ) -> Floats | None:
-    """Return the irradiance (n,) at points (n, 3) by (PC11).
+    """Return the irradiance of partially coherent light at points (n, 3) by (PC11).
 
-    The result is None if the estimated time exceeds ``longest_time`` in ns, if the quadrature rules
-    do not converge, or if the boundary condition requires normal derivatives of a curved wave or of
-    waves that may graze the plane.
+    The result is None if the estimated computing time exceeds ``longest_time`` in ns or the
+    quadrature rules do not converge. It is also None if the boundary condition requires the normal
+    derivatives of a curved wave, or of plane waves that may graze the plane.
     """
     width, form = source.coherence_width, normal_form(source)
     steepest = np.linalg.norm(form.frequencies, axis=1).max() + _GRAZING / (2 * np.pi * width)
@@ -250,11 +256,11 @@ def summed_over_pairs(
 
 
 def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
-    """Return the means over tilts t of p_a p_b* exp(2 pi i t.xi), (a, b, n), for lags xi (n, 2).
+    """Return the degree of coherence between two quantities on the source at lags xi (n, 2).
 
-    The indices a and b stand for channels. For the channel of a wave kappa, p = p_z(kappa + t),
-    because the normal derivative of the tilted wave is ik p_z times the wave. For the channel of
-    the field, p = 1.
+    For the channels a and b it is the mean of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t, and
+    the shape is (a, b, n). The factor p is 1 for the field. For the normal derivative of a plane
+    wave, p is the direction cosine p_z of the tilted wave.
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
@@ -276,7 +282,10 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
 def _pairs(
     first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, Indices]:
-    """Return midpoints (n, 2) of pairs of points, weights (n,), and indices (n,) of their lags."""
+    """Return quadrature nodes for pairs of points on two elements that differ by given lags.
+
+    Returns the midpoints (n, 2) of the pairs, the weights (n,), and the indices (n,) of the lags.
+    """
     ahead, behind = (np.full(len(lags), e.shape.polygons, object) for e in (first, second))
     common = shapely.intersection(shifted(ahead, -lags / 2), shifted(behind, lags / 2))
     parts, lag_of_part = shapely.get_parts(common, return_index=True)
@@ -293,9 +302,10 @@ def _pairs(
 def _sum_of_waves(
     points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
 ) -> Floats:
-    """Return the irradiance (n,) at points (n, 3) of m pairs with mutual intensities (c, c, m).
+    """Return the irradiance at points (n, 3) that pairs of points on the source cause.
 
-    ``means`` and ``lags`` (m, 2) are the midpoints and the differences of the pairs.
+    ``means`` and ``lags`` (m, 2) are the midpoints and the differences of the pairs, and ``mutual``
+    (c, c, m) contains the mutual intensities of c groups of quantities.
     """
     total = np.zeros(len(points))
 
@@ -327,18 +337,19 @@ def _sum_of_waves(
     return total
 
 
-# ---- quadrature on trapezoids
-# ---------------------------------------------------------------------
+# ---- quadrature on trapezoids --------------------------------------------------------------------
 
 Trapezoids = NDArray[np.float64]
-"""Trapezoids with two sides parallel to x, (n, 3, 2): the y, the left x and the right x of the
-lower side and of the upper side.
+"""Trapezoids with two sides parallel to x, shape (n, 3, 2).
+
+The second axis contains y, the left x and the right x, and the last axis stands for the lower and
+the upper side.
 """
 
-# Number of pairs of an edge and a height per block.
+# Number of pairs of an edge and the height of a vertex per block.
 _BATCH = 1 << 20
-# Factor of the number of additional nodes. Poles of the integrand at the distance d from a
-# trapezoid of size 2 a require _POLE/arcsinh(d/a) nodes.
+# Poles of the integrand at the distance d from a trapezoid of size 2 a require _POLE/arcsinh(d/a)
+# additional nodes.
 _POLE = 4.0
 
 
@@ -368,9 +379,10 @@ def trapezoids_of(
 
 
 def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
-    """Return trapezoids of n polygons with m edges each, and the index of each trapezoid's polygon.
+    """Return trapezoids that tile polygons, and the index of the polygon of each trapezoid.
 
-    The axes of ``edges`` (n, m, 2, 2) are polygon, edge, end and coordinate.
+    All polygons have the same number of edges. The axes of ``edges`` are polygon, edge, end and
+    coordinate.
     """
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
@@ -389,10 +401,11 @@ def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
 def node_counts(
     trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
 ) -> Indices:
-    """Return the number of rows, and of nodes on each row, for n trapezoids, (n, 2).
+    """Return the number of rows of quadrature nodes, and of nodes on each row, for each trapezoid.
 
-    ``rates`` are the highest frequencies of the integrand along x and y in 1/m, (2,) or (n, 2).
-    ``nearest`` is the distance in m of the poles of the integrand from the plane.
+    ``rates`` are the highest frequencies of the integrand along x and y in 1/m, for all trapezoids
+    or for each of them. ``nearest`` is the distance in m of the poles of the integrand from the
+    plane.
     """
     y, left, right = trapezoids.transpose(1, 0, 2)
     height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
@@ -406,9 +419,10 @@ def node_counts(
 
 
 def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
-    """Return x (..., m, n), y (..., m) and weights (..., m, n) of nodes on trapezoids (..., 3, 2).
+    """Return the quadrature nodes of trapezoids as rows along x, and their weights.
 
-    Each trapezoid has m rows of n nodes; ``counts`` is (m, n).
+    Each trapezoid has m rows of n nodes, and ``counts`` contains m and n. The shapes are
+    (..., m, n) for x and for the weights, and (..., m) for y.
     """
     (up, of_rows), (along, on_row) = (unit_rule(count) for count in counts.tolist())
     lines = trapezoids[..., :1] + up * np.diff(trapezoids)
@@ -421,7 +435,7 @@ def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Fl
 def rule_on(
     trapezoids: Trapezoids, rates: Floats, error: float, extra: int
 ) -> tuple[Floats, Floats, Indices]:
-    """Return nodes (n, 2), weights (n,), and the index (n,) of the trapezoid of each node.
+    """Return quadrature nodes on trapezoids, their weights, and the trapezoid's index of each node.
 
     The rule has ``extra`` rows, and ``extra`` nodes on each row, more than :func:`node_counts`
     returns.
@@ -433,16 +447,15 @@ def rule_on(
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
-    """Return the highest frequencies along x and y, (n, 2), of the integrand for points (n, 3).
+    """Return the highest spatial frequencies along x and y of integrands on a source, in 1/m.
 
-    The integrand is the field on the source times the wave from the source to the point.
-    Frequencies are in cycles per metre.
+    For each point, the integrand is the field on the source times the wave to the point.
     """
     low, high = np.reshape(source.bounds, (2, 2))
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     away = corners - points[:, None, :2]
     # The slope of the distance along an axis is largest at the positions on the source that are
-    # closest to the point across this axis.
+    # closest to the point in the direction perpendicular to this axis.
     outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
     distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature

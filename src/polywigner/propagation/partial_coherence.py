@@ -1,8 +1,9 @@
 """Irradiance of partially coherent light, with parabolic or with spherical waves.
 
-Partially coherent light is a mean over tilts t of a coherent source. The tilts are normally
-distributed with the standard deviation 1/(2 pi width), where ``width`` is the coherence width
-(PC2). There are three methods for the mean:
+The irradiance of partially coherent light is the mean of the irradiances of a coherent source that
+is tilted in random directions. The tilts t, in cycles per metre, are normally distributed with the
+standard deviation 1/(2 pi width), where ``width`` is the coherence width (PC2). There are three
+methods for the mean:
 
 - In the Fresnel approximation (parabolic waves) a tilt only shifts the irradiance, so the mean is
   a convolution with a normal density (PC9).
@@ -45,7 +46,7 @@ from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosin
 from polywigner.transforms.wavefronts import coherent_source
 
 Compute = Callable[[Any, Floats], Floats]
-"""Function of a coherent source and n points. It returns the irradiance and its error, (2, n)."""
+"""Function that returns the irradiance of a coherent source at n points and its error, (2, n)."""
 
 
 def partly_coherent_irradiance(
@@ -57,7 +58,7 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance of partially coherent light at n points, and its error, (2, n).
+    """Return the irradiance of partially coherent light at n points and its error, shape (2, n).
 
     Points have the shape (n, 2) behind a first-order system, otherwise (n, 3). ``error`` is the
     allowed error relative to the largest irradiance. The result is None if it is faster to compute
@@ -81,8 +82,8 @@ def _with_error(values: Floats, error: float) -> Floats:
 
 # Size of the source, in coherence widths, above which sums over lags are tried first.
 _SHORT = 30.0
-# Largest number of points of a lattice, and largest total number of points in all planes at which
-# fields are computed.
+# Largest number of points of a lattice of shifts in one plane, and largest number of points in all
+# planes at which fields are computed.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
 # Number of values in the arrays of a block.
 _BLOCK = 1 << 22
@@ -142,20 +143,20 @@ def _in_parabolic_waves(
 
 
 class _Blur(NamedTuple):
-    """Normal distribution of the shifts of an irradiance that the tilts cause."""
+    """Normal distribution of the shifts of an irradiance that tilts of the source cause."""
 
     axes: Floats
     """Principal directions in the plane of the points, as columns of a (2, 2) matrix."""
     spreads: Floats
     """Standard deviations (2,) of the shifts along the principal directions, in m."""
     reaches: Floats
-    """Extents (2,) of the source along the corresponding directions, in coherence widths."""
+    """Extents (2,) of the source along the directions of these shifts, in coherence widths."""
 
 
 def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
-    """Return the blur behind a first-order system with the matrix B = ``transfer``.
+    """Return the blur of the irradiance behind a first-order system with the matrix B.
 
-    A tilt t shifts the irradiance by wavelength B t.
+    ``transfer`` is B. A tilt t shifts the irradiance by ``wavelength B t``.
     """
     axes, scales, right = np.linalg.svd(transfer)
     reaches = (abs(right) @ sides_of(source.bounds)) / source.coherence_width
@@ -166,12 +167,12 @@ def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
 def _convolution(
     points: Floats, blur: _Blur, error: float
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
-    """Return a quadrature rule for the convolution at points (n, 2).
+    """Return a quadrature rule for the convolution of an irradiance with a blur at n points.
 
-    The rule consists of nodes (m, 2), and of a function that maps k quantities at the nodes, (k,
-    m), to their means at the points, (k, n). It is either the trapezoidal rule on a lattice for all
+    The rule consists of m nodes, and of a function that maps quantities (k, m) at the nodes to
+    their means (k, n) at the points. It is either the trapezoidal rule on one lattice for all
     points, or the Gauss-Hermite rule about each point, whichever has fewer nodes. The result is
-    None if both have too many nodes. ``error`` is relative to the largest irradiance.
+    None if both rules have too many nodes. ``error`` is relative to the largest irradiance.
     """
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
@@ -214,22 +215,23 @@ def _convolution(
 
 
 class _LatticeAxis(NamedTuple):
-    """Trapezoidal rule along an axis for n points, with k nodes near each point."""
+    """Trapezoidal rule for means about n points along an axis, with k nodes near each point."""
 
     nodes: Floats
     """Coordinates (m,) of all nodes."""
     near: Indices
     """Indices (n, k) of the nodes near each point."""
     weights: Floats
-    """Weights (n, k) of these k nodes."""
+    """Weights (n, k) of the nodes near each point."""
 
 
 def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _LatticeAxis:
-    """Return the trapezoidal rule for normal distributions about all coordinates ``along`` (n,).
+    """Return the trapezoidal rule for means over normal distributions about coordinates ``along``.
 
-    The irradiance has frequencies up to reach/(2 pi spread). A step of 2 pi spread/(reach + steps)
-    leaves an aliasing error of exp(-steps^2/2).
+    ``spread`` is the standard deviation, and ``steps`` determines the error, exp(-steps^2/2).
     """
+    # The irradiance has frequencies up to reach/(2 pi spread), so that this step leaves an aliasing
+    # error of exp(-steps^2/2).
     step = 2 * math.pi * spread / (reach + steps)
     # Tilts cause no blur along this axis.
     if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:
@@ -249,23 +251,24 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
 
 # ---- spherical waves -----------------------------------------------------------------------------
 
-# A tilt t multiplies the source by exp(2 pi i t.x), a product of a factor for x and a factor for y.
-# The outline is cut into trapezoids at the y of its vertices, and each trapezoid is sampled at
-# Gauss nodes on rows along x. One matrix product transforms each row from x to the tilts t_x, and a
-# second product transforms the results of all rows from y to the tilts t_y.
+# A tilt t multiplies the source's field by exp(2 pi i t.x), which is a product of a factor for x
+# and a factor for y. The outline is divided into trapezoids by lines along x through its vertices.
+# Each trapezoid is sampled at Gauss nodes on rows along x. One matrix product transforms each row
+# from x to the tilts t_x, and a second product transforms the results of all rows from y to the
+# tilts t_y.
 
 # Relative error of the quadrature rule on the source.
 _QUADRATURE = 1e-9
 # Fraction of the largest tilt that the nodes on the source resolve; larger tilts have negligible
 # weights.
 _RESOLVED = 0.8
-# Largest number of points that are computed with the same nodes, of values of a spectrum over the
-# tilts, and of values per batch.
+# Largest number of points with the same quadrature nodes, largest number of values of a spectrum
+# over the tilts, and largest number of values per batch.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Computing time per point, in ns, of a sum over the tilts: for each node, and for each row of nodes
-# and each tilt.
+# Computing time of a sum over the tilts in ns per point: for each node, and for each combination of
+# a row of nodes and a tilt.
 _NODE, _TILT = 60.0, 2.0
-# Computing time per point and tilt, in ns, of boundary integrals: for each wavelength of the length
+# Computing time of boundary integrals in ns per point and tilt: for each wavelength of the length
 # of the outline, and for each edge.
 _WAVELENGTH, _EDGE = 250.0, 1e4
 # Longest computing time per point, in ns, of a sum over pairs of points on the source.
@@ -273,23 +276,26 @@ _LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
-    """Trapezoidal rule for normally distributed tilts along an axis, from -half to half steps."""
+    """Trapezoidal rule for normally distributed tilts along an axis."""
 
     step: float
-    """Step in cycles per metre."""
+    """Distance between tilts in cycles per metre."""
     half: int
     """Number of tilts above zero."""
     weights: Floats
-    """Weights (2 half + 1,), which add up to 1."""
+    """Weights of the tilts, which add up to 1."""
 
     @property
     def tilts(self) -> Floats:
-        """Tilts (2 half + 1,) in cycles per metre."""
+        """Tilts in ascending order, in cycles per metre."""
         return np.asarray(self.step * np.arange(-self.half, self.half + 1), np.float64)
 
 
 def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
-    """Return the rule with a step of 2 pi/reach that ends at ``tail`` standard deviations."""
+    """Return the rule for tilts of up to ``tail`` standard deviations.
+
+    The step is 2 pi/reach standard deviations, and ``width`` is the coherence width.
+    """
     step = 2 * math.pi / reach
     half = math.ceil(tail / step)
     weights = np.exp(-0.5 * (step * np.arange(-half, half + 1)) ** 2)
@@ -297,7 +303,7 @@ def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
 
 
 class _TiltSum(NamedTuple):
-    """A source, and the rule for its mean over tilts."""
+    """A partially coherent source, and the quadrature rules for its tilts along x and y."""
 
     source: Wavefront
     elements: Sequence[SourceElement]
@@ -310,11 +316,11 @@ class _TiltSum(NamedTuple):
 def _in_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
 ) -> Floats | None:
-    """Return the irradiance (n,) at points (n, 3) by the method with the shortest estimated time.
+    """Return the irradiance of partially coherent light with exact waves at points (n, 3).
 
-    The methods are sums over tilts (Q7), sums over pairs of points on the source (PC11), and one
-    boundary integral for each tilt. The result is None if the boundary integrals are the fastest
-    method.
+    The fastest of three methods is used: sums over tilts (Q7), sums over pairs of points on the
+    source (PC11), and a boundary integral for each tilt. The result is None if the boundary
+    integrals are the fastest method.
     """
     tail = math.sqrt(2 * math.log(8 / error))
     reaches = sides_of(source.bounds) / source.coherence_width + tail
@@ -359,10 +365,10 @@ def _in_spherical_waves(
 def _summed_over_tilts(
     rule: _TiltSum, points: Floats, blocks: Sequence[tuple[Indices, Sequence[Indices]]]
 ) -> Floats:
-    """Return the irradiance (n,) at points (n, 3) by (Q7).
+    """Return the irradiance at points (n, 3) as a mean over tilts of the fields (Q7).
 
-    Each block contains the indices of the points that use the same nodes, and the numbers of nodes
-    of each element.
+    Each block contains the indices of points that use the same quadrature nodes, and the numbers of
+    nodes on each element.
     """
     plane = np.stack(np.meshgrid(*(axis.tilts for axis in rule.axes)), axis=-1)
     cosines: list[Any] = [
@@ -387,11 +393,12 @@ def _trapezoids(outline: Aperture) -> Trapezoids:
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
-    """Return integrals over the source for p points and all tilts, (channel, t_y, t_x, p).
+    """Return the integrals over the source from which the irradiance at points is computed.
 
-    The source is multiplied by cosines of the tilts t >= 0 along an axis in the first half of each
-    tilt axis, and by sines in the second half. ``counts`` contains the number of rows, and of nodes
-    on each row, of each trapezoid of each element.
+    The axes of the result are the quantity on the source, the tilt along y, the tilt along x, and
+    the point. The first half of a tilt axis contains the integrals with cos(2 pi x t) for t >= 0,
+    and the second half the integrals with sin(2 pi x t). ``counts`` contains the numbers of rows
+    and of nodes on each row, for each trapezoid of each element.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
@@ -420,9 +427,10 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
 def _samples(
     rule: _TiltSum, element: SourceElement, x: Floats, y: Floats, weights: Floats, points: Floats
 ) -> Complex:
-    """Return the field at nodes times the waves to points (p, 3), (channel, m, n, p).
+    """Return the integrand of (Q7) without tilt at quadrature nodes, multiplied by their weights.
 
-    There are m rows of n nodes with coordinates ``x`` (m, n), ``y`` (m,) and ``weights`` (m, n).
+    The nodes form m rows of n nodes with coordinates ``x`` (m, n) and ``y`` (m,). The axes of the
+    result are the quantity on the source, the row, the node and the point.
     """
     source, condition, wavelength = rule.source, rule.condition, rule.wavelength
     px, py, z = points.T
@@ -445,7 +453,7 @@ def _samples(
                 offset = nodes - source.centre
                 bend = ((offset @ source.curvature) * offset).sum(axis=-1)
                 field = field * np.exp(1j * np.pi * bend)
-            # The field channel is the wave times (z/R) (1 + i/(kR)).
+            # The contribution of the field is the spherical wave times (z/R) (1 + i/(kR)).
             size_of_field = size * inverse * (condition.field * z)
             imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
             values.real = size_of_field * sine + imaginary * cosine
@@ -461,9 +469,9 @@ def _samples(
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:
-    """Return cos(2 pi x t), followed by sin(2 pi x t), for tilts t >= 0: (..., 2 (half + 1), n).
+    """Return cos(2 pi x t), followed by sin(2 pi x t), for all tilts t >= 0 of an axis.
 
-    ``x`` has the shape (..., n).
+    The shape is (..., 2 (half + 1), n) for coordinates x of the shape (..., n).
     """
     factor = np.exp(2j * math.pi * axis.step * x)[..., None, :]
     powers = np.repeat(factor, axis.half + 1, axis=-2)
@@ -473,7 +481,10 @@ def _waves(x: Floats, axis: _TiltAxis) -> Floats:
 
 
 def _of_both_signs(sums: Complex, axis: int) -> Complex:
-    """Convert sums with cos and sin of 2 pi x t, t >= 0, to sums with exp(2 pi i x t) of all t."""
+    """Convert sums with cos(2 pi x t) and sin(2 pi x t), t >= 0, to sums with exp(2 pi i x t).
+
+    The result contains negative and positive tilts t in ascending order.
+    """
     cosines, sines = np.split(sums, 2, axis=axis)
     sines = 1j * sines
     negative = np.flip(cosines - sines, axis).take(range(cosines.shape[axis] - 1), axis)

@@ -58,11 +58,12 @@ if TYPE_CHECKING:
 
 # Largest relative difference between the requested frequency and a frequency in a file.
 _SAME_FREQUENCY = 1e-3
-# Largest difference in dB between the directivity in a file and the directivity from the integral
-# over its directions. Missing directions and coarse steps can cause smaller differences.
+# Largest difference in dB between the directivity in a file and the directivity that follows from
+# the integral over its directions. Missing directions and coarse steps can cause smaller
+# differences.
 _CONTRADICTION = 1.0
-# Largest relative difference between two fields for the same direction, such as phi = 0 and 360
-# degrees.
+# Largest relative difference between two fields in a file for the same direction, such as phi = 0
+# and 360 degrees.
 _SAME_FIELD = 1e-3
 # Smallest number of meridians from which the radiated power is integrated.
 _LEAST_MERIDIANS = 8
@@ -83,49 +84,54 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     .msi    MSI Planet, also .pln: gain and attenuations in two planes, without fields.
     ======  =====================================================================================
 
-    Headers specify the units. Fields are in V or V/m (rE, or E at 1 m), power in W/sr, W or W/m2
-    (at 1 m), both also with prefixes and in dB (dBuV/m, dBm/m2). Gain and directivity are ratios,
-    dBi or dBd, and angles are in deg or rad. Other units raise an error. Columns that repeat the
-    result, such as Abs(Dir.) and GainTotal, must agree with the components to 0.1 dB.
+    Headers specify the units. Fields are in V (rE) or V/m (E at 1 m). Powers are in W/sr, W, or
+    W/m2 (at 1 m). Both may have prefixes or be in dB, such as dBuV/m and dBm/m2. Gain and
+    directivity are ratios or in dBi or dBd, and angles are in deg or rad. Other units raise an
+    error. Columns that repeat the magnitude of the field, such as Abs(Dir.) and GainTotal, must
+    agree with the field components to 0.1 dB.
 
     Parameters
     ----------
     path : path
-        File, whose suffix specifies the format. Angles are evenly spaced: theta from 0 to 90 or to
-        180 degrees and phi around the full circle, or theta from -180 to 180 degrees. A .cut file
-        may contain only a few cuts. If a file has no directions behind the plane, the backward
-        radiation is zero.
+        Path of the file, whose suffix specifies the format. Angles must be evenly spaced: theta
+        from 0 to 90 or to 180 degrees and phi around the full circle, or theta from -180 to 180
+        degrees. A .cut file may contain only a few cuts. If a file has no directions behind the
+        plane, the backward radiation is zero.
     frequency : float, optional
         Frequency in Hz to select from a file with several frequencies, or the frequency of a file
-        that contains none (.csv, .txt, .cut).
+        that does not contain its frequency (.csv, .txt, .cut).
 
     Returns
     -------
     xarray.Dataset
-        The same variables as :func:`radiation_pattern` returns for a polarised source, in its time
-        convention, with theta of 0 or more. The beam is the largest sample. The radiated power
-        follows from the directivity in the file, or is the integral of the field over all
-        directions; it is near 1 W for files in dBi and .cut files. The aperture power is NaN.
-        Frequency and wavelength are NaN if the file contains none. For .msi and .pln files
-        ``directivity`` is the gain over theta from -180 to 180 degrees at phi = 0 (horizontal) and
-        90 degrees (vertical); there is no ``field``, and the radiated power is NaN.
+        The same variables as :func:`radiation_pattern` returns for a polarised source, in the time
+        convention exp(-i omega t), with theta of 0 or more. The beam is the largest sample. The
+        radiated power follows from the directivity in the file, or is the integral of the field
+        over all directions; it is near 1 W for files in dBi and for .cut files. The aperture power
+        is NaN. Frequency and wavelength are NaN if the file does not contain a frequency.
+
+        For .msi and .pln files, ``directivity`` is the gain over theta from -180 to 180 degrees at
+        phi = 0 (horizontal) and 90 degrees (vertical). There is no ``field``, and the radiated
+        power is NaN.
 
     Raises
     ------
     FileFormatError
-        If the file is missing, larger than 64 MiB, of another format, or damaged; if units are not
+        If the file is missing, larger than 64 MiB, of another format, or damaged. If a unit is not
         supported, columns contradict each other, angles do not cover the front, or fields are not
-        finite or all zero; if there are several frequencies and ``frequency`` is not specified, or
-        if the file does not contain ``frequency``.
+        finite or all zero. If the file contains several frequencies and ``frequency`` is not
+        specified, or if it does not contain ``frequency``.
     ArgumentError
         If the path or the frequency is invalid.
 
     Warns
     -----
     PolywignerWarning
-        If the directivity in the file, which is used, differs by more than 0.1 dB from the integral
-        over its directions (above 1 dB this is an error, unless directions are missing); if a gain
-        exceeds the directivity; and if GAIN in an .msi file has no unit, so that dBd is assumed.
+        If the directivity in the file differs by more than 0.1 dB from the directivity that follows
+        from the integral over its directions. The directivity in the file is then used. A
+        difference above 1 dB is an error, unless directions are missing. A warning is also issued
+        if a gain exceeds the directivity, and if GAIN in an .msi file has no unit, so that dBd is
+        assumed.
 
     Examples
     --------
@@ -146,7 +152,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern at the frequency in a file that is closest to ``frequency``."""
+    """Read the pattern from a file at the frequency closest to ``frequency``."""
     return _read(path, frequency, math.inf)
 
 
@@ -177,7 +183,7 @@ def _check_suffix(suffix: str, known: Iterable[str]) -> None:
 def _selected(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
-    """Return the table at the requested frequency, or the only table."""
+    """Return the far field at the requested frequency, or the only far field of a file."""
     if not tables:
         raise FileFormatError("the file contains no far field")
     known = np.array([table.frequency for table in tables])
@@ -202,7 +208,10 @@ def _selected(
 
 
 def _dataset(table: FarFieldTable) -> xarray.Dataset:
-    """Return the pattern of a table; a few cuts are enough if the radiated power is known."""
+    """Return the pattern for a far field from a file.
+
+    A few cuts are enough if the file format implies the radiated power.
+    """
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
         raise FileFormatError(
             "some directions occur several times in the file; keep one row for each direction"
@@ -235,7 +244,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
 def _about(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
-    """Return the attributes of a pattern whose beam is the largest sample."""
+    """Return the attributes of a pattern, whose beam is assumed at the largest sample."""
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -249,12 +258,12 @@ def _about(
 
 
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Convert directions to theta from 0 to 180 degrees and phi from 0 to below 360 degrees.
+    """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360.
 
-    (-theta, phi) and (theta, phi + 180) are the same direction, but their unit vectors along theta
-    and phi have opposite signs, and so do the field components. If some theta are negative, rows
-    for phi + 180 are added at the poles.
+    If some theta are negative, directions with phi + 180 degrees are added at the poles.
     """
+    # (-theta, phi) and (theta, phi + 180) are the same direction, but their unit vectors along
+    # theta and phi have opposite signs, and so do the field components.
     theta = theta.round(6) % 360
     beyond = theta > 180
     theta = np.where(beyond, 360 - theta, theta).round(6)
@@ -267,7 +276,10 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 
 
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Return theta (n,) and phi (m,) in rad, and E_theta and E_phi as an array (2, n, m)."""
+    """Arrange the field components of a list of directions on a grid of theta and phi.
+
+    Returns theta (n,) and phi (m,) in rad, and the components E_theta and E_phi (2, n, m).
+    """
     polar, row = np.unique(theta, return_inverse=True)
     azimuth, column = np.unique(phi, return_inverse=True)
     shape = len(polar), len(azimuth)
@@ -288,7 +300,10 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
 
 
 def _radiated_power(table: FarFieldTable, integral: float) -> float:
-    """Return the radiated power in W, from the directivity in the file or from an integral."""
+    """Return the radiated power in W that follows from the directivity in a file.
+
+    Without a directivity, the power is ``integral``, the integral of the field over all directions.
+    """
     squares = np.square(np.abs(table.fields)).sum(axis=0)
     peak = int(squares.argmax())
     strongest = float(squares[peak]) / (2 * FREE_SPACE)
@@ -327,10 +342,7 @@ _GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE
 
 
 def _planning_cuts(lines: list[str]) -> xarray.Dataset:
-    """Read the gain at phi = 0 and 90 degrees from an MSI Planet file (.msi, .pln).
-
-    Theta is from -180 to 180 degrees.
-    """
+    """Read the gain over theta, at phi = 0 and 90 degrees, from an MSI Planet file (.msi, .pln)."""
     words = [line.split() for line in lines]
     values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
     match = _GAIN.fullmatch(values.get("GAIN", ""))
@@ -366,7 +378,7 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
 
 
 def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Return the angles (n,) of a cut, from 0 to below 360 degrees, and attenuations (n,) in dB."""
+    """Return the angles of a cut in degrees, from 0 to below 360, and the attenuations in dB."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
@@ -402,7 +414,7 @@ class _Pattern:
     directivity: Floats
     """Directivity (n, m) in dBi."""
     components: tuple[Complex, Complex]
-    """E_theta and E_phi (n, m) in V, with the sign of phases that files use."""
+    """E_theta and E_phi (n, m) in V, with phases exp(+j omega t - j k r)."""
     about: dict[str, float]
     """Numerical attributes of the pattern, in Hz, W and dBi."""
 
@@ -427,22 +439,23 @@ def write_pattern(
     =======  =====================================================================================
     .csv     ``Phi [deg],Theta [deg],dB(DirTotal),re(rETheta) [V],...`` as HFSS exports reports:
              for spreadsheets, MATLAB (readmatrix and patternCustom), pandas. Theta varies fastest.
-    .txt     the far-field table of CST Studio Suite's ASCII export, two lines of header and eight
+    .txt     The far-field table of CST Studio Suite's ASCII export, two lines of header and eight
              columns, also read by OSKAR. Theta varies fastest.
-    .ffd     far-field data of HFSS, for its far-field links and PyAEDT. Evenly spaced angles,
-             0 <= theta <= 180 degrees.
-    .cut     TICRA's GRASP: a polar cut for each phi, E_theta and E_phi with a radiated power of
-             4 pi W, so squares are directivities. Evenly spaced theta.
-    .msi     MSI Planet, also .pln: attenuations every degree in the horizontal and the vertical
-    .pln     plane, for an aperture whose y axis points up; 99.9 dB behind. Cuts phi = 0 and 90
-             degrees with theta from -90 to 90 degrees, or their halves.
+    .ffd     Far-field data of HFSS, for its far-field links and PyAEDT. Requires evenly spaced
+             angles with theta from 0 to 180 degrees.
+    .cut     TICRA's GRASP: a polar cut for each phi. Fields are scaled to a radiated power of 4 pi
+             W, so |E|^2 is the directivity. Requires evenly spaced theta.
+    .msi     MSI Planet: attenuations every degree in the horizontal and the vertical plane, for an
+    .pln     aperture whose y axis points up; 99.9 dB behind it. Requires cuts at phi = 0 and 90
+             degrees with theta from -90 to 90 degrees, or the halves of these cuts.
     =======  =====================================================================================
 
-    A scalar field E becomes the co-polar component by Ludwig's third definition: E_theta =
-    E cos(phi) and E_phi = -E sin(phi) for an aperture polarised along x, E_theta = E sin(phi) and
-    E_phi = E cos(phi) for one polarised along y. Files use the phases exp(+j omega t - j k r), so
-    fields are conjugated. rE is in V, with |rE|^2/(2 Z0) in W/sr. Directions without radiation have
-    -300 dBi.
+    A scalar field E becomes the co-polar component by Ludwig's third definition. For an aperture
+    polarised along x, the components are ``E_theta = E cos(phi)`` and ``E_phi = -E sin(phi)``. For
+    an aperture polarised along y, they are ``E_theta = E sin(phi)`` and ``E_phi = E cos(phi)``.
+    Files use the phases exp(+j omega t - j k r), so fields are conjugated. The field rE is in V,
+    and |rE|^2/(2 Z0) is the radiant intensity in W/sr, where Z0 is the impedance of free space.
+    Directions without radiation have -300 dBi.
 
     Parameters
     ----------
@@ -456,7 +469,7 @@ def write_pattern(
         Direction of the electric field on the aperture of a scalar pattern. Not allowed for a
         polarised pattern.
     efficiency : float, default 1
-        Radiated over accepted power, for the gain in .msi and .pln files.
+        Radiated power divided by accepted power, for the gain in .msi and .pln files.
 
     Raises
     ------
@@ -585,7 +598,7 @@ def _msi(pattern: _Pattern) -> Lines:
 
 
 def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
-    """Return theta in degrees and levels in dBi of a meridian from horizon to horizon."""
+    """Return theta in degrees, and the levels in dBi, of the meridian at an azimuth in degrees."""
     meridians = cuts_of(np.radians(pattern.theta), np.radians(pattern.phi), pattern.directivity)
     for angle, theta, levels in meridians:
         offset = (math.degrees(angle) - phi) % 360.0
@@ -602,7 +615,7 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
 
 
 def _step(name: str, angles: Floats, suffix: str) -> float:
-    """Return the step of evenly spaced angles in degrees; raise ArgumentError for uneven steps."""
+    """Return the step of angles in degrees; raise ArgumentError unless they are evenly spaced."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

@@ -44,14 +44,15 @@ Values = NDArray[Any]
 # from degrees are rounded.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
-# Number of samples per lobe of width lambda/D. It resolves nulls down to some 30 dB below the lobe.
+# Number of samples per lobe of the width wavelength/D, where D is the size of the source. The
+# samples resolve nulls down to some 30 dB below the lobe.
 _STEPS_PER_LOBE = 64
 # Smallest and largest number of samples of a half circle.
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
 # Number of interpolated samples per angular step of a table.
 _STEPS_PER_ANGLE = 4
-# If the level along the normal is at most this much below the beam, in dB, the cuts go along x and
-# y.
+# If the level along the normal is at most this many dB below the beam, the tangents of the great
+# circles at the beam are parallel to x and y.
 _NORMAL = 0.1
 # Smallest number of meridians from which a pattern is interpolated over phi.
 _LEAST_MERIDIANS = 8
@@ -73,12 +74,13 @@ def radiation_pattern(
 ) -> xarray.Dataset:
     """Compute the far field and the directivity of a source over the angles theta and phi.
 
-    The far field E is the sum of sqrt(g) F/(i lambda) over the plane waves of the source's field,
-    where g is the obliquity factor and F the transform of :func:`fourier`. The directivity is
-    4 pi |E|^2/P, where P is the integral of |E|^2 over the hemisphere (docs/patterns.md). |E|^2 is
-    in W/sr for |u|^2 in W/m^2. There is no backward radiation. With a ``polarisation``, E is the
-    electric field (VP2), split into a co- and a cross-polar part by Ludwig's third definition
-    (VP3); the directivity includes both parts.
+    The far field E is the sum of ``sqrt(g) F/(i wavelength)`` over the plane waves of the source's
+    field u, where g is the obliquity factor and F the transform of :func:`fourier`. The directivity
+    is ``4 pi |E|^2/P``, where P is the integral of |E|^2 over the hemisphere (docs/patterns.md).
+    For |u|^2 in W/m^2, |E|^2 is in W/sr. There is no backward radiation.
+
+    With a ``polarisation``, E is the electric field (VP2), which is split into a co- and a
+    cross-polar part by Ludwig's third definition (VP3). The directivity includes both parts.
 
     Parameters
     ----------
@@ -87,44 +89,48 @@ def radiation_pattern(
     wavelength : float
         Wavelength in m.
     theta : array_like, shape (n,)
-        Angles from the normal in rad, from -pi to pi. Negative angles, for cuts, lie at the
-        opposite phi.
+        Angles from the normal in rad, from -pi to pi. A negative angle theta at phi is the
+        direction of its absolute value at phi + pi.
     phi : array_like, shape (m,) or ()
         Angles from the x axis in rad.
     obliquity : str, default "rayleigh-sommerfeld-1"
-        Boundary condition, which determines g: cos^2(theta) for "rayleigh-sommerfeld-1",
-        ((1 + cos(theta))/2)^2 for "kirchhoff", 1 for "rayleigh-sommerfeld-2", or cos(theta) for
-        "paper". It applies to each plane wave of tapers and steering (docs/theory.md, (D2), (D3)).
-        Polarised sources have no obliquity.
+        Boundary condition, which determines the obliquity factor g: cos^2(theta) for
+        "rayleigh-sommerfeld-1", ((1 + cos(theta))/2)^2 for "kirchhoff", 1 for
+        "rayleigh-sommerfeld-2", or cos(theta) for "paper". For tapers and steering, the factor
+        applies to each plane wave of the field (docs/theory.md, (D2), (D3)). Polarised sources have
+        no obliquity.
     polarisation : str or array_like, optional
         Polarisation of the source, as in :func:`polywigner.field`. By default the field is scalar.
     method : {"huygens", "magnetic", "electric"}
         Equivalent currents of a polarised source.
     element : xarray.Dataset, optional
-        Far field of the elements of a :func:`phased_array`, which replaces their aperture, field
-        and obliquity: a result of :func:`read_pattern`, or of this function with a polarisation.
-        The positions of the array are the origins of this far field. The radiated power includes
-        backward radiation of the element, and the aperture power is NaN. ``polarisation`` then only
-        defines the co-polar part; its default is the polarisation of the beam.
+        Far field that replaces the aperture, the field and the obliquity of the elements of a
+        :func:`phased_array`: a result of :func:`read_pattern`, or of this function with a
+        polarisation. Each position of the array is the origin of the far field of one element. The
+        radiated power includes backward radiation of the elements, and the aperture power is NaN.
+        ``polarisation`` then only defines the co-polar part, by default as the polarisation of the
+        beam.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
     xarray.Dataset
-        ``directivity`` (n, m) in dBi, minus infinity without radiation, and complex ``field``
-        (n, m) in m times the unit of u, accurate to 1e-12 of the largest |E|. Attributes are the
-        wavelength, the frequency, the obliquity, the radiated power, the aperture power int |u|^2,
-        and the largest directivity at these angles. ``peak_directivity`` in dBi, ``peak_theta`` and
-        ``peak_phi`` describe the beam, the maximum over all directions. A source with linear phases
-        also has ``steered_theta`` and ``steered_phi``.
+        ``directivity`` in dBi over theta and phi, minus infinity without radiation, and the complex
+        ``field`` in m times the unit of u, accurate to 1e-12 of the largest |E|. The attributes
+        contain the wavelength, the frequency, the obliquity, the radiated power, the aperture
+        power, which is the integral of |u|^2, and the largest directivity at these angles.
+        ``peak_directivity`` in dBi, ``peak_theta`` and ``peak_phi`` describe the beam, the maximum
+        over all directions. For a source with linear phases, ``steered_theta`` and ``steered_phi``
+        are the direction to which it is steered.
 
         For a polarised source ``field`` is the co-polar part. Further variables are the complex
-        ``cross_field``, and in dB ``cross_polar_discrimination`` (co- over cross-polar) and
-        ``axial_ratio``. The attributes contain ``method`` instead of the obliquity, and
-        ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam. The attribute
-        ``polarisation`` is the Jones vector of the co-polar part: real and imaginary part along x,
-        then along y. If the polarisations of elements differ, it is the polarisation of the beam.
+        ``cross_field``, the ratio ``cross_polar_discrimination`` of the co- to the cross-polar part
+        in dB, and the ``axial_ratio`` in dB. The attributes contain ``method`` instead of the
+        obliquity, and ``peak_axial_ratio`` and ``peak_cross_polar_discrimination`` of the beam. The
+        attribute ``polarisation`` is the Jones vector of the co-polar part: real and imaginary part
+        along x, then along y. If the polarisations of elements differ, it is the polarisation of
+        the beam.
 
     Raises
     ------
@@ -156,9 +162,10 @@ def beam_cuts(
 ) -> xarray.Dataset:
     """Compute the far field and the directivity along two great circles through the beam.
 
-    The first circle is the meridian of the beam, and the second one is perpendicular to it. If the
-    directivity along the normal is within 0.1 dB of the beam, the circles go along x and y. Pass
-    the result to :func:`beam_metrics` or :func:`polywigner.figures.draw_pattern`.
+    The first circle is the meridian through the beam, and the second circle is perpendicular to it.
+    If the directivity along the normal is within 0.1 dB of the beam, the tangents of the circles at
+    the beam are parallel to x and y. The result is an argument of :func:`beam_metrics` and
+    :func:`polywigner.figures.draw_pattern`.
 
     Parameters
     ----------
@@ -172,12 +179,12 @@ def beam_cuts(
     Returns
     -------
     xarray.Dataset
-        The variables and attributes of :func:`radiation_pattern` over ``cut`` and ``angle``.
-        ``cut`` (2,) is "meridian" and "across", or "x" and "y". ``angle`` (n,) is the angle from
-        the beam in rad, with 64 steps per lobe; it is positive towards larger theta on the
-        meridian, and towards larger phi across. Coordinates ``theta`` and ``phi`` (2, n) are the
-        directions in rad, and ``azimuth`` (2,) the azimuths of the tangents at the beam. Values
-        behind the plane are NaN.
+        The variables and attributes of :func:`radiation_pattern` over ``cut`` and ``angle``. The
+        names in ``cut`` are "meridian" and "across", or "x" and "y". ``angle`` is the angle from
+        the beam in rad, with 64 steps per lobe. It is positive towards larger theta on the
+        meridian, and towards larger phi on the other circle. The coordinates ``theta`` and ``phi``
+        are the directions in rad, and ``azimuth`` contains the azimuths of the tangents at the
+        beam. Values behind the plane are NaN.
 
     Raises
     ------
@@ -201,7 +208,7 @@ def beam_cuts(
 
 
 def _great_circles(far: FarField, step: float) -> xarray.Dataset:
-    """Return the pattern along two great circles through the beam; ``step`` is in rad."""
+    """Return the pattern along two great circles through the beam, with an angular step in rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
@@ -236,9 +243,9 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
-    """Return the pattern of a far field, from its values at unit vectors (..., 3).
+    """Return the pattern for values of a far field in directions, given by unit vectors (..., 3).
 
-    ``values`` are the scalar field (...), or the components of the electric field (..., 3).
+    ``values`` contains the scalar field (...), or the components of the electric field (..., 3).
     """
     power, energy = far.powers
     largest, theta, phi = far.beam
@@ -272,7 +279,7 @@ def _dataset(
 
 
 def jones_of(components: tuple[Values, Values]) -> Values:
-    """Return the Jones vector of fields along x and y; its larger component is real."""
+    """Return the Jones vector of field components along x and y; its larger component is real."""
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
 
@@ -285,7 +292,10 @@ def vector_dataset(
     about: dict[str, Any],
     source: PlaneSource | Wavefront | None = None,
 ) -> xarray.Dataset:
-    """Return the pattern of a polarised source, from levels in dBi and fields along x and y."""
+    """Return the pattern of a polarised source from its directivity and its field along x and y.
+
+    ``levels`` is the directivity in dBi, and ``along`` contains both components of the field.
+    """
     co, cross = co_and_cross(along, jones)
     variables = {
         "directivity": levels,
@@ -330,7 +340,7 @@ def described(
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset of variables with their units and long names over axes, and the source."""
+    """Return a dataset with the units and long names of its variables, and with its source."""
     from polywigner import __version__
 
     convention = {
@@ -350,16 +360,16 @@ def described(
 # ---- cuts ---------------------------------------------------------------------------------------
 
 CutKind = Literal["theta", "meridian", "across", "x", "y"]
-"""Meridian over theta, or great circle through the beam."""
+"""Kind of a cut: "theta" for a meridian, otherwise a great circle through the beam."""
 
 
 class Cut(NamedTuple):
-    """Directivity along a meridian or a great circle."""
+    """Directivity along a meridian, or along a great circle through the beam."""
 
     phi: float
     """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
     angles: Floats
-    """Angles theta in rad, or angles from the beam along a great circle."""
+    """Angles theta of a meridian, or angles from the beam along a great circle, in rad."""
     levels: Floats
     """Directivities in dBi."""
     kind: CutKind
@@ -394,7 +404,7 @@ def _checked_levels(
 def _cross_polar(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the cross-polar directivity in dBi, or ``levels`` if the pattern is scalar."""
+    """Return the cross-polar directivity of a pattern in dBi, or ``levels`` if it is scalar."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -402,16 +412,16 @@ def _cross_polar(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Return the angles theta in front of the plane, and the levels (theta, phi) there."""
+    """Return the angles theta in front of the plane, and the directivity at these angles."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 
 
 def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield phi, the angles theta and the levels of each meridian, from horizon to horizon.
+    """Yield phi, the angles theta and the levels of each meridian of a pattern.
 
-    The columns of ``levels`` (theta, phi) at phi and phi + pi are joined to one meridian. If there
-    is no column at phi + pi, the meridian starts at theta = 0.
+    The columns of ``levels`` at phi and phi + pi are joined to one meridian. If there is no column
+    at phi + pi, the meridian starts at the smallest theta.
     """
     order = np.argsort(theta)
     has_both_signs = theta.min() < -_SAME_ANGLE
@@ -432,12 +442,12 @@ def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float,
 
 
 def angle_between(a: float, b: float) -> float:
-    """Return the angle between two meridians in rad, from 0 to pi/2."""
+    """Return the angle between the meridians at two azimuths, from 0 to pi/2 rad."""
     return abs(math.remainder(a - b, math.pi))
 
 
 def cuts_in(pattern: Any) -> list[Cut]:
-    """Return the great circles of a result of :func:`beam_cuts`, or the meridians of a pattern."""
+    """Return the cuts of a pattern: its meridians, or the great circles of :func:`beam_cuts`."""
     if "cut" not in getattr(pattern, "dims", ()):
         theta, phi, levels, about = checked_pattern(pattern)
         crossed = _cross_polar(pattern, ("theta", "phi"), about, levels)
@@ -460,9 +470,9 @@ def cuts_in(pattern: Any) -> list[Cut]:
 
 
 def circles_through_beam(pattern: Any) -> list[Cut]:
-    """Interpolate a pattern along great circles through its beam.
+    """Interpolate a pattern along two great circles through its beam.
 
-    The list is empty unless the pattern has a field over the hemisphere in even steps.
+    Returns an empty list unless the pattern has a field over the hemisphere in even steps.
     """
     theta, phi, _, about = checked_pattern(pattern)
     polar, azimuths = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))

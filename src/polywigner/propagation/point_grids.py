@@ -33,12 +33,12 @@ _AXES = ("x", "y", "z")
 
 
 def checked_theta(values: Any) -> Floats:
-    """Return angles (n,) from the normal in rad, from -pi to pi; raise ArgumentError otherwise."""
+    """Return angles theta from the normal in rad; raise ArgumentError unless within -pi to pi."""
     return checked_angles(values, "theta", math.pi)
 
 
 def checked_phi(values: Any) -> Floats:
-    """Return angles (n,) from the x axis in rad; raise ArgumentError otherwise."""
+    """Return angles phi from the x axis in rad; raise ArgumentError for invalid angles."""
     return checked_angles(values, "phi", math.inf)
 
 
@@ -52,7 +52,7 @@ def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
 
 
 def unit_vectors(theta: Floats, phi: Floats) -> Floats:
-    """Return unit vectors (n, m, 3) at n angles from z and m angles from x, in rad."""
+    """Return unit vectors (n, m, 3) at angles theta (n,) and phi (m,) in rad."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
     # In floating point, cos(pi/2) is 6e-17, but directions on the horizon must count as both front
     # and back.
@@ -62,7 +62,7 @@ def unit_vectors(theta: Floats, phi: Floats) -> Floats:
 
 
 def checked_angles(values: Any, name: str, largest: float) -> Floats:
-    """Return angles (n,) in rad of at most ``largest``; raise ArgumentError otherwise."""
+    """Return angles in rad; raise ArgumentError if a modulus exceeds ``largest``."""
     expected = f"expected {name} as angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
@@ -76,7 +76,7 @@ def checked_angles(values: Any, name: str, largest: float) -> Floats:
 Method = Literal[BoundaryCondition, "fresnel", "fraunhofer"]
 
 METHODS: tuple[str, ...] = get_args(Method)
-"""Names of the methods that compute the complex field."""
+"""Names of the methods of :func:`amplitude`."""
 
 DEFAULT_TOLERANCE = 1e-9
 """Default relative error of fields."""
@@ -91,7 +91,7 @@ def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
 
 
 def checked_points(points: Any) -> Floats:
-    """Return points (..., 3) in metres with z > 0; raise ArgumentError otherwise."""
+    """Return points in metres in front of the source; raise ArgumentError unless all z > 0."""
     expected = (
         "expected points as real numbers of shape (..., 3), with x, y and z along the last axis"
     )
@@ -106,15 +106,15 @@ def checked_points(points: Any) -> Floats:
 
 
 def checked_amplitude_tolerance(tolerance: float | None) -> float:
-    """Return a tolerance that :func:`amplitude` can meet; raise ArgumentError otherwise."""
+    """Return the tolerance of a field; raise ArgumentError if :func:`amplitude` cannot meet it."""
     return tolerance_from(tolerance, DEFAULT_TOLERANCE, _LEAST)
 
 
 def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
-    """Return a number from ``least`` to 0.1, or the default; raise ArgumentError otherwise.
+    """Return a tolerance from ``least`` to 0.1, or the default if the tolerance is None.
 
-    ``where`` contains words for the message that specify when this range applies, such as " with
-    obstacles".
+    Raises ArgumentError for other values; ``where`` is appended to the range in the message, such
+    as " with obstacles".
     """
     if tolerance is None:
         return default
@@ -123,12 +123,15 @@ def tolerance_from(tolerance: float | None, default: float, least: float, where:
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; raise an ArgumentError with all names otherwise."""
+    """Return the name of a method; raise ArgumentError for an unknown name."""
     return checked_choice(method, "method", allowed)
 
 
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
-    """Warn if errors exceed the allowed errors; ``what`` names the results, in the plural."""
+    """Warn if estimated errors exceed the allowed errors.
+
+    ``what`` is the plural noun for the results in the message.
+    """
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
@@ -146,10 +149,10 @@ class Grid:
     """Points on a line, in a plane, in a volume or on a hemisphere."""
 
     coords: dict[str, xarray.Variable]
-    """Coordinates along each axis in m or rad, by the name of the axis."""
+    """Names and coordinates of the axes, in m or rad."""
     points_at: Callable[..., Floats]
-    """Function of coordinates (n,), (m,), ... along the axes, which returns points (n, m, ..., 3)
-    in m."""
+    """Function that returns the points (n, m, ..., 3) in m for coordinates (n,), (m,), ... along
+    the axes."""
 
     @property
     def shape(self) -> Index:
@@ -157,13 +160,13 @@ class Grid:
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
-        """Return points (*shape, 3) in m, starting at the indices ``first``."""
+        """Return a block of ``shape`` points in m, whose first point has the index ``first``."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
 
 def _straight(origin: Floats, directions: Floats, *along: Floats) -> Floats:
-    """Return origin + sum of a_k e_k over axes k with directions e_k (axes, 3)."""
+    """Return the points of a grid with straight axes, for coordinates ``along`` each axis."""
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
 
@@ -173,7 +176,7 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 
 
 def box_grid(box: Any, shape: Any) -> Grid:
-    """Return a volume of ``shape`` points along x, y and z, including all faces of a box."""
+    """Return the grid of a box, with points on all of its faces."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
@@ -186,7 +189,7 @@ def box_grid(box: Any, shape: Any) -> Grid:
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
-    """Return the grid of a plane, from a box of zero thickness or three corners of a rectangle."""
+    """Return the grid of a rectangle, given as a box of zero thickness or as three corners."""
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
@@ -216,7 +219,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 
 
 def line_grid(ends: Any, samples: Any) -> Grid:
-    """Return the points of a line; their coordinate is the distance from the first end."""
+    """Return the grid of a line, whose coordinate is the distance from the first end."""
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
@@ -228,7 +231,7 @@ def line_grid(ends: Any, samples: Any) -> Grid:
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
-    """Return points around a centre at angles theta from the z axis and phi from the x axis."""
+    """Return the grid of a hemisphere, whose coordinates are the angles theta and phi."""
     length = checked_length(radius, "radius")
     origin = _checked(centre, "expected a centre (3,)", 3)
     if origin.ndim != 1:
@@ -251,7 +254,7 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Floats:
-    """Return evenly spaced values including both ends, or the midpoint if ``count`` is 1."""
+    """Return ``count`` evenly spaced values including both ends, or the midpoint for one value."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

@@ -1,7 +1,4 @@
-"""Fields of pupils with aberrations, and point spread functions of all pupils.
-
-The fields are those in the far field and in the Fresnel approximation.
-"""
+"""Far fields and Fresnel fields of pupils with aberrations, and point spread functions."""
 
 from __future__ import annotations
 
@@ -42,8 +39,8 @@ from polywigner.transforms.pupil_gradients import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Numbers of pairs of a quadrature node and a point: per block (some tens of megabytes), and at most
-# per call. 1e9 pairs take about a minute.
+# Number of pairs of a quadrature node and a point per block, which takes some tens of megabytes.
+# Largest number of pairs per call; 1e9 pairs take about a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
 # Number of the points at which the error of the quadrature rule is estimated.
 _CHECKED = 32
@@ -52,10 +49,11 @@ _CHECKED = 32
 def aberrated_spectrum(
     pupil: AberratedPupil, nu: Floats, tolerance: float, centre: Any = (0.0, 0.0)
 ) -> Converged:
-    """Return the Fourier integrals (n,) of an aberrated pupil field at frequencies nu (n, 2).
+    """Return the Fourier transform of an aberrated pupil field at frequencies nu (n, 2).
 
-    The integral is int u exp(2 pi i W/lambda - 2 pi i nu.(x - centre)) dx. ``tolerance`` is the
-    allowed error as a fraction of int |u| dx. The error is estimated at some of the points.
+    The integral is ``int u exp(2 pi i W/wavelength - 2 pi i nu.(x - centre)) dx``, where W is the
+    path length of the aberration. ``tolerance`` is the allowed error as a fraction of the integral
+    of |u|. The error is estimated at some of the frequencies.
     """
     band = band_of(nu)
     some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
@@ -72,7 +70,7 @@ def aberrated_spectrum(
 
 
 def band_of(nu: Floats) -> tuple[Floats, Floats]:
-    """Return the lowest and the highest frequency along each axis, (2,) each, of nu (n, 2)."""
+    """Return the lowest and the highest of spatial frequencies (n, 2) along each axis."""
     if not len(nu):
         return np.zeros(2), np.zeros(2)
     return nu.min(axis=0), nu.max(axis=0)
@@ -87,11 +85,12 @@ def element_sums(
     factors: Callable[[Floats, Floats], Floats] | None = None,
     centre: Any = (0.0, 0.0),
 ) -> Iterator[Complex]:
-    """Yield the Fourier integrals (k, n) of each element's field u times k factors.
+    """Yield the Fourier transform of each element of a pupil, multiplied by factors.
 
-    The integral is int factor u exp(-2 pi i nu.(x - centre)) dx, and u excludes the weight of the
-    element. ``factors`` is a function of x and y (...) that returns factors (k, ...); None stands
-    for the factor 1.
+    The integral is ``int factor u exp(-2 pi i nu.(x - centre)) dx``, where u is the aberrated field
+    of the element without its weight. ``factors`` is a function that returns k factors (k, ...) at
+    coordinates x and y (...). By default there is one factor, which is 1. The shape of the result
+    is (k, n).
     """
     lattice = FrequencyLattice(nu)
     for number in range(len(pupil.elements)):
@@ -105,11 +104,11 @@ def element_sums(
 
 
 def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
-    """Return the sums (n,) of a field (k, m) times exp(-2 pi i nu.x) over nodes x (k, m, 2).
+    """Return the Fourier sum of a field over quadrature nodes, at all frequencies of a lattice.
 
-    The m nodes of a row have the same x coordinate. If the frequencies lie on a grid, all
-    frequencies along x reuse the sums over y.
+    The nodes (k, m, 2) lie on k rows of constant x, and ``field`` (k, m) includes their weights.
     """
+    # If the frequencies lie on a grid, all frequencies along x use the same sums over y.
     waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
     if waves > _MOST:
         raise ArgumentError(
@@ -132,14 +131,17 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
 def spectrum_jets(
     pupil: AberratedPupil, nu: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return the values and derivatives (n, 1 + m) of :func:`aberrated_spectrum` at nu (n, 2)."""
+    """Return the values of :func:`aberrated_spectrum`, and their derivatives.
+
+    The result (n, 1 + m) contains the value and the m derivatives at each of n frequencies.
+    """
     values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
     return numbers.joined(values, _OfSpectrum(pupil, nu, extra, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
 class _OfSpectrum:
-    """Derivatives of the spectrum of a pupil."""
+    """Derivatives of :func:`aberrated_spectrum` with respect to the numbers of a pupil."""
 
     pupil: AberratedPupil
     nu: Floats
@@ -179,10 +181,10 @@ class _OfSpectrum:
 def aberrated_fresnel_field(
     source: Any, aberration: Aberration, points: Floats, wavelength: float, tolerance: float
 ) -> tuple[Complex, Floats]:
-    """Return the Fresnel field (n,) of an aberrated pupil at points (n, 3), and its error.
+    """Return the Fresnel field of an aberrated pupil at points, and its error.
 
-    The field is exp(ikz)/(i lambda z) int u exp(2 pi i W/lambda + i pi |X - x|^2/(lambda z)) dx.
-    Points of equal z share a quadrature rule.
+    With the wavelength L and the path length W of the aberration, the field at the point (X, z) is
+    ``exp(ikz)/(i L z) int u(x) exp(2 pi i W/L + i pi |X - x|^2/(L z)) dx``.
     """
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     for z in np.unique(points[:, 2]).tolist():
@@ -216,45 +218,48 @@ def psf(
     """Return the point spread function of a lens whose pupil is the source.
 
     The point spread function is the irradiance in the focal plane due to a star on the axis,
-    divided by the power of the star in the pupil. Its integral over the plane is 1, and its Fourier
-    transform is :func:`otf`. For several wavelengths it is the weighted mean, which a broadband
-    detector measures. For other first-order systems use :func:`irradiance` with ``through``.
+    divided by the power that the pupil receives from the star. Its integral over the plane is 1,
+    and its Fourier transform is :func:`otf`. For several wavelengths it is the weighted mean of the
+    point spread functions, which a broadband detector measures. For other first-order systems use
+    :func:`irradiance` with ``through``.
 
     Parameters
     ----------
     source : Aperture or Array
         Field in the pupil, in the plane z = 0. The optical axis passes through the origin.
     points : array_like, shape (..., 2)
-        Points in the image in m.
+        Points in the image plane in m.
     wavelength : float or array_like, shape (k,)
         Wavelength in m, or wavelengths of a polychromatic source.
     focal_length : float, optional
-        Focal length, or distance of the image from the pupil, in m. This or ``numerical_aperture``.
+        Focal length, or distance of the image from the pupil, in m. Either this or
+        ``numerical_aperture`` is required.
     defocus : float, default 0
-        Wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
-        aberration in m is the same at all wavelengths.
+        Defocus coefficient W20 of the wavefront aberration at ``pupil_radius``, in units of the
+        mean wavelength. The aberration in m is the same at all wavelengths.
     pupil_radius : float, optional
         See :func:`otf`.
     numerical_aperture : float, optional
-        Sine of the marginal ray's angle in the image, from the ``pupil_radius`` a: by Abbe's sine
-        condition the focal length is a/numerical_aperture. For a disc give its radius.
+        Sine of the angle of the marginal ray, which starts at ``pupil_radius``, in the image. By
+        Abbe's sine condition the focal length is pupil_radius/numerical_aperture. For a disc,
+        specify its radius as ``pupil_radius``.
     aberration : Aberration, optional
         Path length in m, the same at all wavelengths, in addition to the defocus. The field is a
         sum over nodes in the pupil (docs/imaging.md, (IM3)).
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, zero or more; equal by default.
     tolerance : float, default 1e-10
-        Allowed error of the field of aberrated pupils over the field of the source in phase,
-        estimated by a second rule; at least 1e-13.
+        Allowed error of the field of an aberrated pupil, as a fraction of the field with all parts
+        of the pupil in phase; at least 1e-13. The error is estimated by a second quadrature rule.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`; aberrated pupils use NumPy.
 
     Returns
     -------
     ndarray of float64, shape (...)
-        Values in 1/m^2, at least 0. An ``xarray.DataArray`` of points gives a DataArray. A Dr.Jit
-        ``Float`` (n,) with derivatives for a :func:`differentiable` pupil, and for an aberration
-        with Dr.Jit coefficients.
+        Values in 1/m^2, zero or more. An ``xarray.DataArray`` of points gives a DataArray. A
+        :func:`differentiable` pupil, or an aberration with Dr.Jit coefficients, gives a Dr.Jit
+        ``Float`` with derivatives.
 
     Raises
     ------

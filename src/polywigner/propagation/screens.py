@@ -27,12 +27,12 @@ Position = tuple[float, float, float]
 _OPS = NumpyOperations()
 # Quadrature rule for the waves that edges diffract.
 _RULE = EdgeRule.of(8.0, 100, 14)
-# Upper bound on the error of this rule, as a fraction of the incident field. The largest error for
-# 40,000 random edges was 1e-13; half of the points were within 10 wavelengths of the shadow
-# boundary.
+# Upper bound on the error of the quadrature rule, as a fraction of the incident field. The largest
+# error for 40,000 random edges was 1e-13; half of the points were within 10 wavelengths of the
+# shadow boundary.
 _ERROR = 2e-13
-# Points exactly on a shadow boundary are shifted in this direction, by this fraction of their
-# distance from the source, so that they are on one side.
+# Points exactly on a shadow boundary are shifted off it. The shift is the fraction _SHIFT of the
+# distance from the source, in the direction _ASIDE.
 _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
 # On a line through the source and a corner, the waves of both edges diverge and their sum loses
 # digits. Points within _AT_CORNER of such a line get the mean field of two points at the distance
@@ -43,7 +43,7 @@ _PAIRS = 1 << 15
 
 
 def incident_of_point(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
-    """Return exp(ikR)/R at points (n, 3), where R is the distance from the source (3,)."""
+    """Return the spherical wave ``exp(ikR)/R`` at points, where R is the distance from a source."""
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_cycles(distance / wavelength) / distance)
 
@@ -51,7 +51,7 @@ def incident_of_point(source: Position | Floats, points: Floats, wavelength: flo
 def waves_through(
     opening: Aperture, source: Position, points: Floats, wavelength: float, mirrored: float
 ) -> tuple[Complex, Floats]:
-    """Return the field of a point source behind an opening at points (n, 3), and its error (B9).
+    """Return the field of a point source behind an opening in a screen, and its error (B9).
 
     ``mirrored`` is the factor of the edge waves that the mirror image of the source excites.
     """
@@ -91,7 +91,7 @@ def waves_through(
 
 
 def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
-    """Return which points (n, 3) lie on a line through a source (3,) and a corner (m, 2)."""
+    """Return whether each point lies on a line through a source and a corner of an opening."""
     near = np.zeros(len(points), np.bool_)
     away = points - source
     lengths = np.linalg.norm(away, axis=1)
@@ -105,7 +105,7 @@ def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray
 @final
 @dataclass(frozen=True)
 class PointSource:
-    """A point source with the field ``amplitude`` exp(ikR)/R at the distance R.
+    """A point source with the field ``amplitude exp(ikR)/R`` at the distance R.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class PointSource:
 @final
 @dataclass(frozen=True)
 class PlaneWave:
-    """A plane wave ``amplitude`` exp(ik s.x) that travels in the direction s.
+    """A plane wave ``amplitude exp(ik s.x)`` that travels in the direction s.
 
     Parameters
     ----------
@@ -178,20 +178,21 @@ class PlaneWave:
 class Screen:
     """An opaque screen in the plane z = 0, illuminated from z < 0, for :func:`amplitude`.
 
-    Behind a plate the field is the incident field minus the field behind an opening of the same
-    outline (Babinet). The ``method`` of :func:`amplitude` selects the boundary condition on the
-    back of the screen. For "kirchhoff" the screen is black, for "rayleigh-sommerfeld-1" the field
-    is zero there, and for "rayleigh-sommerfeld-2" its normal derivative is zero.
+    By Babinet's principle, the field behind a plate is the incident field minus the field behind an
+    opening of the same outline. The ``method`` of :func:`amplitude` selects the boundary condition
+    on the back of the screen. For "kirchhoff" the screen is black. On the back of the screen, the
+    field is zero for "rayleigh-sommerfeld-1", and its normal derivative is zero for
+    "rayleigh-sommerfeld-2".
 
     Parameters
     ----------
     outline : Aperture
         Outline of the opaque part, or of the opening, without an illumination.
     illuminated_by : PointSource or PlaneWave
-        Incident wave; a point source lies at z < 0.
+        Incident wave. A point source must lie at z < 0.
     kind : {"plate", "opening"}, default "plate"
-        "plate": the outline is opaque and everything else is open. "opening": the outline is open
-        in an infinite screen.
+        Whether the outline is an opaque "plate" in an open plane, or an "opening" in an infinite
+        opaque screen.
 
     Raises
     ------
@@ -241,7 +242,7 @@ def field_of_screen(
     tolerance: float,
     engine: str,
 ) -> tuple[Complex, NDArray[np.float64]]:
-    """Return the field (n,) at points (n, 3) with z > 0, and an estimate of its error (n,)."""
+    """Return the field behind a screen at points with z > 0, and an estimate of its error."""
     if method not in CONDITIONS:
         raise ArgumentError(
             f"the field behind a screen requires one of the methods {', '.join(CONDITIONS)}, got "

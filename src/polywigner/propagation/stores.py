@@ -1,8 +1,8 @@
 """Datasets in memory, lazy or on disk: zarr stores written chunk by chunk, and NetCDF files.
 
 zarr writes a chunk to a temporary file and renames it, so a chunk is either complete or missing,
-and a second run computes only the missing chunks. The attributes and coordinates of a store are the
-settings of its run (docs/large_runs.md).
+and a second run computes only the missing chunks. The attributes and coordinates of a store contain
+the settings of its run (docs/large_runs.md).
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ if TYPE_CHECKING:
     from distributed.deploy import Cluster
 
 Index = tuple[int, ...]
-"""An integer for each dimension: an index, or a number of samples."""
+"""Index of a sample, or number of samples, along each dimension of a grid."""
 Block = Callable[[Index, Index], NDArray[Any]]
-"""Function of the index of the first sample and of a shape. It returns the values of a block."""
+"""Function that computes a block of a grid, from the index of its first sample and its shape."""
 Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
-"""Function that computes blocks of a variable, dtype of the values, and attributes."""
+"""Variable of a dataset: the function that computes its blocks, its dtype, and its attributes."""
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
 """Sizes of chunks, in a form that dask accepts."""
 Scheduler: TypeAlias = "str | Cluster | None"
 """Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
-"""A dataset in memory or lazy, one array, or the path of a store on disk."""
+"""A dataset or an array, in memory or lazy, or the path of a store on disk."""
 
 # Longest time in s to wait for a scheduler, and for its first worker.
 _PATIENCE = 10.0
@@ -68,7 +68,10 @@ LARGEST_CHUNK = 1 << 22
 
 
 def required(*names: str) -> ModuleType:
-    """Import modules of the extra ``datasets``; return the last one, or raise MissingExtraError."""
+    """Import modules of the extra ``datasets``, and return the last module.
+
+    Raises MissingExtraError if a module is not installed.
+    """
     modules: list[ModuleType] = [
         require(name, "datasets", "large results are stored and distributed with") for name in names
     ]
@@ -76,7 +79,7 @@ def required(*names: str) -> ModuleType:
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Return the shape of chunks with up to ``samples`` samples, by halving the longest axes."""
+    """Return the shape of chunks with up to ``samples`` samples for a grid of a given shape."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
@@ -85,12 +88,12 @@ def chunks_within(shape: Sequence[int], samples: int) -> Index:
 
 
 def source_attrs(source: Any) -> dict[str, str]:
-    """Return the attribute of a dataset that describes a source in at most 200 characters."""
+    """Return the dataset attribute that describes a source in at most 200 characters."""
     return {"source": f"{source!r:.200}"}
 
 
 def source_coords(source: Any) -> dict[str, xarray.Variable]:
-    """Return the coordinate of a dataset that contains a source as JSON."""
+    """Return the dataset coordinate that contains a source as JSON."""
     # The dtype is object, because zarr cannot store NumPy's strings of fixed length.
     values = np.array(source_json(source), dtype=object)
     return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
@@ -100,7 +103,7 @@ def source_coords(source: Any) -> dict[str, xarray.Variable]:
 
 
 class StoreOptions(TypedDict, total=False):
-    """Options of results that are lazy, or written to a store."""
+    """Options of datasets that are lazy, or written to a store."""
 
     chunks: Chunks | None
     scheduler: Scheduler
@@ -119,25 +122,27 @@ def results_on_grid(
     chunk_size: int = LARGEST_CHUNK,
     compiled: bool = True,
 ) -> xarray.Dataset:
-    """Return variables over ``axes``: computed now, lazy with ``chunks``, or in the store ``out``.
+    """Return a dataset of variables on a grid: in memory, lazy, or in a store on disk.
 
-    Values in memory are computed in blocks of up to ``block_size`` samples. Chunks of a store have
-    up to ``chunk_size`` samples, unless ``chunks`` is specified.
+    ``options`` contains StoreOptions and ``out``. With the option ``chunks`` the dataset is lazy,
+    and with ``out``, the path of a store, the dataset is written to disk. Values in memory are
+    computed in blocks of up to ``block_size`` samples. Chunks of a store have up to ``chunk_size``
+    samples, unless ``chunks`` is specified.
 
-    ``options`` contains ``out`` and StoreOptions. ``compiled`` specifies that blocks use Dr.Jit's
-    thread pool: chunks are then computed one at a time, and ``threads`` is the size of the pool.
-    Otherwise ``threads`` chunks are computed at the same time.
+    If ``compiled`` is true, each chunk is computed by all ``threads`` of Dr.Jit's thread pool, one
+    chunk after the other. Otherwise ``threads`` chunks are computed at the same time.
 
     Raises
     ------
     ArgumentError
-        For options that require a store, and chunks that dask or zarr does not accept.
+        If an option requires a store, or if dask or zarr does not accept the chunks.
     StoreError
-        If the path cannot be written to, or contains something else.
+        If the path cannot be written to, or is not a store with the same settings.
     EngineError
         If the scheduler does not respond.
     MissingExtraError
-        For ``chunks`` and ``out`` without dask, ``out`` without zarr.
+        If dask, which ``chunks`` and ``out`` require, or zarr, which ``out`` requires, is not
+        installed.
     """
     from polywigner import __version__
 
@@ -188,7 +193,7 @@ def _in_memory(
 def _lazy_array(
     block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array with chunks computed by ``block``, which must be picklable."""
+    """Return a dask array whose chunks are computed by the picklable function ``block``."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -223,9 +228,9 @@ def _compute_chunk(
 def _complete(
     folder: Path, dataset: xarray.Dataset, default: str, options: Mapping[str, Any]
 ) -> None:
-    """Compute the missing chunks of a store, with dask's ``default`` scheduler or another one.
+    """Compute the missing chunks of a store, which is created if it does not exist.
 
-    The store is created if it does not exist.
+    ``default`` is the name of dask's scheduler that is used if the options specify no scheduler.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     required("zarr", "dask")
@@ -258,7 +263,7 @@ def _complete(
 
 
 def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
-    """Raise StoreError unless a store has the settings of a dataset."""
+    """Raise StoreError unless a store and a dataset have the same settings."""
     stored = open_store(folder)
     before, now = _settings_of(stored), _settings_of(dataset)
     different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
@@ -272,7 +277,10 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
 
 
 def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
-    """Return the attributes, dtypes and chunks of a dataset as JSON strings, by name."""
+    """Return the names and values of a dataset's settings: attributes, dtypes and chunks.
+
+    The values are JSON strings.
+    """
     settings: dict[str, Any] = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
         settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
@@ -284,7 +292,7 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
-    """Write the metadata and coordinates of a store, without chunks."""
+    """Create a store with the metadata and coordinates of a dataset, but without chunks."""
     # Chunks are not compressed, because compression would halve the speed, and the last digits of
     # results do not compress.
     encoding: dict[Any, Any] = {
@@ -317,7 +325,7 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 
 
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
-    """Write one chunk to the array of a store, and return an empty array."""
+    """Write one chunk of a store, and return an empty array in place of its values."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
     # Chunks that are all NaN are written too, because a chunk without a file counts as missing.
     array = required("zarr").open_array(path, mode="r+")
@@ -341,9 +349,9 @@ def _connected(scheduler: Scheduler) -> Client:
 
 
 def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Open a zarr store (format 3) lazily; raise StoreError for anything else.
+    """Open a zarr store of format 3 lazily; raise StoreError if the path is not such a store.
 
-    In contrast to pickle, no codec of zarr executes code from the store.
+    In contrast to pickle files, a store cannot contain code that zarr executes.
     """
     required("zarr", "dask")
     import xarray
@@ -364,15 +372,16 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
 def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset to a NetCDF 4 file for MATLAB, Julia, ParaView, xarray and other programs.
 
-    NetCDF has no complex numbers: a complex variable A becomes A_real and A_imag. Needs the extra
-    ``datasets``.
+    NetCDF has no complex numbers, so a complex variable A becomes two variables A_real and A_imag.
+    The function requires the extra ``datasets``.
 
     Parameters
     ----------
     dataset : xarray.Dataset, xarray.DataArray or path
         Dataset in memory or lazy, or the path of a zarr store. It may be larger than memory.
     path : path
-        Path of the file. An existing file is replaced. The file appears complete or not at all.
+        Path of the file. An existing file is replaced. The file is written completely or not at
+        all.
 
     Raises
     ------
@@ -381,7 +390,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     StoreError
         If there is no zarr store at the path ``dataset``.
     MissingExtraError
-        Without h5netcdf.
+        If h5netcdf is not installed.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -398,7 +407,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 
 def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset, possibly with complex variables, to a new zarr store (format 3)."""
+    """Write a dataset, which may have complex variables, to a new zarr store of format 3."""
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.

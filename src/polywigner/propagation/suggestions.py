@@ -26,7 +26,7 @@ from polywigner.source import Array
 from polywigner.transforms import PhaseSpaceSource
 
 Band = tuple[str, str, float, float, float, bool]
-"""Name, unit, first and last value, Nyquist step of an axis, and whether it is band-limited."""
+"""An axis of a grid: name, unit, first and last value, Nyquist step, and ``band_limited``."""
 
 SampledQuantity = Literal[
     "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance"
@@ -34,15 +34,16 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Largest step of positions, relative to the width of the narrowest part of the source. For a strip,
-# W along x is a triangle of this width, which is then sampled several times.
+# Largest step of positions, relative to the width of the narrowest part of the source. The Wigner
+# function of a strip, along x, is a triangle of this width, which is then sampled several times.
 _OF_WIDTH = 0.5
 # Largest number of samples along an axis. Larger numbers are a sign of wrong units.
 _MOST_SAMPLES = 1 << 53
 # Largest theta of points on a hemisphere, because fields are not computed in the plane z = 0.
 _GRAZING = math.radians(89.5)
-# Numbers of points along each axis of a box, and along theta and phi of a hemisphere, at which
-# local frequencies are evaluated. A few points are enough, because the frequencies vary slowly.
+# Numbers of points along each axis of a box, and along theta and phi of a hemisphere, at which the
+# local frequencies of the field are evaluated. A few points are enough, because the frequencies
+# vary slowly.
 _POINTS, _THETA, _PHI = 17, 31, 24
 
 
@@ -61,20 +62,23 @@ class AxisSampling:
     name: str
     """Name of the coordinate, as in :func:`projections`, :func:`plane` and :func:`hemisphere`."""
     unit: str
-    """"m", "1/m" or "rad"."""
+    """Unit of the coordinate: "m", "1/m" or "rad"."""
     low: float
-    """First value."""
+    """First value of the coordinate."""
     high: float
-    """Last value; equal to the first for a flat box."""
+    """Last value of the coordinate; equal to the first value if a box is flat along this axis."""
     count: int
-    """Number of samples, both ends included; odd if the axis is symmetric, to include 0."""
-    nyquist: float
-    """Nyquist step: the largest step from which values between samples can be recovered; may be
-    inf.
+    """Number of samples, both ends included.
+
+    The number is odd if the axis is symmetric about 0, so that 0 is a sample.
     """
+    nyquist: float
+    """Largest step from which values between samples can be recovered; may be inf."""
     band_limited: bool
-    """Whether the sampling theorem holds exactly. Otherwise there is weak detail beyond the band,
-    caused by kinks at edges, and by waves from points of the source without stationary phase.
+    """Whether the sampling theorem holds exactly.
+
+    Otherwise the quantity has weak detail beyond its band. The detail is due to kinks at edges, and
+    to waves from points of the source without stationary phase.
     """
 
     @property
@@ -90,7 +94,7 @@ class AxisSampling:
 
 @dataclass(frozen=True)
 class Sampling:
-    """Result of :func:`suggest_sampling`; ``sampling["nu_x"]`` is the axis of that name.
+    """Grid that :func:`suggest_sampling` suggests; ``sampling["nu_x"]`` is the axis ``nu_x``.
 
     Examples
     --------
@@ -126,10 +130,10 @@ def suggest_sampling(
     radius: float | None = None,
     oversampling: float = 2.0,
 ) -> Sampling:
-    """Return a grid with enough samples for a quantity of a source.
+    """Suggest a grid with enough samples for a transform or a field of a source.
 
-    The Nyquist steps depend on the widths b of the source's bounding box and on the largest
-    frequency N of the grid:
+    The Nyquist steps depend on the widths b of the source's bounding box, and on the largest
+    spatial frequency N of the grid:
 
     ============  =======================  =========================================================
     quantity      axes                     Nyquist step
@@ -143,31 +147,32 @@ def suggest_sampling(
     "irradiance"  x, y, z or theta, phi    1/(2 largest difference of two local frequencies)
     ============  =======================  =========================================================
 
-    K is the largest frequency of the plane waves on the source, and w = 2 area/perimeter is the
-    width of its narrowest part. Local frequencies are the direction cosines of the rays from the
-    source's box to a point, divided by the wavelength. See docs/sampling.md, (N1) to (N6).
+    K is the largest spatial frequency of the plane waves on the source, and w = 2 area/perimeter is
+    the width of its narrowest part. D is the diagonal of the bounding box. Local frequencies are
+    the direction cosines of the rays from the box to a point, divided by the wavelength. The steps
+    are derived in docs/sampling.md, (N1) to (N6).
 
     Parameters
     ----------
     source : Aperture, Array, Slits or Wavefront
-        Source in one plane. Slits have only the first four quantities. A Wavefront has only the
-        last three, which depend on nothing but the bounding box.
+        Source in one plane. Slits allow only the first four quantities of the table. A Wavefront
+        allows only the last three, which depend only on the bounding box.
     wavelength : float, optional
-        Wavelength in m. The first four quantities require it or ``reach``.
+        Wavelength in m. The first four quantities require either this or ``reach``.
     quantity : str, default "intensity"
         Quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or ``radius``.
     reach : float, default 1/wavelength
-        N in 1/m: axes of nu extend from -N to N, and axes of upsilon from -2 N to 2 N. Waves beyond
-        the default are evanescent.
+        Largest spatial frequency N in 1/m. Axes of nu extend from -N to N, and axes of upsilon from
+        -2 N to 2 N. Waves at frequencies above the default are evanescent.
     box : array_like, shape (2, 3), optional
-        Opposite corners in m, as in :func:`volume`. Two equal coordinates make the box flat along
-        that axis. At z below a wavelength, evanescent waves add finer detail.
+        Opposite corners in m, as in :func:`volume`. The box may be flat along an axis. At z below a
+        wavelength, evanescent waves add detail finer than the Nyquist step.
     line : array_like, shape (2, 3), optional
         End points in m, as in :func:`line`. The axis is "distance".
     radius : float, optional
         Radius in m of a hemisphere about the origin, which ends at theta = 89.5 degrees.
     oversampling : float, default 2
-        Ratio of the Nyquist step to the step, at least 1. Use 1 for sinc interpolation on an
+        Nyquist step divided by the step of the grid, at least 1. Use 1 for sinc interpolation on an
         infinite grid, and 2 for images and for interpolation from a dozen neighbours.
 
     Returns
@@ -178,8 +183,8 @@ def suggest_sampling(
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type, shape or range, or if the quantity does not use the
-        specified reach, box, line or radius.
+        If an argument has the wrong type, shape or range, or if ``reach``, ``box``, ``line`` or
+        ``radius`` does not apply to the quantity.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
 
@@ -263,7 +268,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
 
 
 def _narrowest(element: Aperture | Slits) -> float:
-    """Return the width of the narrowest strip, ring or slit (for a square, half its side)."""
+    """Return the width of the narrowest strip, ring or slit of an element; half a square's side."""
     if isinstance(element, Slits):
         return float(np.diff(element.intervals, axis=1).min())
     return min(2 * part.area / part.length for part in element.polygons.geoms)
@@ -289,20 +294,23 @@ def _axis(band: Band, oversampling: float) -> AxisSampling:
 def _field_bands(
     bounds: tuple[float, ...], wavelength: float, coherent: bool, kind: str, region: Any
 ) -> list[Band]:
-    """Return the bands of a field in a "box", on a "line", or on a hemisphere with a "radius"."""
+    """Return the axes of a grid for a field in a "box", on a "line" or on a hemisphere ("radius").
+
+    ``coherent`` specifies whether the quantity is the amplitude, not the irradiance.
+    """
     metres = 1.0  # length in m of one unit of the axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # The angles between rays are largest at points directly in front of the source.
+        # The angles between rays from the source are largest at points directly in front of it.
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # A line needs many points, because directions change fast where it passes close to the
-        # source.
+        # A line needs many points, because the directions of rays change fast if the line passes
+        # close to the source.
         grid = line_grid(region, _POINTS**2)
         points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
         tangents = [(points[-1] - points[0]) / length]
@@ -327,7 +335,7 @@ def _field_bands(
 
 
 def _rays(points: Floats, bounds: tuple[float, ...]) -> Floats:
-    """Return unit vectors (n, 9, 3) from nine points of the source's box to points (n, 3)."""
+    """Return unit vectors (n, 9, 3) from nine points of the source's bounding box to each point."""
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)
         for k, (low, high) in enumerate(zip(bounds[:2], bounds[2:], strict=True))

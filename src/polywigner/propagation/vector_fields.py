@@ -1,13 +1,15 @@
 """Electric fields of polarised sources, by three models of equivalent currents. Source: (VP1).
 
-The field u p in the plane z = 0 with the polarisation p = (p_x, p_y) is replaced by magnetic
-currents alone (an opening in a metal screen), by electric currents alone, or by half of both
-(Huygens). With q = (p_x, p_y, 0) and Phi = int u exp(ikR)/(i lambda R) dx
+A source has the scalar field u and the polarisation p = (p_x, p_y) in the plane z = 0. It is
+replaced by magnetic currents alone (an opening in a metal screen), by electric currents alone, or
+by half of both (Huygens).
 
-    magnetic E = (q d/dz - z q.grad) Phi/(ik),   electric E = q Phi + grad (q.grad Phi)/k^2
+The electric field of magnetic currents is ``(q d/dz - z q.grad) Phi/(ik)``, and the electric field
+of electric currents is ``q Phi + grad (q.grad Phi)/k^2``. In both, z is the unit normal,
+``q = (p_x, p_y, 0)``, and ``Phi = int u exp(ikR)/(i wavelength R) dx`` is a scalar potential.
 
-Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u, each divided by its
-direction cosine p_z. The derivative dPhi/dz/(ik) is the first Rayleigh-Sommerfeld integral.
+The potential is the second Rayleigh-Sommerfeld integral of the plane waves of u, each divided by
+its direction cosine p_z. The derivative dPhi/dz/(ik) is the first Rayleigh-Sommerfeld integral.
 Derivatives along the plane become factors of the plane waves, and integrals along the edges of the
 source.
 """
@@ -70,10 +72,10 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Waves are divided by p_z, which is not possible for |p_z| close to zero. Because the field is
-# analytic in the frequency of a wave, such a wave is replaced by a weighted mean of four
-# neighbouring waves, whose phases differ by this value in radians across half of the source. The
-# relative error, from the fourth derivative, is 1e-11.
+# Plane waves are divided by their direction cosine p_z, which is not possible for |p_z| close to
+# zero. Because the field is analytic in the frequency of a wave, such a wave is replaced by a
+# weighted mean of four neighbouring waves. Their phases differ by this value in radians across half
+# of the source. The relative error, from the fourth derivative, is 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 # Smallest tolerance of each part of a field, which is its rounding error.
@@ -83,7 +85,7 @@ _LEAST = 1e-13
 def polarised_parts(
     source: PlaneSource | Wavefront, polarisation: Any
 ) -> list[tuple[PlaneSource | Wavefront, Complex]]:
-    """Return scalar sources and unit vectors q (3,) whose products sum to a polarised source."""
+    """Return a polarised source as a sum of scalar sources, each with a unit vector (3,)."""
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -106,31 +108,31 @@ def field(
 ) -> Complex:
     """Return the electric field E(x, y, z) of a polarised source in the plane z = 0.
 
-    Equivalent currents in the plane replace the field u p on the source (VP1). |E|^2 has the unit
-    of |u|^2, W/m^2: E is the electric field divided by the square root of twice the impedance of
-    free space.
+    Equivalent currents in the plane replace the field u p on the source, where p is the
+    polarisation (VP1). E is the electric field divided by the square root of twice the impedance of
+    free space, so that |E|^2, like |u|^2, is in W/m^2.
 
     Parameters
     ----------
     source : Aperture, Array or Wavefront
         Apertures in the plane z = 0 with any illuminations, or a curved wave.
     points : array_like, shape (..., 3)
-        Points in m, z > 0, near or far.
+        Points in m with z > 0, at any distance from the source.
     wavelength : float
         Wavelength in m.
     polarisation : str or array_like
         "x", "y", an angle from x towards y such as "45 deg", "right" or "left" (IEEE, for waves
-        exp(-i omega t)); or a complex Jones vector, shape (2,), of any length. For an Array of n
-        elements also shape (n, 2), or a list of n names.
+        exp(-i omega t)); or a complex Jones vector, shape (2,), of any norm. An Array of n elements
+        also allows n Jones vectors, shape (n, 2), or a list of n names.
     method : {"huygens", "magnetic", "electric"}, default "huygens"
-        "magnetic": magnetic currents, for an opening in a metal screen, where u p is the
-        tangential electric field. "electric": electric currents, where u z x p is the tangential
-        magnetic field. "huygens": half of both, for black surroundings, horns and waveguide
-        openings in free space.
+        Model of the equivalent currents. "magnetic" is for an opening in a metal screen, where u p
+        is the tangential electric field. "electric" is for electric currents alone, where u z x p
+        is the tangential magnetic field. "huygens" is half of both, for black surroundings, horns
+        and waveguide openings in free space.
     tolerance : float, default 1e-9
         Allowed error of each component, as in :func:`amplitude`, at least 1e-13. Within a
         wavelength of an edge, the field of "electric" and its error are inversely proportional to
-        the distance.
+        the distance from the edge.
 
     Returns
     -------
@@ -192,7 +194,11 @@ def _dipole_terms(
     wave: Wavefront, q: Complex, currents: Currents,
     part: Any, cells: Floats, points: Floats, wavelength: float,
 ) -> Complex:  # fmt: skip
-    """Return the fields (k, nodes, 3) of currents at the nodes of k cells, times the weights."""
+    """Return the field of equivalent currents at the nodes of k cells of a curved wave.
+
+    The field at one point per cell has the shape (k, nodes, 3), and is multiplied by the weights of
+    the nodes.
+    """
     nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
     ahead[..., :2] = points[:, None, :2] - nodes
@@ -201,9 +207,9 @@ def _dipole_terms(
 
 
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
-    """Return the field (..., 3) of currents in one square wavelength at the origin.
+    """Return the electric field of the equivalent currents in one square wavelength.
 
-    ``ahead`` (..., 3) are positions relative to the currents, in wavelengths.
+    The currents lie at the origin, and ``ahead`` (..., 3) are positions in wavelengths.
     """
     distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
     s, a = ahead / distance, 0.5j / (math.pi * distance)
@@ -227,16 +233,19 @@ def _near_field(
     q: Complex,
     currents: Currents,
 ) -> tuple[Complex, Floats, Floats]:
-    """Return the field E (n, 3) of currents along q (3,), and estimated and allowed errors (n,)."""
+    """Return the electric field of a source with one polarisation q at points (n, 3).
+
+    Also returns the estimated and the allowed errors.
+    """
     radiator, (m, e) = radiator_of(source), currents
     without_grazing = _not_grazing(radiator, wavelength)
     field = np.zeros((len(points), 3), np.complex128)
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Return Phi (n,) if ``method`` is SECOND, otherwise dPhi/dz/(ik) (n,).
+        """Return the potential Phi if ``method`` is SECOND, otherwise dPhi/dz/(ik).
 
-        The waves are multiplied by ``factor``, a function of p_x and p_y (m, 2).
+        The plane waves are multiplied by ``factor``, a function of their cosines p_x and p_y.
         """
         base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
@@ -266,15 +275,15 @@ def _near_field(
 
 
 def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
-    """Return the line integrals (n, 3) that derivatives along the plane leave at edges (VP4)."""
+    """Return the electric field of the line integrals along the edges of a source (VP4)."""
     m, e = currents
     n, field = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
     if m:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         scale = -1j * e / (4 * math.pi**2)
-        # The gradient of u G has two parts: (Q - P) times `rise`, from G, and the wave vector, from
-        # u.
+        # The gradient of the integrand u G has two parts: the displacement from the point to the
+        # edge times `rise`, from G, and the wave vector, from u.
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
         for a in range(2):
@@ -287,7 +296,7 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
-    """Replace waves whose p_z is a rounding error by means over neighbouring waves."""
+    """Replace plane waves that graze the plane of a source by means over neighbouring waves."""
     half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
     step = _ASIDE / (2 * math.pi * half)
     elements = []
@@ -319,8 +328,8 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 
 # Number of pairs of a point and a panel per block, and number of panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
-# Computing time of a pair of a point and a panel, as a number of terms of an edge sum. The choice
-# of an engine depends on it.
+# Computing time of a pair of a point and a panel, in units of the time of one edge in a Fourier
+# transform. The choice of an engine depends on this ratio.
 _TERMS = 16
 # Tolerance of integrals along edges, as a fraction of the field's tolerance, because the integrals
 # of different edges may cancel.
@@ -329,9 +338,10 @@ _FRACTION = 1e-2
 
 @dataclass(frozen=True)
 class EdgeIntegrals:
-    """Integrals of u times functions of R along m panels of edges, for n points.
+    """Integrals along the edges of a source, for n points and m panels of the edges.
 
-    Lengths are in wavelengths, and G = exp(2 pi i R)/R.
+    The integrands contain one plane wave u of the field and the spherical wave
+    ``G = exp(2 pi i R)/R``, where R is the distance from the point. Lengths are in wavelengths.
     """
 
     where: NDArray[np.intp]
@@ -349,9 +359,9 @@ class EdgeIntegrals:
     wave: Complex
     """Integrals (n, m) of u G."""
     rise: Complex
-    """Integrals (n, m) of h = u (1/R - 2 pi i) G/R."""
+    """Integrals (n, m) of ``h = u (1/R - 2 pi i) G/R``."""
     rise_by_length: Complex
-    """Integrals (n, m) of t h, where t is the distance from the first end."""
+    """Integrals (n, m) of t h, where t is the distance from the first end of the panel."""
 
     @property
     def normal(self) -> Floats:
@@ -362,7 +372,7 @@ class EdgeIntegrals:
 def edge_integrals(
     radiator: Radiator, points: Floats, wavelength: float, tolerance: float
 ) -> Iterator[EdgeIntegrals]:
-    """Yield integrals along the panels of a source's edges, for blocks of points (n, 3) in m."""
+    """Yield integrals along the edges of a source, for blocks of points (n, 3) in m."""
     digits = -math.log(max(tolerance * _FRACTION, 1e-14))
     x, y = radiator.centre.tolist()
     entered = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -412,9 +422,10 @@ def far_vectors(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """Return lim r exp(-ikr) E(r s) (..., 3) of polarised parts at unit vectors s. Source: (VP2).
+    """Return the electric far field of a polarised source in directions s. Source: (VP2).
 
-    The unit is m times the unit of u. The field is zero at z < 0.
+    The far field is the limit of ``r exp(-ikr) E(r s)`` at large distances r, in m times the unit
+    of u. It is zero at z < 0. ``parts`` are the scalar sources of :func:`polarised_parts`.
     """
     nu = directions[..., :2] / wavelength
     total = np.zeros(directions.shape, np.complex128)
@@ -425,7 +436,10 @@ def far_vectors(
 
 
 def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return the far fields (..., 3) of currents along q (3,), divided by F/(i lambda) (VP2)."""
+    """Return the far field of currents with the polarisation q, per unit of scalar field (VP2).
+
+    The scalar far field is ``F/(i wavelength)``, where F is the Fourier transform of the source.
+    """
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
     far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
@@ -433,7 +447,7 @@ def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
 
 
 def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Complex]:
-    """Return the components of far fields (..., 3) along x and y by Ludwig's third definition."""
+    """Return the components of a far field along x and y by Ludwig's third definition."""
     x, y, z = np.moveaxis(directions, -1, 0)
     axes = ludwig_axes(x, y, np.maximum(z, -1.0 + np.finfo(np.float64).epsneg))
     along_x, along_y = ((far * np.stack(axis, axis=-1)).sum(axis=-1) for axis in axes)
@@ -463,7 +477,10 @@ def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
 def vector_powers(
     parts: Sequence[tuple[PlaneSource | Wavefront, Complex]], wavelength: float, model: str
 ) -> tuple[float, float]:
-    """Return the power int |E|^2 dOmega over the front hemisphere, and int |u|^2, in W."""
+    """Return the radiated power of a polarised source, and the power on the source, in W.
+
+    They are the integrals of |E|^2 over the front hemisphere, and of |u|^2 over the source.
+    """
     lag = max(largest_lag(part) for part, _ in parts)
     power = 0.0
     for directions, solid_angle in directions_and_weights(lag, wavelength):

@@ -1,7 +1,7 @@
 """Irradiance by Wigner rays, to a tolerance.
 
-The integral over positions on the automean is a Gauss rule on triangles that no kink of W crosses.
-Source: (R1), (T1), (T2).
+The irradiance is an integral of the Wigner function W over positions on the automean of the source.
+It is computed by Gauss rules on triangles that no kink of W crosses. Source: (R1), (T1), (T2).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliqui
 from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
-# Errors are absolute where the irradiance is below this fraction of the largest possible irradiance
-# (T2).
+# The allowed error is absolute if the irradiance is below this fraction of the largest possible
+# irradiance (T2).
 _FLOOR = 1e-3
 # Number of edges of a source above which Wigner rays take seconds. The exact field takes a
 # hundredth of this time.
@@ -51,22 +51,23 @@ _MANY_EDGES = 50
 # Distance from the source in wavelengths below which Wigner rays are a rough approximation.
 _NEAREST = 2.0
 
-# Numbers of additional nodes along a side of a triangle of successive quadrature rules. Two nodes
-# integrate W exactly on triangles far smaller than a wavelength, where W is a quadratic.
+# Numbers of additional nodes along a side of each triangle, for successively finer quadrature
+# rules. Two nodes integrate W exactly on triangles far smaller than a wavelength, where W is a
+# quadratic.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 # If there are more triangles than this, a rule with one additional node is tried first.
 _MANY_TRIANGLES = 500
-# Largest number of nodes of a rule. This many nodes take 64 MiB of memory.
+# Largest number of nodes of a quadrature rule, which take 64 MiB of memory.
 _MOST_NODES = 1 << 22
-# The same rules are used for all points whose phase rates agree within this fraction of
-# 1/wavelength.
+# The same quadrature rules are used for all points whose largest spatial frequencies agree within
+# this fraction of 1/wavelength.
 _RATE_STEP = 0.25
-# A point is settled, and no longer refined, if its error is below this fraction of the allowed
+# The irradiance at a point is no longer refined if its error is below this fraction of the allowed
 # error.
 _SETTLED = 0.03
 
 NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
-"""Function of a rule (nodes, weights) and points (n, 3). It returns the irradiance (n,)."""
+"""Function that returns the irradiance at points for the nodes and weights of a quadrature rule."""
 
 
 def irradiance_by_rays(
@@ -77,9 +78,9 @@ def irradiance_by_rays(
     allowed: float,
     engine: Engine,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance by Wigner rays and its estimated error, (n,), at points (n, 3).
+    """Return the irradiance by Wigner rays at points (n, 3), and an estimate of its error.
 
-    ``allowed`` is the relative error, defined as the tolerance of :func:`irradiance`.
+    ``allowed`` is the tolerance of :func:`irradiance`.
     """
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
@@ -146,11 +147,11 @@ def irradiance_by_rays(
 
 @lru_cache(maxsize=64)
 def _along_rays(base: Kernel) -> Kernel:
-    """Return the integrand of (R1), from a kernel of W.
+    """Return a kernel of the irradiance along one ray (R1), from a kernel of the Wigner function.
 
-    Its arguments are the position x, y on the source; the point X, Y, Z; the wavelength; and the
-    three coefficients of the obliquity (D2). For a curved wave, whose local frequency depends on
-    the position, they include Q_xx, Q_xy, Q_yy and the two coordinates of its centre.
+    The arguments of the kernel are the position x, y on the source, the point X, Y, Z, the
+    wavelength, and the three coefficients of the obliquity (D2). For a curved wave they are
+    followed by the curvatures Q_xx, Q_xy and Q_yy, and by the two coordinates of the centre.
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
@@ -192,17 +193,16 @@ def _refined_sums(
     tolerance: float,
     floor: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return irradiance and error (n,), from rules that are refined until all points are settled.
+    """Return the irradiance at points and its error, from successively finer quadrature rules.
 
-    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if that is
-    larger.
+    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` if that is larger.
 
     Notes
     -----
     A point at the distance d = ``clearance`` from the source causes singularities of the integrand
-    at complex positions, at the distance d from the real ones. Nodes with a spacing h then have a
-    relative error of exp(-2 pi d/h). If this exceeds 1/e, two rules may agree although both are
-    wrong, so the error estimate is infinite.
+    at complex positions, at the distance d from the real positions. A rule with the spacing h of
+    its nodes then has a relative error of exp(-2 pi d/h). If this error exceeds 1/e, two rules may
+    agree although both are wrong, so the error estimate is infinite.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))
@@ -240,7 +240,7 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Return the largest |nu - kappa| (n,) in 1/m, for rays nu to points (n, 3) and waves kappa."""
+    """Return the highest spatial frequency in 1/m of the integrand of (R1) for each point."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
@@ -259,15 +259,19 @@ def _phase_rates(
 
 # ---- triangles on which W is smooth --------------------------------------------------------------
 
-# Largest number of kinks of W, which take some seconds, and of intersections of kinks.
+# Largest number of kinks of W, which take some seconds, and largest number of their intersections.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
-# Number of kinks from which the number of intersections is estimated.
+# Number of sampled kinks whose intersections are counted, to estimate the total number of
+# intersections.
 _SAMPLE = 256
 
 
 @lru_cache(maxsize=64)
 def _kinks(source: Aperture | Array) -> Floats | None:
-    """Return the ends (m, 2, 2) of the distinct kinks of W (T1); None if there are too many."""
+    """Return the line segments on which W has kinks (T1), by their ends, shape (m, 2, 2).
+
+    Returns None if W has too many kinks.
+    """
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
@@ -289,7 +293,7 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 
 
 def _distinct(segments: Floats, grid: float) -> Floats:
-    """Round segments (n, 2, 2) to a grid, and remove duplicates and segments of length zero.
+    """Round the ends of segments to a grid, and remove duplicates and segments of length zero.
 
     Segments that differ only in the order of their ends are duplicates.
     """
@@ -302,7 +306,10 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def has_few_kinks(source: Aperture | Array) -> bool:
-    """Return whether W has at most 65,536 kinks with at most about 1e6 intersections."""
+    """Return whether the Wigner function of a source has few enough kinks to divide its automean.
+
+    The limits are 65,536 kinks, and about 1e6 intersections of kinks.
+    """
     segments = _kinks(source)
     if segments is None:
         return False
@@ -314,7 +321,7 @@ def has_few_kinks(source: Aperture | Array) -> bool:
 
 @lru_cache(maxsize=64)
 def smooth_triangles(source: Aperture | Array) -> Triangles:
-    """Return triangles (n, 3, 2) that tile the automean of a source and that no kink of W crosses.
+    """Return triangles that tile the automean of a source, and that no kink of W crosses.
 
     The source must satisfy :func:`has_few_kinks`.
     """

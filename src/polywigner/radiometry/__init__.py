@@ -1,7 +1,7 @@
-"""Radiometry of sources, in watts: radiance, radiant intensity, flux and power.
+"""Radiometry of sources in SI units: radiance, radiant intensity, flux and power.
 
-Sources are apertures or arrays of apertures in the plane z = 0, with |u|^2 the irradiance in W/m^2.
-They radiate to z > 0. Wavelengths are in metres, and directions are unit vectors (..., 3).
+Sources are apertures or arrays of apertures in the plane z = 0, where |u|^2 is the irradiance in
+W/m^2. They radiate to z > 0. Wavelengths are in metres, and directions are unit vectors.
 
 ===================  ==========================================================================
 module               content

@@ -1,8 +1,9 @@
 """Checks of sources and directions, and integrals over all directions in front of a source.
 
-W(x, nu) and |F(nu)|^2 are sums of waves exp(i k rho sin(theta) cos(phi - phi0)) with rho up to the
-source's diameter. Gauss-Legendre nodes in theta and evenly spaced nodes in phi integrate such waves
-exactly, except for rounding errors, if there are a few more nodes than half periods of the wave.
+As functions of direction, the Wigner function and the squared Fourier transform of a source are
+sums of waves ``exp(i k rho sin(theta) cos(phi - phi0))``, where rho is at most the diameter of the
+source. Gauss-Legendre nodes in theta and evenly spaced nodes in phi integrate such waves exactly,
+except for rounding errors, if there are a few more nodes than half periods of the wave.
 """
 
 from __future__ import annotations
@@ -32,13 +33,16 @@ from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 
 # Largest product of the bandwidth and the propagation time across the source. The mean over a band
-# requires about this number of wavelengths.
+# of frequencies requires about as many wavelengths.
 _MOST_SPREAD = 500.0
 _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """Return a bandwidth in Hz about a wavelength in m; raise ArgumentError otherwise."""
+    """Return a bandwidth in Hz.
+
+    Raises ArgumentError unless it is above zero and below twice the frequency.
+    """
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
@@ -52,9 +56,9 @@ def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
 def wavelengths_of_band(
     wavelength: float, bandwidth: float, lag: float, error: float
 ) -> list[tuple[float, float]]:
-    """Return pairs of a wavelength in m and a weight, whose weighted sum is a mean over a band.
+    """Return wavelengths in m, and weights, for a mean over a band of frequencies.
 
-    ``lag`` is the size of the source in m, and ``error`` the allowed error of the mean.
+    ``lag`` is the size of the source in m, and ``error`` is the allowed error of the mean.
     """
     spread = bandwidth * lag / SPEED_OF_LIGHT
     if not spread <= _MOST_SPREAD:
@@ -73,9 +77,10 @@ PlaneSource = Aperture | Array
 
 
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
-    """Return an aperture, an array or a curved wave; raise the errors of :func:`checked_source`.
+    """Return an aperture, an array in the plane z = 0, or a curved wave.
 
-    A partially coherent source raises IlluminationError unless ``partly`` is true.
+    Raises the errors of :func:`checked_source`. A partially coherent source raises
+    IlluminationError unless ``partly`` is true.
     """
     if not isinstance(source, Wavefront):
         return checked_source(source)
@@ -104,12 +109,13 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(flat).__name__}; {advice}"
         )
-    # Poses in the plane are applied, so that spatial frequencies have two components.
+    # The poses of elements in the plane are applied, so that spatial frequencies have two
+    # components.
     return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
 def checked_directions(direction: Any) -> Floats:
-    """Return unit vectors (..., 3) with z >= 0; raise ArgumentError for other vectors."""
+    """Return directions; raise ArgumentError unless they are unit vectors with z >= 0."""
     check_no_drjit(direction=direction)
     array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
@@ -122,7 +128,7 @@ def checked_directions(direction: Any) -> Floats:
 
 
 def checked_positions(x: Any) -> Floats:
-    """Return finite positions (..., 2) on the aperture in m; raise ArgumentError otherwise."""
+    """Return positions in the aperture plane in m; raise ArgumentError unless they are finite."""
     check_no_drjit(x=x)
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
@@ -134,39 +140,40 @@ def checked_positions(x: Any) -> Floats:
 _MOST_WAVELENGTHS = 1e5
 # Number of directions per block, which takes a few MB.
 _BLOCK = 1 << 17
-# Number of values of F or W above which a terminal shows progress. This many values take a few
-# seconds.
+# Number of values of the Fourier transform or the Wigner function above which a terminal shows a
+# progress bar. These values take a few seconds.
 _LONG = 1 << 25
 
 # Smallest width in wavelengths of sources whose power is an integral over lags with a smooth
 # cut-off. For narrower sources, sums over directions take only seconds.
 _WIDE = 600.0
-# Largest relative difference between the powers from two positions of the cut-off. If it is larger,
-# the power is computed as a sum over directions.
+# Largest relative difference between the powers from two positions of the cut-off. If the
+# difference is larger, the power is computed as a sum over directions.
 _SAME = 1e-6
 # The integral over lags is used if the largest spatial frequency of the field is below this
 # fraction of 1/wavelength.
 _STEEP = 0.8
-# Width of the cut-off in wavelengths for waves along the normal. It reduces the contribution of the
-# rim of the hemisphere to exp(-32).
+# Width of the cut-off in wavelengths for waves along the normal. This width reduces the
+# contribution of the rim of the hemisphere to exp(-32).
 _SOFT = 1.8
-# Positions of two cut-offs of the integral over lags, in units of the width of the cut-off.
+# Lags at which the integral over lags is cut off, in units of the width of the cut-off. The power
+# is computed for both values.
 _ENDS = (4.5, 6.5)
-# Distance from the cut-off to the end of the integral, in units of the width of the cut-off. Beyond
-# it, 1e-14 of the power is left.
+# Distance from the cut-off to the end of the integral, in units of the width of the cut-off. Longer
+# lags contribute 1e-14 of the power.
 _BEYOND = 5.5
-# The angle of the lag is divided into panels at the directions of edges, if there are at most this
-# many.
+# Largest number of directions of edges at which the angle of the lag is divided into panels.
 _MOST_KINKS = 48
-# Number of Gauss nodes on a panel of angles, and per wavelength along the length of the lag.
+# Number of Gauss nodes on a panel of angles, and number of Gauss nodes per wavelength along the
+# length of the lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
-# Largest phase in radians on one panel of theta. Larger panels would be slow, because the time to
-# compute Gauss nodes grows as the cube of their number.
+# Largest phase in radians on one panel of theta. Larger panels would be slow, because the computing
+# time of Gauss nodes grows as the cube of their number.
 _PANEL = 400.0
 
 
 def largest_lag(source: PlaneSource | Wavefront) -> float:
-    """Return the largest distance in m between two points of the source, or an upper bound."""
+    """Return the largest distance in m between two points of a source, or an upper bound."""
     flat: Any = flat_source(source)
     if isinstance(flat, Aperture):
         return flat.diameter
@@ -181,10 +188,9 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
-    """Return an upper bound in m on the difference of two path lengths to any point.
+    """Return an upper bound in m on the path difference from two points of a source to any point.
 
-    The paths start at two points of the source. Differences of path lengths before the source, such
-    as in curved waves and feed networks, are included.
+    Path differences before the source, such as in curved waves and feed networks, are included.
     """
     lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)
@@ -213,14 +219,13 @@ def check_width(lag: float, wavelength: float) -> None:
 def directions_and_weights(
     lag: float, wavelength: float, positions: int = 1
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield blocks of unit vectors (n, 3) with z > 0 and solid angles (n,).
+    """Yield quadrature nodes on the hemisphere z > 0: unit vectors (n, 3) and solid angles (n,).
 
-    The solid angles are the weights of a quadrature rule. The rule integrates functions that are
-    band-limited by ``lag`` in m, also times polynomials of the direction's components, with errors
-    of 1e-14 of the largest value. It has about 15 (lag/wavelength)^2 nodes, at least a hundred.
-    Terminals show a progress bar for long computations; ``positions`` is the number of positions at
-    which the caller evaluates each direction. Raises ArgumentError for lags of too many
-    wavelengths.
+    The rule integrates the Wigner function or the squared Fourier transform of a source of the size
+    ``lag`` in m, also times polynomials of the direction's components. The error is 1e-14 of the
+    largest value. The rule has about 15 (lag/wavelength)^2 nodes, at least a hundred. Terminals
+    show a progress bar for long computations, where the caller evaluates each direction at
+    ``positions`` positions. Raises ArgumentError if ``lag`` has too many wavelengths.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -248,22 +253,24 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
 
 
 def _azimuths(phase: Floats) -> NDArray[np.intp]:
-    """Return the numbers of azimuths that integrate exp(i phase cos(phi)) cos(phi)^m to 3e-15.
+    """Return the number of evenly spaced azimuths phi that are required to integrate waves.
 
-    m is 0, 1 or 2. The error with n azimuths is 2 J_n(phase), which is negligible if n exceeds the
-    phase by a few times phase^(1/3). The constants were fitted to phases from 0.1 to 3000.
+    For each phase, the integrand is ``exp(i phase cos(phi)) cos(phi)^m`` with m = 0, 1 or 2, and
+    the error is 3e-15.
     """
+    # The error with n azimuths is 2 J_n(phase), which is negligible if n exceeds the phase by a few
+    # times phase^(1/3). The constants were fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
 @lru_cache(maxsize=8)
 def _polar(phase: float) -> tuple[Floats, Floats]:
-    """Return polar angles (n,) between 0 and pi/2, and their weights.
+    """Return polar angles between 0 and pi/2, and their weights, for integrals of waves.
 
-    ``phase`` is the largest phase of the wave. On half a panel the phase changes by at most pi/4 of
-    its largest value, and n nodes integrate phases below 2 n minus a few cube roots of n. The
-    constants were fitted as in `_azimuths`.
+    ``phase`` is the largest phase of the waves in radians.
     """
+    # On half a panel the phase changes by at most pi/4 of its largest value, and n nodes integrate
+    # phases below 2 n minus a few cube roots of n. The constants were fitted as in `_azimuths`.
     panels = max(1, math.ceil(phase / _PANEL))
     along = phase / panels
     count = math.ceil(math.pi / 8 * along + 4.0 * math.cbrt(along) + 7.0)
@@ -277,13 +284,14 @@ def _polar(phase: float) -> tuple[Floats, Floats]:
 def power_by_lags(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> float | None:
-    """Return the power of a wide source in W (E5); None if a sum over directions is required.
+    """Return the power of a wide source in W as an integral over lags (E5).
 
-    The obliquity factor is smooth except at the horizon. Therefore lags of more than some
-    wavelengths contribute only through parallel sides: (wavelength/width)^(5/2) of the power, or
-    (wavelength/width)^(3/2) for obliquities with a normal derivative. A smooth cut-off omits these
-    lags.
+    Returns None if a sum over directions is required.
     """
+    # The obliquity factor is smooth except at the horizon. Therefore lags of more than some
+    # wavelengths contribute only through parallel sides: (wavelength/width)^(5/2) of the power, or
+    # (wavelength/width)^(3/2) for obliquities with a normal derivative. A smooth cut-off omits
+    # these lags.
     slope = steepest(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
     reach = (_ENDS[-1] + _BEYOND) * soft
@@ -306,7 +314,10 @@ def power_by_lags(
 
 
 def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the highest spatial frequency of a source's field, times the wavelength."""
+    """Return the largest transverse direction cosine of a source's field.
+
+    It is the highest spatial frequency of the field times the wavelength.
+    """
     flat: Any = flat_source(source)
     highest = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
@@ -317,11 +328,12 @@ def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
 
 
 def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, Floats]:
-    """Return angles (n,) of lags over half a circle, and weights of an integral over the circle.
+    """Return the angles of lags over half a circle, and weights of integrals over the circle.
 
-    R_xi has kinks at lags along edges, where the angle is divided into panels. ``rate`` is an upper
-    bound on the derivative of the phase of R_xi with respect to the angle.
+    The integrand is the autocorrelation of the source's field as a function of the lag. ``rate`` is
+    an upper bound on the derivative of its phase with respect to the angle.
     """
+    # The autocorrelation has kinks at lags along edges, where the angle is divided into panels.
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
     along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
@@ -339,13 +351,16 @@ def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, F
     return np.concatenate(nodes), np.concatenate(weights)
 
 
-# Smallest radiated fraction of int |u|^2. Rounding errors are 1e-13 of int |u|^2, so the
-# directivity of a source that radiates less would have no correct digit.
+# Smallest radiated fraction of the power on a source. Rounding errors are 1e-13 of this power, so
+# the directivity of a source that radiates less would have no correct digit.
 _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return power and energy; raise IlluminationError for a source that does not radiate."""
+    """Return the radiated power and the power on a source in W.
+
+    Raises IlluminationError if the source does not radiate.
+    """
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"the source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check "

@@ -29,7 +29,7 @@ from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Error of the mean over a band of wavelengths, relative to the largest intensity.
+# Error of the mean radiant intensity over a band of wavelengths, relative to its largest value.
 _BAND_ERROR = 1e-12
 
 
@@ -44,12 +44,14 @@ def radiance(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.float64]:
-    """Return the radiance L(x, s) = W(x, s_par/lambda)/lambda^2 at positions x in directions s.
+    """Return the radiance of a source at positions x in directions s.
 
-    The radiance can be negative, as W can: only integrals over position or direction are
-    measurable. Its integral over positions and projected solid angle is the power
-    (docs/radiometry.md, (E1)). The paper's definition is W/(4 pi A lambda^2), where 4 pi is an
-    error, and the division by the area A makes it a mean over the aperture (docs/corrections.md).
+    The radiance is ``L(x, s) = W(x, s_par/wavelength)/wavelength^2``, where W is the Wigner
+    function and s_par contains the first two components of s. Its integral over positions and
+    projected solid angle is the power (docs/radiometry.md, (E1)). Like W, it can be negative: only
+    integrals over position or direction are measurable. The paper defines the radiance as
+    W/(4 pi A lambda^2), where 4 pi is an error, and the division by the area A gives a mean over
+    the aperture (docs/corrections.md).
 
     Parameters
     ----------
@@ -57,7 +59,8 @@ def radiance(
         Source in the plane z = 0 with |u|^2 in W/m^2. A Wavefront may be curved or partially
         coherent.
     x : array_like, shape (..., 2)
-        Positions in m. They may lie outside the source, since the support of W is the automean.
+        Positions in m. They may lie outside the source, since W extends over the automean of the
+        source.
     direction : array_like, shape (..., 3)
         Unit vectors with z >= 0; they broadcast against ``x``.
     wavelength : float
@@ -68,8 +71,9 @@ def radiance(
     Returns
     -------
     ndarray of float, shape (...)
-        Radiance in W/(m^2 sr), accurate to 1e-12 int |u|^2/lambda^2, or in single precision to
-        5e-6 int |u|^2/lambda^2. DataArrays give a DataArray, as in :func:`fourier`.
+        Radiance in W/(m^2 sr). The error is at most 1e-12 int |u|^2/wavelength^2, or
+        5e-6 int |u|^2/wavelength^2 in single precision, where the integral extends over the source.
+        DataArrays give a DataArray, as in :func:`fourier`.
 
     Raises
     ------
@@ -104,9 +108,11 @@ def radiant_intensity(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.float64]:
-    """Return the radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2 in directions s.
+    """Return the radiant intensity of a source in directions s.
 
-    Its integral over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
+    The radiant intensity is ``cos(theta) |F(s_par/wavelength)|^2/wavelength^2``, where F is the
+    Fourier transform of the field, and s_par contains the first two components of s. Its integral
+    over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
 
     Parameters
     ----------
@@ -148,7 +154,7 @@ def radiant_intensity(
         return np.asarray(total)[()]
 
     def squared_spectrum(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
-        """Return |F|^2/lambda^2."""
+        """Return the squared Fourier transform, divided by the squared wavelength."""
         return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
 
     nu = directions[..., :2] / length
@@ -172,12 +178,13 @@ _BLOCK = 1 << 22
 def flux_vector(
     source: PlaneSource | Wavefront, x: ArrayLike, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
-    """Return the flux vector J(x) = int L(x, s) s dOmega over the directions s with z > 0.
+    """Return the flux vector of a source at positions x.
 
-    J_z is the radiated power per area, the part of |u|^2 with |nu| < 1/lambda (docs/radiometry.md,
-    (E3)). It can be negative, and is not zero outside the source. The components along the plane
-    are zero for fields that are real up to a constant phase. In the paper the z component of the
-    direction is missing.
+    The flux vector is ``J(x) = int L(x, s) s dOmega`` over the directions s with z > 0, where L is
+    the :func:`radiance`. J_z is the radiated power per area, to which only waves with
+    |nu| < 1/wavelength contribute (docs/radiometry.md, (E3)). J_z can be negative, and is not zero
+    outside the source. The components along the plane are zero for fields that are real up to a
+    constant phase. In the paper the z component of the direction is missing.
 
     Parameters
     ----------
@@ -189,8 +196,9 @@ def flux_vector(
     Returns
     -------
     ndarray of float, shape (..., 3)
-        J in W/m^2, accurate to 1e-12 int |u|^2/lambda^2. A DataArray gives a DataArray, as
-        in :func:`fourier`, with J along ``flux_component``.
+        Flux vector in W/m^2. The error is at most 1e-12 int |u|^2/wavelength^2, where the integral
+        extends over the source. A DataArray gives a DataArray, as in :func:`fourier`, with the
+        components along ``flux_component``.
 
     Raises
     ------
@@ -199,8 +207,9 @@ def flux_vector(
 
     Notes
     -----
-    The time is the time of W in about 15 (diameter/wavelength)^2 + 1000 directions for each
-    position. Memory is bounded. Terminals show a progress bar for computations of some seconds.
+    The function computes the Wigner function in about 15 (diameter/wavelength)^2 + 1000 directions
+    for each position, in blocks of limited memory. Terminals show a progress bar for computations
+    of some seconds.
 
     Examples
     --------
@@ -225,10 +234,10 @@ def flux_vector(
 
 @takes_frequency
 def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
-    """Return the power through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
+    """Return the power that a source radiates through a distant hemisphere.
 
-    It is the integral of :func:`radiant_intensity`, and equals int |u|^2 dx without the evanescent
-    part (docs/radiometry.md, (E4)).
+    The power is the integral of :func:`radiant_intensity` over the hemisphere. It equals the
+    integral of |u|^2 over the source without its evanescent part (docs/radiometry.md, (E4)).
 
     Parameters
     ----------
@@ -238,7 +247,7 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
     Returns
     -------
     float
-        Power in W, accurate to 1e-12 of int |u|^2.
+        Power in W, accurate to 1e-12 of the integral of |u|^2 over the source.
 
     Raises
     ------
@@ -247,10 +256,11 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
 
     Notes
     -----
-    The time is the time of F in about 15 (diameter/wavelength)^2 + 1000 directions. For sources
-    wider than 600 wavelengths the power is an integral over lags (docs/radiometry.md, (E5)), which
-    takes less than a second and is accurate to 1e-8, unless the source has small parts, many
-    elements or steep waves. Terminals show a progress bar for computations of some seconds.
+    The function computes the Fourier transform in about 15 (diameter/wavelength)^2 + 1000
+    directions. For sources wider than 600 wavelengths the power is an integral over lags
+    (docs/radiometry.md, (E5)). This integral takes less than a second and is accurate to 1e-8,
+    unless the source has small parts, many elements or steep waves. Terminals show a progress bar
+    for computations of some seconds.
 
     Examples
     --------
@@ -269,7 +279,7 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
 
 @dataclass(frozen=True)
 class EnergyBudget:
-    """Propagating and evanescent parts of int |u|^2 of a source, in W.
+    """Propagating and evanescent parts of the power on a source, in W.
 
     Examples
     --------
@@ -280,13 +290,13 @@ class EnergyBudget:
     """
 
     total: float
-    """int |u|^2 dx = int |F|^2 d nu."""
+    """Integral of |u|^2 over the source, or of |F|^2 over all spatial frequencies."""
     propagating: float
-    """Part of ``total`` at |nu| < 1/lambda, which reaches the far hemisphere."""
+    """Part of ``total`` at |nu| < 1/wavelength, which reaches a distant hemisphere."""
 
     @property
     def evanescent(self) -> float:
-        """Part of ``total`` at |nu| > 1/lambda in W, which stays near the aperture."""
+        """Part of ``total`` at |nu| > 1/wavelength, which stays near the aperture."""
         return self.total - self.propagating
 
     @property
@@ -306,7 +316,7 @@ def energy_budget(
 ) -> EnergyBudget:
     """Return the radiated and the evanescent power of a source (docs/radiometry.md, (E4)).
 
-    It takes as long as :func:`power`.
+    The function takes as long as :func:`power`.
 
     Parameters
     ----------
