@@ -140,6 +140,15 @@ def test_field_is_smooth_where_the_mirror_image_is_the_source(kind: str) -> None
         assert abs(value - np.dot([-1, 4, 4, -1], near) / 6) < 1e-6 * abs(value)
 
 
+def test_field_in_the_plane_of_a_plate_continues_both_sides() -> None:
+    """The change of the field is even for soft plates, and odd for hard plates."""
+    flat = np.array([[9.0, 1, 0, 1], [7.2, -3, 0, 1], [-2.0, -9, 0, 1], [0.0, 4.0, 0, 1]])
+    points, step = (flat @ POSE.T)[:, :3], 1e-6 * POSE[:3, 2]
+    for kind in KINDS:
+        below, inside, above = (field(LAMP, points + n * step, kind) for n in (-1, 0, 1))
+        assert np.abs(0.5 * (below + above) - inside).max() < 1e-4 * np.abs(inside).min()
+
+
 def test_field_of_a_distant_source_is_zero_on_a_large_soft_plate() -> None:
     plate, source = pw.shapes.square(2e6).placed(np.eye(4)), pw.PointSource((0.0, 0.0, -1e8))
     value = field(source, np.array([1.0, 2.0, 0.0]), "soft", obstacles=plate)

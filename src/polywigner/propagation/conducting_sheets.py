@@ -127,7 +127,9 @@ def change_by_sheet(
     sheet, count = Sheet.of(bodies), len(positions)
     origins = np.array([point.position for point in sources])
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
-    raised = np.where(on_plate, least, 0.0)
+    # Both faces of a plate have different edge waves, also in its plane next to the plate. Their sum
+    # for soft plates requires one position on each side; their difference for hard plates is 0.
+    raised = np.where(on_plate | (edge == "soft"), least, 0.0)
     both = sheet.with_images(positions, origins.mean(axis=0), raised)
     seen = sheet.silhouettes(bodies, origins)
     changes, waves, error = _clear_of(
@@ -156,8 +158,10 @@ def check_source(bodies: Obstacles, origins: Floats) -> None:
 def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
     """Return a mask of the positions (n, 3) next to one of the points (k, 3) of a source."""
     close = np.zeros(len(positions), bool)
+    low, high = origins.min(axis=0) - _CLOSE, origins.max(axis=0) + _CLOSE
+    rows = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))
     for origin in origins:
-        close |= np.linalg.norm(positions - origin, axis=1) < _CLOSE
+        close[rows] |= np.linalg.norm(positions[rows] - origin, axis=1) < _CLOSE
     return close
 
 
