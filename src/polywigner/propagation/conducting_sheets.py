@@ -127,8 +127,8 @@ def change_by_sheet(
     sheet, count = Sheet.of(bodies), len(positions)
     origins = np.array([point.position for point in sources])
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
-    # Both faces of a plate have different edge waves, also in its plane next to the plate. Their sum
-    # for soft plates requires one position on each side; their difference for hard plates is 0.
+    # Edge waves on both faces of a plate differ, also in its plane next to the plate. Soft plates
+    # require one position on each side. For hard plates the difference in the plane is 0.
     raised = np.where(on_plate | (edge == "soft"), least, 0.0)
     both = sheet.with_images(positions, origins.mean(axis=0), raised)
     seen = sheet.silhouettes(bodies, origins)
