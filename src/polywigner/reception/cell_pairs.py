@@ -255,9 +255,7 @@ class Links:
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return vectors from the centre of the first to the centre of the second cell of each
-        pair.
-        """
+        """Return the vector from the first to the second cell centre of each pair, shape (n, 3)."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
