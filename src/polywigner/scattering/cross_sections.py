@@ -124,18 +124,18 @@ def rcs(
         Received and incident polarisation:
 
         - None: the power of the total scattered field, averaged over incident polarisations. For a
-        monostatic radar this is the co-polar cross section, which does not depend on the
+          monostatic radar, this is the co-polar cross section, which does not depend on the
           polarisation.
         - "vv", "hh", "vh" or "hv", receiver first. v is along the polar angle from +z of the body's
-        frame, and h along the azimuth, both for the direction of the receiver or transmitter. For a
-        direction along z, the azimuth is 0.
+          frame, and h along the azimuth, both for the direction of the receiver or transmitter. For
+          a direction along z, the azimuth is zero.
         - Without ``source``, a pair of unit vectors of shape (..., 3), receiver first. Each vector
-        is normal to the direction of the receiver or transmitter, and is complex for circular
-        polarisations. Specify the receiver as if its antenna radiated.
+          is normal to the direction of the receiver or transmitter, and is complex for circular
+          polarisations. Specify the receiver as if its antenna radiated.
         - With ``source``, the polarisation of both antennas, or a pair of polarisations, receiver
-        first. A polarisation is "x", "45 deg", "right" or a Jones vector, as in
-        :func:`polywigner.field`, and refers to the axes of the source. Fields are then electric
-        fields of Huygens' currents.
+          first. A polarisation is "x", "45 deg", "right" or a Jones vector, as in
+          :func:`polywigner.field`, and refers to the axes of the source. Fields are then electric
+          fields of Huygens' currents.
     source : Aperture or Array, optional
         Antenna of a radar near the body. The antenna lies in the plane z = 0 of its frame and
         radiates along +z. Its exact field (:func:`amplitude`) illuminates the body and weights the
