@@ -195,10 +195,10 @@ class CoherentPath:
     transmission: float
     """Square root of the transmitted fraction of the power, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """Polarisation factors e_r .
+    """Polarisation factor ``e_r . E`` of each pair of polarised parts of emitter and receiver.
 
-    E, one for each pair of polarised parts of emitter and receiver, with the parts of the emitter's
-    image and of the receiver that face each other.
+    Each factor is followed by the parts of the emitter's image and of the receiver that face each
+    other.
     """
     ends: Ends
     edges: Callable[[float], complex] | None = None
