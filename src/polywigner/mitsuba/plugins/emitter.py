@@ -175,7 +175,7 @@ class WignerEmitter(VariantPlugin):
         self._reach = opaque(self.m, reach)
 
     def has_gradients(self) -> bool:
-        """Return whether derivatives by the wavelength, the vertices or the weights are enabled."""
+        """Return whether derivatives are enabled for wavelength, vertices or weights."""
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:

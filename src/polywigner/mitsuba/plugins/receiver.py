@@ -9,10 +9,11 @@ where W is the Wigner function of the field u that the receiver would transmit, 
 factor, and N is the power that this field would radiate, or the integral of |u|^2. By reciprocity,
 the same power is also an integral over points y of surfaces at the distance r from x,
 
-    P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
+    P = (lambda^2/N) int r^2 |U(y)|^2 L ds                                   (estimator ``exact``)
 
-where U is the field that the receiver would transmit to y. The weight of rays that hit no surface
-is the far-field pattern. The limits of both estimators are described in docs/received_power.md.
+averaged over points x with the density |u|^2, where U is the field that the receiver would transmit
+to y. The weight of rays that hit no surface is the far-field pattern. The limits of both estimators
+are described in docs/received_power.md.
 
 Positions are relative to the centre of the receiver; see the module `emitter`.
 """
