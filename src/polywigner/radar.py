@@ -142,7 +142,7 @@ class FMCW:
 class SteppedFrequency(FMCW):
     """Steps of constant frequency with one sample each.
 
-    The parameters are described in :class:`FMCW`. ``samples`` is the number of steps, and
+    All parameters of :class:`FMCW` apply: ``samples`` is the number of steps, and
     ``1 / sample_rate`` the duration of a step.
     """
 
@@ -152,9 +152,9 @@ class SteppedFrequency(FMCW):
 class Pulse(FMCW):
     """Pulses with a flat spectrum, after matched filtering.
 
-    The parameters are described in :class:`FMCW`. ``start`` and ``bandwidth`` specify the spectrum.
-    Sample n is received at the time ``n / bandwidth`` after the pulse and is therefore range bin n.
-    ``sample_rate`` must equal ``bandwidth``.
+    All parameters of :class:`FMCW` apply: ``start`` and ``bandwidth`` specify the spectrum, and
+    ``sample_rate`` must equal ``bandwidth``. Sample n is received at the time ``n / bandwidth``
+    after the pulse and is therefore range bin n.
     """
 
     repetition: ClassVar[str] = "pulses"
@@ -461,9 +461,9 @@ def window_of(name: str, count: int) -> Floats:
 def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Transform a data cube from repetitions to range rates.
 
-    Returns spectra of shape (draw, receiver, emitter, rate, frequency), the range rates in m/s, and
-    the factor by which noise power changes. Motion within each repetition is compensated for the
-    range rate of each bin.
+    The spectra have the shape (draw, receiver, emitter, rate, frequency). The range rates in m/s,
+    and the factor by which noise power changes, are returned as well. Motion within each repetition
+    is compensated for the range rate of each bin.
     """
     waveform = waveform_of(cube)
     bins = waveform.chirps * checked_count(pad, "pad", 1, 64)
@@ -481,7 +481,7 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Transform spectra from frequencies to ranges.
 
-    Returns amplitudes, the ranges in m, and the factor by which noise power changes.
+    The ranges in m, and the factor by which noise power changes, are returned as well.
     """
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)

@@ -53,7 +53,7 @@ def bundle(
 ) -> xarray.Dataset:
     """Return n rays as a dataset.
 
-    ``batch``, shape (n,), contains the number of the independent set to which each ray belongs.
+    Quasi-random rays belong to independent sets, whose numbers ``batch`` contains, shape (n,).
     """
     import xarray
 
@@ -293,8 +293,8 @@ def rebuild(
 def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the power in each pixel, and its standard error.
 
-    ``sums``, shape (batch, pixel), contains sums of weights. ``squares``, shape (pixel,), contains
-    sums of squared weights.
+    The arguments are sums of weights, shape (batch, pixel), and sums of squared weights, shape
+    (pixel,).
     """
     total = sums.sum(axis=0)
     batches = len(sums)
@@ -311,7 +311,7 @@ def _pixel_coordinates(
 ) -> Floats:
     """Return the points where rays meet a plane, or NaN for rays that do not meet the plane.
 
-    The points, shape (n, 2), are in pixels along x and y.
+    Coordinates are in pixels along x and y.
     """
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):

@@ -117,10 +117,7 @@ _MOST_SAMPLES = 1 << 28
 
 
 def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
-    """Return the numbers in [0, 1) that the caller specifies, or random numbers.
-
-    The result has the shape (n, columns).
-    """
+    """Return the numbers in [0, 1) that the caller specifies, or random numbers."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
@@ -156,7 +153,7 @@ def _support(source: Any) -> Aperture | Slits:
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
     """Select an interval for each random number, with probabilities proportional to ``sizes``.
 
-    Returns the index of the interval, and the position within the interval.
+    The index of the interval and the position within the interval are returned.
     """
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
@@ -206,10 +203,9 @@ def _numbers(
 
 
 def _normal_numbers(numbers: Floats) -> Floats:
-    """Map uniform numbers to standard normal numbers, both of shape (n, 2).
+    """Map pairs of uniform numbers continuously to pairs of standard normal numbers.
 
-    The map is continuous. The square of the radius is exponentially distributed (Box and Muller
-    1958).
+    The square of the radius is exponentially distributed (Box and Muller 1958).
     """
     plane = _disc(numbers)
     square = (plane**2).sum(axis=1)
@@ -320,8 +316,7 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 def _reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances from points in the unit disc to its rim.
 
-    ``centre`` contains the points, and ``plane`` the directions in which the distances are
-    measured, both of shape (n, 2).
+    The points are ``centre``, and the distances are measured in the directions ``plane``.
     """
     length = np.hypot(*plane.T)
     along = np.divide(
@@ -337,7 +332,7 @@ def _reach(plane: Floats, centre: Floats) -> Floats:
 def _disc(numbers: Floats) -> Floats:
     """Map the unit square to the unit disc with constant density.
 
-    The map is continuous and maps concentric squares to circles (Shirley and Chiu 1997).
+    The map is continuous, and concentric squares become circles (Shirley and Chiu 1997).
     """
     a, b = 2 * numbers.T - 1
     is_wide = np.abs(a) > np.abs(b)
@@ -502,7 +497,7 @@ def sample_rays(
 
 
 def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
-    """Return the source in the plane z = 0, and its pose (4, 4)."""
+    """Return the source in the plane z = 0, and its pose, shape (4, 4)."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)

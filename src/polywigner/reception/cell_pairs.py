@@ -78,8 +78,8 @@ class Cells:
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
         """Divide cells into halves or quarters.
 
-        Returns the numbers of the new cells and, for each of them, the index of the original cell
-        in ``cells``.
+        The numbers of the new cells are returned, with the index in ``cells`` of each original
+        cell.
         """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
@@ -265,8 +265,8 @@ class Links:
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
         """Return the contribution of each pair of cells to the coupling, (RX3).
 
-        The phase of the distance of the sources is omitted. The second return value is
-        approximately the sum of the moduli of all terms. Rounding errors are proportional to it.
+        The phase of the distance of the sources is omitted. The sum of the moduli of all terms, to
+        which rounding errors are proportional, is returned as well.
         """
         values, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for rows, here, there, sight in self._blocks(pairs, order):
@@ -280,8 +280,8 @@ class Links:
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, Sight]]:
         """Yield blocks of pairs, as needed by :meth:`sums`.
 
-        Each block consists of a slice of the pairs, the integrals M_i and M'_j of (RX3), and the
-        distances and dot products between the nodes.
+        A block contains a slice of the pairs, the integrals M_i and M'_j of (RX3), and the
+        distances between the nodes.
         """
         count = order * order
         most = max(1, _MOMENTS // count)
@@ -346,10 +346,7 @@ def exp_cycles(cycles: Floats) -> Complex:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return the Gauss nodes in the boxes of cells, shape (n, q^2, 2).
-
-    The second return value contains the same nodes relative to the centre of each box.
-    """
+    """Return the Gauss nodes in the boxes of cells, absolute and relative to the box centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
@@ -383,10 +380,7 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(points: Floats, order: int) -> Floats:
-    """Return the Lagrange polynomials of the Gauss nodes along x and y at points of shape (n, 2).
-
-    The result has the shape (2, n, q).
-    """
+    """Return the Lagrange polynomials of the Gauss nodes along x and y at points, shape (2, n, q)."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
@@ -475,7 +469,7 @@ def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
 def _expected_error(links: Links, parts: Pairs) -> Floats:
     """Return the expected error of pairs at the highest order of interpolation.
 
-    The error is infinite for pairs that already use this order, so that they are divided.
+    Pairs that already use this order have an infinite error, so that they are divided.
     """
     idle = _IDLE * _phase(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
@@ -501,10 +495,7 @@ def _raised(links: Links, parts: Pairs) -> Pairs:
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Evaluate pairs of cells at the given orders.
-
-    The estimated error is the difference from the values ``before`` at a lower order.
-    """
+    """Evaluate pairs of cells at given orders; errors are changes from the values ``before``."""
     if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))

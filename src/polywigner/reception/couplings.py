@@ -255,10 +255,7 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return the couplings of two parts of sources, and their estimated and allowed errors.
-
-        The couplings are not normalised.
-        """
+        """Return unnormalised couplings of two sources, and their estimated and allowed errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         # Vector from the centre of the transmitter to the centre of the receiver.
@@ -312,7 +309,7 @@ class _Link:
 def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
     """Raise GeometryError unless each source is in front of the plane of the other source.
 
-    ``transmitter`` and ``receiver``, shape (k, 2), are the vertices of the convex hulls.
+    Only the vertices of the convex hulls, ``transmitter`` and ``receiver``, are tested.
     """
     rotation = poses[:, :3, :3]
     faces = rotation[:, 2, 2] < 0.0
@@ -376,10 +373,7 @@ def checked_tolerance(tolerance: Any) -> float:
 
 
 def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
-    """Return the real and imaginary part of the scalar link kernel K, (RX1).
-
-    The boundary condition applies to both the transmitter and the receiver.
-    """
+    """Return the real and imaginary part of the scalar link kernel K, (RX1)."""
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
     # All factors except the wave are real, so the real and imaginary parts are computed separately.
@@ -481,8 +475,6 @@ def root_of_norm(
     If ``normalise`` is "radiated", the power is the radiated power with the boundary condition of
     the method. For a polarised source, specified by ``jones``, it is the power that the equivalent
     currents radiate. If ``normalise`` is "aperture", the power is the integral of |u|^2.
-
-    Raises IlluminationError if the source does not radiate or the fields of its elements cancel.
     """
     # The cache key contains tuples, because arrays have no hash.
     key = None if jones is None else (jones.tobytes(), jones.shape)

@@ -250,7 +250,7 @@ def sections(
 ) -> Floats:
     """Return the radar cross sections of a body in m^2, with parameters as in :func:`rcs`.
 
-    ``warns`` specifies whether to warn about faces that illuminate each other.
+    A warning about faces that illuminate each other is issued if ``warns`` is true.
     """
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
@@ -384,10 +384,7 @@ def rcs_pattern(
 
 @dataclass(eq=False)
 class Pattern:
-    """Radar cross sections over angles, computed in blocks.
-
-    The attributes are parameters of :func:`rcs_pattern`.
-    """
+    """Radar cross sections over angles, with the parameters of :func:`rcs_pattern`."""
 
     body: InitVar[Body]
     wavelength: float
@@ -427,7 +424,7 @@ class Pattern:
     def values(self, advance: Callable[[int], None]) -> Floats:
         """Return the cross sections at all angles in m^2, shape (n, m).
 
-        Calls ``advance`` with the number of new values after each block.
+        After each block of angles, ``advance`` is called with the number of new values.
         """
         self.warn()
         values, step = np.empty(self.shape), self.together
@@ -460,7 +457,7 @@ class Pattern:
     def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
         """Return the cross sections in m^2 in one block of angles.
 
-        The block starts at the indices ``origin`` and has the given ``shape``.
+        A block is specified by the indices of its first angles, ``origin``, and by its shape.
         """
         rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
         try:

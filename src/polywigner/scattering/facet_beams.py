@@ -127,7 +127,7 @@ class _Failures:
     def report(self) -> None:
         """Warn about samples that are NaN.
 
-        If all samples are NaN because a limit of memory or time is exceeded, raises that error.
+        If all samples are NaN because they exceed a limit of memory or time, an error is raised.
         """
         if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
             raise self._error
@@ -184,8 +184,8 @@ def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, In
     """Return all indices in selected ranges.
 
     ``owner`` contains the number of the selected range for each of n entries, and ``runs`` the
-    first index and length of all ranges, from :func:`_runs`. Returns, for each index, the position
-    of its range in ``owner``, and the index.
+    first index and length of all ranges, from :func:`_runs`. Each index is returned with the
+    position of its range in ``owner``.
     """
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
@@ -220,7 +220,7 @@ def _views(
 class Beams:
     """Beams of n reflected plane waves, each bounded by a polygon.
 
-    The polygon lies in the image plane of the transmitter, across the incident direction.
+    The polygons lie in the image plane of the transmitter, across the incident direction.
     """
 
     wave: Indices
@@ -233,8 +233,8 @@ class Beams:
     shift: Floats
     """Vector c of each beam, shape (n, 3).
 
-    The reflected wave is ``exp(2 pi i k.(G x + c)/wavelength)``, and its magnetic field is
-    ``G^T h``, where h is the magnetic field of the incident wave.
+    The reflected wave of a beam is ``exp(2 pi i k.(G x + c)/wavelength)``, and its magnetic field
+    is ``G^T h``, where h is the magnetic field of the incident wave.
     """
     normal: Floats
     """Unit normal of the last mirror, on the side of the beam, shape (n, 3)."""
@@ -384,7 +384,7 @@ def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
     """Return pairs of a beam and a triangle that the beam may meet.
 
-    Returns indices of beams, indices of triangles, and the sides of the triangles that face the
+    The pairs are indices of beams and of triangles, with the side of each triangle that faces the
     beam.
     """
     points = facets.corners.reshape(-1, 3)
@@ -442,7 +442,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
 def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
     """Return bounding boxes of projected triangles for the search for overlaps.
 
-    The boxes of each beam are shifted, so that boxes of different beams do not overlap.
+    Boxes of different beams are shifted, so that they do not overlap.
     """
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
@@ -486,10 +486,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
 
 
 def _add_rows(total: Complex, numbers: Indices, rows: Complex) -> None:
-    """Add each of ``rows`` to a row of ``total``, faster than ``np.add.at``.
-
-    ``numbers`` contains the index of the row of ``total``; indices may be repeated.
-    """
+    """Add each of ``rows`` to a row of ``total``, faster than ``np.add.at``."""
     for column in range(total.shape[1]):
         for sums, terms in ((total.real, rows.real), (total.imag, rows.imag)):
             sums[:, column] += np.bincount(numbers, terms[:, column], len(total))

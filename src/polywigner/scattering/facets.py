@@ -300,10 +300,7 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
 
 
 def axes_across(direction: Floats) -> Floats:
-    """Return the two axes of the image planes of distant observers, shape (..., 2, 3).
-
-    ``direction``, shape (..., 3), is the direction in which each observer looks.
-    """
+    """Return the image axes of observers who look along ``direction``, shape (..., 2, 3)."""
     first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack([first, np.cross(first, direction)], axis=-2)
@@ -338,8 +335,8 @@ def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
 def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected]) -> Visible:
     """Return the visible parts of the sides that face an observer.
 
-    ``signs`` are the facing sides. On a closed body, sides that face away cast no additional
-    shadows and are ignored. ``project`` maps the corners of triangles to the image of the observer.
+    The facing sides are ``signs``. Sides of a closed body that face away cast no additional shadows
+    and are ignored. ``project`` maps the corners of triangles to the image of the observer.
     """
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
@@ -485,10 +482,7 @@ _STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
-    """Warn if faces reflect incident waves to other faces.
-
-    ``travelling`` contains the propagation directions of the waves, shape (m, 3).
-    """
+    """Warn if faces of a body reflect waves that travel along ``travelling`` to other faces."""
     if illuminates_itself(facets, travelling):
         warn_caller(
             "faces of the body illuminate each other, but paths with two or three reflections, "
@@ -499,9 +493,8 @@ def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
 def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
     """Return whether a body reflects incident waves from one face to another.
 
-    ``travelling`` contains the propagation directions of the waves, shape (m, 3). Up to 256
-    directions are tested with 16 to 128 rays each. Fewer rays are tested if the body has many
-    triangles.
+    The propagation directions of the waves are ``travelling``. Up to 256 directions are tested with
+    16 to 128 rays each. Fewer rays are tested if the body has many triangles.
     """
     if not facets.casts_shadows or not len(travelling):
         return False

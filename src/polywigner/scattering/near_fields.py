@@ -144,7 +144,7 @@ _MODEL = "huygens"
 class Antenna:
     """A radar antenna near a body.
 
-    Lengths are in m. Positions in the body's frame are relative to the centre of the body.
+    Positions in the body's frame are in m, relative to the centre of the body.
     """
 
     source: Source
@@ -156,8 +156,7 @@ class Antenna:
     tolerance: float
     """Allowed error of fields, relative to the field if all parts of the source were in phase."""
     jones: Complex | None = None
-    """Jones vector in the source's axes, shape (2,), or (k, 2) for k elements; None: scalar fields.
-    """
+    """Jones vector in the source's axes, shape (2,) or (k, 2), or None for scalar fields."""
     condition: BoundaryCondition = DEFAULT
     """Boundary condition of scalar fields."""
 
@@ -318,7 +317,7 @@ def field_gradient(
 def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
     """Return a source whose field is the derivative of the field of ``radiator`` along an axis.
 
-    Each plane wave of its field is multiplied by 2 pi i times its spatial frequency.
+    The derivative multiplies each plane wave of the field by 2 pi i times its spatial frequency.
     """
     elements = []
     for element in radiator.elements:

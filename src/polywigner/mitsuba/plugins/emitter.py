@@ -73,7 +73,7 @@ _OVERWHELMING = 1e12
 class WignerEmitter(VariantPlugin):
     """Emitter of a ``wigner`` shape.
 
-    It is not a registered plugin, because the shape creates it.
+    The emitter is not a registered plugin, because the shape creates it.
     """
 
     get_shape: Callable[[], Any]
@@ -179,10 +179,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the norm N with derivatives.
-
-        NumPy computes the value, and Dr.Jit the derivatives.
-        """
+        """Return the norm N with derivatives."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -341,8 +338,8 @@ def checked_parameters(
 ) -> SourceParameters:
     """Check the parameters of a source or receiver, from Mitsuba or from Python.
 
-    ``variant`` determines the default polarisation. It is None for entries that any variant may
-    load.
+    The variant of Mitsuba determines the default polarisation; ``variant`` is None for entries that
+    any variant may load.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)

@@ -182,10 +182,7 @@ class ExactEstimator:
     density: None = None
     """Density of positions, which is None because the entire source illuminates each point."""
     scene_is_known: ClassVar[bool] = False
-    """Whether a scene that has been passed to the plugins is being rendered.
-
-    Kernels also contain the sources of other scenes in memory.
-    """
+    """Whether the scene that is being rendered has been passed to the plugins."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float, _: object) -> None:
         self._m, self._unit = m, spec.scene_unit
@@ -244,10 +241,10 @@ class ExactEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight of a ray of a receiver, ``lambda^2 r^2 |U|^2/N``.
+        """Return the weight of a ray of a receiver, where U is the field at the end of the ray.
 
-        Here r is the length of the ray, U the field at its end, and N the power of the unscaled
-        field.
+        The weight is ``lambda^2 r^2 |U|^2/N``, where r is the length of the ray, and N the power of
+        the unscaled source field.
         """
         return self._scale * (distance * distance) * self.intensity(point)
 
@@ -256,10 +253,7 @@ class ExactEstimator:
         self.shadows_key, self._shadows = key, shadows
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 of the source field |u|^2 = 1 at a point in front of the source.
-
-        The point is in scene units.
-        """
+        """Return |U|^2 of the source field |u|^2 = 1 at a point in front of the source."""
         if self._diffracts and not self.shadows_key and not self.scene_is_known:
             message = (
                 "a source or a receiver with diffraction requires its scene, which Mitsuba does "
@@ -304,7 +298,7 @@ class ExactField:
     def intensity(self, point: mi.Point3f, unit: float) -> Drjit:
         """Return |U|^2 of the source field |u|^2 = 1 at a point in front of the source.
 
-        The coordinates of the point are in units of ``unit`` metres.
+        The coordinates of ``point`` are in units of ``unit`` metres.
         """
         # Dr.Jit would return zero derivatives of nested loops without an error.
         if self._jit and dr.grad_enabled(point):
@@ -392,10 +386,7 @@ def _curved(element: SourceElement, wave: Wavefront) -> SourceElement:
 
 
 def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
-    """Approximate a chirp on an interval by plane waves; return amplitudes and frequencies.
-
-    The chirp is ``exp(i pi q y^2)`` for y between ``low`` and ``high``.
-    """
+    """Return plane waves whose sum approximates the chirp ``exp(i pi q y^2)`` on an interval."""
     centre, size = (low + high) / 2, high - low
     cycles = abs(q) * size * size
     waves: tuple[Complex, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
@@ -427,7 +418,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
 def _fit(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
     """Fit plane waves with given frequencies to ``values`` at the positions y.
 
-    Returns None if the error or the amplitudes are too large.
+    The result is None if the error of the fit or the amplitudes of the waves are too large.
     """
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)

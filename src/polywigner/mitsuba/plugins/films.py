@@ -65,8 +65,8 @@ def silent(*appenders: mi.Appender) -> Iterator[None]:
 def threads_for_openexr() -> Iterator[None]:
     """Ensure that Dr.Jit's thread pool has a second thread within a ``with`` block.
 
-    Mitsuba reads and writes OpenEXR files, also of textures, in the threads of this pool. It would
-    never finish if the calling thread were the only thread.
+    Mitsuba reads and writes OpenEXR files, such as textures, in the threads of this pool. Reading
+    and writing would never finish if the calling thread were the only thread.
     """
     before = dr.thread_count()
     if before < 2:
@@ -79,10 +79,7 @@ def threads_for_openexr() -> Iterator[None]:
 
 
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return the average of the colours of an image, shape (height, width).
-
-    An image with a single channel is returned without this channel axis.
-    """
+    """Return the average of the colours of an image, shape (height, width)."""
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
@@ -103,7 +100,7 @@ _IN_PIXEL = 1 << 12
 def fineness(camera: mi.Sensor, samples: int) -> int:
     """Return the factor by which the film of a receiver is refined along each axis; 1 for cameras.
 
-    Refinement limits the number of samples per film pixel.
+    The film of a receiver is refined to limit the number of samples per film pixel.
     """
     doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
@@ -113,7 +110,7 @@ def fineness(camera: mi.Sensor, samples: int) -> int:
 def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
     """Set attributes of objects within a ``with`` block.
 
-    Each change consists of the object, the name of the attribute and the new value.
+    Each of ``changes`` consists of an object, the name of an attribute and its new value.
     """
     before = [getattr(target, name) for target, name, _ in changes]
     try:
@@ -234,10 +231,7 @@ _LARGEST_SPP = 2**30
 
 
 def check_spp(spp: int) -> int:
-    """Check a number of samples per pixel.
-
-    Raises ArgumentError unless it is an integer from 1 to 2^30.
-    """
+    """Return ``spp``; raise ArgumentError unless it is an integer from 1 to 2^30."""
     return checked_count(spp, "spp", 1, _LARGEST_SPP)
 
 
@@ -251,7 +245,7 @@ def check_seed(seed: int) -> int:
 def seed_of(seed: int, *part: int) -> int:
     """Return a 32-bit seed for a part of a render.
 
-    ``seed`` is the seed of the entire render and may have any size.
+    The seed of the entire render, ``seed``, may have any size.
     """
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
@@ -259,7 +253,7 @@ def seed_of(seed: int, *part: int) -> int:
 def accepted_samples(sampler: mi.Sampler, count: int) -> int:
     """Return the number of samples per pixel to which a sampler rounds ``count`` up.
 
-    With this number, samplers do not log a warning in each render.
+    Samplers log a warning in each render with any other number.
     """
     probe = sampler.fork()
     with silent():
@@ -284,7 +278,7 @@ _ENDLESS = 2**32 - 1
 def depths_of(integrator: mi.Integrator) -> dict[str, int]:
     """Return the parameters ``max_depth`` and ``rr_depth`` of an integrator.
 
-    An unlimited ``max_depth`` is -1.
+    A ``max_depth`` of -1 means paths of any length.
     """
     depths: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
     # Integrators written in C++ report these values only as text.

@@ -105,8 +105,9 @@ class Mixture:
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
         """Return waves whose weighted mean power is the power of the mixture.
 
-        The columns of the array, shape (n, 4), are the shift of the inverse wavelength in 1/m, the
-        spatial frequencies of the tilts along x and y in 1/m, and the weight.
+        Each of the n waves is a row of four numbers. The numbers are the shift of the inverse
+        wavelength in 1/m, the spatial frequencies of the tilts along x and y in 1/m, and the
+        weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
         wave = self._applied_to(source)
@@ -198,10 +199,7 @@ def _energy(source: Aperture | Array) -> float:
 
 
 def support_of(source: Any, obliquity: str) -> Aperture:
-    """Return the region in the plane of a source where its Wigner function is not zero.
-
-    Raises SceneError for a source that cannot radiate in a scene.
-    """
+    """Return the region in the plane of a source where its Wigner function is not zero."""
     if not isinstance(flat_source(source), Aperture | Array):
         raise unsuitable_source(source)
     try:

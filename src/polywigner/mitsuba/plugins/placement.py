@@ -45,25 +45,22 @@ class PlacedSource(SourceParameters):
     reach: float = 0.0
     """Largest coordinate of the source and of the flat surfaces that touch it, in m.
 
-    It determines the height at which rays start and end; see the module `surfaces`.
+    This coordinate determines the height at which rays start and end; see the module `surfaces`.
     """
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
         """Scalar sources, each with a Stokes vector.
 
-        The Stokes vector of the light is the sum of these Stokes vectors, weighted by the
-        irradiances |U|^2 of the scalar sources.
+        The Stokes vector of the light is the sum of the Stokes vectors of all scalar sources,
+        weighted by their irradiances |U|^2.
         """
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Return the mirror image of the source in a plane.
-
-        The plane contains the points p with ``normal . p = offset``, in m.
-        """
+        """Return the mirror image of the source in the plane ``normal . p = offset``, in m."""
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
@@ -104,10 +101,7 @@ class PlacedSource(SourceParameters):
         return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
-        """Return the pose of another source or receiver in the frame of this source, shape (4, 4).
-
-        The translation is in m.
-        """
+        """Return the pose of another source in the frame of this source, translation in m."""
         result = np.eye(4)
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
@@ -184,10 +178,7 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    """Return a parameter in double precision.
-
-    The double-precision value is ``known`` unless a user has changed the parameter.
-    """
+    """Return a parameter in double precision, which is ``known`` unless a user has changed it."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
 
@@ -248,10 +239,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part of an outline where ``normal . x > least``.
-
-    If this part is the entire outline, the outline itself is returned.
-    """
+    """Return the part of an outline where ``normal . x > least``."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

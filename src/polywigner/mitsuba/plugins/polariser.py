@@ -51,7 +51,7 @@ def is_polarised(variant: str | None = None) -> bool:
 def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceParameters:
     """Add the default polarisation to parameters that do not specify a polarisation.
 
-    Raises SceneError for parameters with a polarisation in an unpolarised variant.
+    Raises SceneError if the parameters specify a polarisation in an unpolarised variant.
     """
     if is_polarised(variant):
         if spec.states_polarisation:
@@ -189,8 +189,8 @@ _End = tuple[Frame, Drjit]
 def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
     """Convert the Mueller matrix of a path from Mitsuba's axes to Ludwig's axes.
 
-    Ludwig's axes refer to the antennas at the receiver (``arrives``) and at the source
-    (``leaves``). ``leaves`` is None for unpolarised light, which does not depend on the axes.
+    The path starts at the antenna of a source (``leaves``) and ends at the antenna of a receiver
+    (``arrives``). ``leaves`` is None for unpolarised light, which does not depend on the axes.
     """
     ends = []
     for end, sign in ((arrives, -1.0), (leaves, 1.0)):

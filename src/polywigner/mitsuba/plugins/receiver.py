@@ -59,10 +59,7 @@ from polywigner.source.obliquities import DEFAULT
 
 
 def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, active: Drjit) -> Drjit:
-    """Return the distance along a ray to the first surface that is not null.
-
-    If the ray hits no such surface, the result is ``far``.
-    """
+    """Return the distance along a ray to the first surface that is not null, or ``far``."""
     direction = m.Vector3f(ray.d)
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
@@ -98,11 +95,7 @@ def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
 
 
 def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
-    """Map a film position to angles (alpha, psi) in its pixel.
-
-    The angles are uniformly distributed in the solid angle of the pixel, which is the second return
-    value.
-    """
+    """Map a film position to angles (alpha, psi), uniform in the solid angle of its pixel."""
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
     row = dr.floor(point.y)
@@ -164,8 +157,8 @@ class WignerReceiver(VariantPlugin):
     def stand_at(self, reach: float) -> None:
         """Set the largest coordinate of the receiver and of the flat surfaces that touch it.
 
-        It determines the height at which rays start in front of the receiver, which may lie on a
-        surface.
+        This coordinate determines the height at which rays start in front of the receiver, which
+        may lie on a surface.
         """
         self._lift = opaque(self.m, ROUNDING * reach)
 
@@ -254,8 +247,8 @@ class WignerReceiver(VariantPlugin):
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
         """Move the start of a ray behind a random number of the surfaces on its path.
 
-        The edges of these surfaces diffract radiation from behind them. Returns a factor by which
-        the weight of the ray must be multiplied.
+        Radiation from behind a surface reaches the receiver by diffraction at the edges of the
+        surface. The function returns a factor by which the weight of the ray must be multiplied.
         """
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
@@ -285,10 +278,7 @@ class WignerReceiver(VariantPlugin):
     def _end(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
-        """Return the point where a ray hits a surface, and its distance.
-
-        For rays that hit no surface, the point is far away.
-        """
+        """Return the point where a ray hits a surface, or a far point, and its distance."""
         distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
         if self.spec.diffraction:  # With diffraction, rays may start behind surfaces.
             end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
@@ -327,10 +317,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Sensor:
 
 
 def receiver_class(variant: str) -> type[WignerReceiver]:
-    """Return the class of the sensor for a variant of Mitsuba.
-
-    Every call with the same variant returns the same class.
-    """
+    """Return the class of the sensor for a variant of Mitsuba."""
     return variant_class(WignerReceiver, "Sensor", variant)
 
 

@@ -108,7 +108,7 @@ one_at_a_time = exclusive()
 def add_plugin(kind: str, name: str, build: _Build) -> None:
     """Add a plugin to the plugins that :func:`register` registers.
 
-    ``build`` is a function of the variant and the properties that creates the plugin.
+    The plugin is created by ``build``, a function of the variant and of Mitsuba's properties.
     """
     _plugins[kind, name] = build
 

@@ -45,10 +45,7 @@ _FRACTIONS = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number of the variant ``m`` that is not a literal.
-
-    Kernels are not recompiled for new values of such numbers.
-    """
+    """Return a number whose value is not compiled into kernels, so that kernels can be reused."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
@@ -61,10 +58,7 @@ def single(number: Any, name: str) -> float:
 
 
 def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
-    """Return a sampler of positions on a source with the density |u|^2.
-
-    Positions are in units of ``unit`` metres.
-    """
+    """Return a sampler of positions on a source, with the density |u|^2, in scene units."""
     elements = normal_form(source).in_plane.elements  # Curved waves do not change |u|.
     pieces = _PIECES // len(elements)
     tables, weights = [], []
@@ -80,10 +74,7 @@ def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
 
 
 class Positions:
-    """Sampler of positions in trapezoids, with a constant density in each trapezoid.
-
-    Without weights, the density is the same in all trapezoids.
-    """
+    """Sampler of positions in trapezoids, with a constant density in each trapezoid."""
 
     def __init__(self, m: Any, cells: Trapezoids, weights: Floats | None = None) -> None:
         self._m, self._ops = m, ops_for(m.Float)
@@ -183,7 +174,7 @@ def _mean_pattern(
 ) -> Floats:
     """Return the far-field pattern g |F|^2 on a grid of directions.
 
-    Each value is the average over ``within`` x ``within`` points around a node of the grid.
+    The pattern is averaged over ``within`` x ``within`` points around each node of the grid.
     """
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5

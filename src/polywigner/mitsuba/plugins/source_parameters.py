@@ -104,7 +104,8 @@ class SourceParameters:
     polarisation: Complex | None = None
     """Unit Jones vector along the source's x and y axes, or None for unpolarised light.
 
-    The shape is (2,), or (n, 2) with one vector for each of n elements.
+    The Jones vector has the shape (2,). For n elements with different polarisations, there is one
+    vector for each element, shape (n, 2).
     """
     states_polarisation: bool = False
     """Whether the scene specifies ``polarisation``, including "unpolarised"."""
@@ -133,8 +134,8 @@ class SourceParameters:
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
         """Divide a polarised source into scalar sources, each with a Stokes vector.
 
-        The Stokes vector of the light is the sum of these Stokes vectors, weighted by the
-        irradiances |U|^2 of the scalar sources.
+        The Stokes vector of the light is the sum of the Stokes vectors of all scalar sources,
+        weighted by their irradiances |U|^2.
         """
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
@@ -151,7 +152,7 @@ class SourceParameters:
     def reach_in(self, scene: mi.Scene, pose: Floats) -> float:
         """Return the largest coordinate of the source and of the flat surfaces that touch it.
 
-        The result is in scene units. The translation of ``pose`` is in metres.
+        The largest coordinate is in scene units, but the translation of ``pose`` is in metres.
         """
         low, high = np.reshape(self.source.bounds, (2, 2))
         corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
@@ -289,7 +290,7 @@ def scene_entry(
 ) -> dict[str, Any]:
     """Create an entry of a dictionary for ``mi.load_dict`` from the arguments of a Python call.
 
-    The entry does not contain values that are None.
+    Arguments that are None are omitted.
     """
     kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
     source = source if isinstance(source, kinds) else Aperture(source)
@@ -339,7 +340,7 @@ class _SceneValues:
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
         """Return the value of a parameter that is one of the names ``known``.
 
-        By default it is the first of these names. ``kind`` describes the parameter in error
+        The default is the first of the known names. ``kind`` describes the parameter in error
         messages, such as "an estimator".
         """
         known = tuple(known)
@@ -395,7 +396,8 @@ class _SceneValues:
     def polarisation(self, source: SceneSource) -> Complex | None:
         """Return a unit Jones vector, or None for unpolarised light.
 
-        The shape is (2,), or (n, 2) for an Array whose n elements have different polarisations.
+        The Jones vector has the shape (2,). For an Array whose n elements have different
+        polarisations, there is one vector for each element, shape (n, 2).
         """
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
@@ -454,10 +456,7 @@ def rigid_pose(matrix: Any) -> Floats:
 
 
 def pose_of(plugin: Any) -> Floats:
-    """Return the pose of a source or receiver in its scene, shape (4, 4).
-
-    The translation is in metres.
-    """
+    """Return the pose of a source or receiver in its scene, with the translation in metres."""
     spec = plugin.spec
     matrix = np.array(matrix_of(plugin.to_world))
     # The pose is available in double precision unless a user has changed the transform.

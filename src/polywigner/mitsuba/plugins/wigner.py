@@ -70,8 +70,8 @@ class DrawnWaves:
     def wave(self, inverse: Drjit, x: mi.Point2f, end: mi.Point3f) -> Wave:
         """Return a random wavelength and tilt for a sample.
 
-        The sample starts at the position x on the source and ends at the point or direction
-        ``end``. The random numbers are a hash of both.
+        A sample starts at the position x on the source and ends at the point or direction ``end``.
+        The random numbers are a hash of x and ``end``.
         """
         if self._mixture.is_plain:
             return Wave(inverse, None)
@@ -117,8 +117,7 @@ class _Term(NamedTuple):
 class WignerRadiance:
     """Wigner radiance of a source as a sum of terms, for the arrays of one variant.
 
-    The terms are returned by :func:`emissions`. Each term is an obliquity factor h times a Wigner
-    function W.
+    Each term from :func:`emissions` is an obliquity factor h times a Wigner function W.
     """
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float) -> None:
@@ -138,11 +137,12 @@ class WignerRadiance:
     def at(
         self, x: Drjit, direction: Drjit, wave: Wave, wigner: Callable[..., Drjit] | None = None
     ) -> Drjit:
-        """Return the sum of h W over all terms, in m^2; it is zero for directions to the back.
+        """Return the Wigner radiance times the square of the wavelength, in m^2.
 
-        ``x`` and ``direction`` are in the source's frame. The result has four components if
-        elements have different polarisations. ``wigner`` is a function of operations and four
-        coordinates that replaces the W of each term.
+        This quantity is the sum of h W over all terms, and zero for directions to the back. ``x``
+        and ``direction`` are in the source's frame. For elements with different polarisations, the
+        radiance has four Stokes components. ``wigner`` is a function of operations and four
+        coordinates that replaces the Wigner function W of each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -178,11 +178,11 @@ class WignerRadiance:
     def integral(
         self, direction: Drjit, wave: Wave, intensity: Callable[..., Drjit] | None = None
     ) -> Drjit:
-        """Return the integral of the sum of h W over all positions, in m^4.
+        """Return the integral of :meth:`at` over all positions, in m^4.
 
-        The integral is the sum of ``h |F|^2``, where F is the Fourier transform of the source of a
-        term. ``intensity`` is a function of operations and two frequencies that replaces the |F|^2
-        of each term.
+        The integral is the sum of ``h |F|^2`` over all terms, where h is the obliquity factor and F
+        the Fourier transform of a term's source. ``intensity`` is a function of operations and two
+        frequencies that replaces the |F|^2 of each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -239,8 +239,8 @@ class WignerEstimator:
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
         """Return the contribution of the position x to the irradiance at the point ``it``.
 
-        It is ``L cos/r^2`` divided by the density of positions, where L is the radiance, cos the
-        cosine at the source, and r the distance.
+        The contribution is ``L cos/r^2`` divided by the density of positions, where L is the
+        radiance, cos the cosine at the source, and r the distance.
         """
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z

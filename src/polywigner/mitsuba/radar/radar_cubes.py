@@ -306,7 +306,7 @@ def _coherent(
 ) -> tuple[list[list[list[_Link]]], list[str]]:
     """Return the coherent paths of all links, and notes about effects that are not included.
 
-    The links are nested lists over receivers, elements of a receiver, and emitters.
+    The paths are in nested lists over receivers, elements of a receiver, and emitters.
     """
     wave = radar.waveform
     chains, echoes, notes = routes_in(
@@ -358,10 +358,7 @@ def _owner(name: str) -> str:
 def _moving_image(
     end: PlacedSource, velocity: Floats, chain: Chain, speeds: Velocities
 ) -> tuple[Floats, Floats]:
-    """Return the position and velocity of the mirror image of an emitter or receiver, in m and m/s.
-
-    ``chain`` contains the mirrors. The position is the centre of the image.
-    """
+    """Return the position of an emitter's or receiver's mirror image, and its velocity in m/s."""
     for mirror in chain:
         moved = speeds.get(mirror.name, np.zeros(3))
         velocity = velocity - 2 * ((velocity - moved) @ mirror.normal) * mirror.normal
@@ -417,9 +414,8 @@ def _cloud(
 def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
     """Return the responses of receivers to scatterers, and relative path lengths in m.
 
-    Both have the shape (receiver, scatterer). The squared modulus of a response is the received
-    power divided by the radiant intensity. If a receiver is not divided into elements, this ratio
-    is taken from the cloud.
+    The squared modulus of a response is the received power divided by the radiant intensity. If a
+    receiver is not divided into elements, this ratio is taken from the cloud.
     """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
@@ -440,11 +436,11 @@ def _sending(
 ) -> tuple[Complex, Floats]:
     """Return the square roots of scattered intensities for each emitter, and path lengths in m.
 
-    Both have the shape (emitter, scatterer). Scatterers on paths with a single reflection are used
-    for all emitters, so that the signals of the emitters are coherent. The radiant intensity I of
-    such a scatterer is divided among the emitters in proportion to their irradiances at the
-    scatterer. For emitter j with the irradiance E_j it is ``I E_j / sum_i E_i``, and the sum of
-    these intensities over all scatterers is unbiased.
+    Scatterers on paths with a single reflection are used for all emitters, so that the signals of
+    the emitters are coherent. The radiant intensity I of such a scatterer is divided among the
+    emitters in proportion to their irradiances at the scatterer. For emitter j with the irradiance
+    E_j it is ``I E_j / sum_i E_i``, and the sum of these intensities over all scatterers is
+    unbiased.
     """
     intensity, paths = cloud["intensity"].values, cloud["path_length"].values
     names = cloud["emitter"].values
@@ -564,10 +560,9 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
-    """Yield the factors of a series for the phase factor of two variables.
+    """Yield the terms of a series for ``exp(2 pi i amounts along)``.
 
-    Each term is a pair of arrays, one for each variable. The sum of the products of all pairs is
-    ``exp(2 pi i amounts along)``.
+    Each term is a pair of factors, one for ``amounts`` and one for ``along``.
     """
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach

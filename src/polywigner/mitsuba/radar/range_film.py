@@ -205,7 +205,7 @@ def _rendered(
 def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
     """Return a sensor with the rays of another sensor, and a film by range.
 
-    The film has ``factor`` times as many pixels along each axis.
+    The film by range has ``factor`` times as many pixels along each axis as the other sensor.
     """
     size, window, offset = film_sizes(sensor, factor)
     check_sums(window, edges)
@@ -327,8 +327,7 @@ class RangeSensor(VariantPlugin):
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
         """Return the distance from the sensor to the start of a ray, in scene units.
 
-        It is the distance of a camera's near clip, or the distance by which rays of a receiver
-        start in front of it.
+        Rays of a camera start at its near clip, and rays of a receiver slightly in front of it.
         """
         if is_receiver(self._sensor):
             return dr.dot(self._sensor.lift, ray.d)

@@ -157,19 +157,13 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Return the received power of receivers, and their power by range.
-
-    ``numbers`` contains the indices of the receivers.
-    """
+    """Return the received power of the receivers ``numbers``, and their power by range."""
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
-    """Return the edges of range bins in m.
-
-    Raises ArgumentError unless the edges are finite, ascending and not negative.
-    """
+    """Return range edges in m; raise ArgumentError unless finite, ascending and not negative."""
     try:
         edges = real_numbers(ranges)
     except ValueError:

@@ -114,7 +114,7 @@ def _batch(
 ) -> tuple[Events, Floats, Floats]:
     """Return the events of one batch of rays, with their powers and radiant intensities.
 
-    The sums over the batch are unbiased estimates of the total power and the total intensity.
+    The sums over all events are unbiased estimates of the received power and of the intensity.
     """
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
@@ -136,9 +136,9 @@ def _batch(
 
 
 def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
-    """Return initial paths from a receiver, their weights, and their solid angles in sr.
+    """Return random paths from a receiver, with weights and solid angles.
 
-    The product of a weight, a radiance and a solid angle is a power in W.
+    The received power in W is the product of the weight, the solid angle in sr and a radiance.
     """
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
@@ -151,10 +151,7 @@ def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
-    """Return probabilities that are proportional to ``measure`` but at most 1.
-
-    The sum of the probabilities is ``count``.
-    """
+    """Return probabilities with the sum ``count``, proportional to ``measure`` but at most 1."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
     # If the k largest values have the probability 1, the remaining probabilities must have the sum
@@ -169,7 +166,7 @@ def _probabilities(measure: Floats, count: int) -> Floats:
 def _thinning_error(power: Floats, probabilities: Floats) -> float:
     """Return the standard error in W that the random selection of events causes.
 
-    The error of the total power is computed by Hajek's approximation.
+    The standard error of the total power is computed by Hajek's approximation.
     """
     missing = 1.0 - probabilities
     if not missing.any():
@@ -315,7 +312,10 @@ def scatterers(
 
 @dataclass(frozen=True)
 class _Names:
-    """Ids of shapes and lights, by the numbers that events contain."""
+    """Ids of the shapes and lights of a scene.
+
+    The keys are the numbers of shapes and lights in Mitsuba's registry, which events contain.
+    """
 
     shapes: dict[int, str]
     lights: dict[int, str]
@@ -339,7 +339,7 @@ class _Names:
         return cls(shapes, lights, receiver)
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
-        """Return velocities in scene units by number; raise ArgumentError for unknown ids."""
+        """Convert velocities of objects to scene units; raise ArgumentError for unknown ids."""
         speeds = {name: speed / unit for name, speed in checked_velocities(velocities).items()}
         names = {*self.shapes.values(), *self.lights.values(), self.receiver}
         for name in speeds:
@@ -361,7 +361,7 @@ def _number(kind: str, thing: Any) -> int:
 
 
 def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
-    """Return velocities (3,) in m/s by id; raise ArgumentError for other values."""
+    """Check a mapping from ids to velocities in m/s; return the velocities as arrays."""
     if not isinstance(velocities, Mapping):
         raise ArgumentError(
             f"expected velocities as a mapping from ids to (vx, vy, vz), got {velocities!r}"

@@ -195,23 +195,19 @@ class CoherentPath:
     transmission: float
     """Square root of the transmitted fraction of the power, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """Polarisation factor ``e_r . E`` of each pair of polarised parts of emitter and receiver.
-
-    Each factor is followed by the parts of the emitter's image and of the receiver that face each
-    other.
-    """
+    """Polarisation factor ``e_r . E`` of each pair of polarised parts of emitter and receiver."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
     """Effect of diffraction, or None without diffraction.
 
-    It is a function of the wavelength in m that returns the ratio b/b_0 of the couplings with and
-    without obstacles.
+    This function of the wavelength in m returns the ratio b/b_0 of the couplings with and without
+    obstacles.
     """
     echo: Callable[[float], complex] | None = None
     """Echo of a body, or None for paths without a body.
 
-    It is a function of the wavelength in m that returns the coupling by reflection from the body,
-    and replaces ``links``.
+    This function of the wavelength in m returns the coupling by reflection from the body, which
+    replaces the couplings of ``links``.
     """
 
     def transmission_at(self, wavelength: float) -> complex:
@@ -325,10 +321,7 @@ def _path(
 def _polarised(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E from the Jones vectors of emitter and receiver.
-
-    The scalar product has no complex conjugate.
-    """
+    """Return the polarisation factor e_r . E from the Jones vectors of emitter and receiver."""
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
@@ -349,8 +342,8 @@ def _leg_to(
 ) -> tuple[CentralPath, float] | None:
     """Return the path from an emitter or receiver via mirrors to the centre of a body.
 
-    The second return value is the amplitude transmission of the path. The result is None if part of
-    the body is not in front of the emitter or receiver.
+    The amplitude transmission of the path is returned as well. If part of the body is not in front
+    of the emitter or receiver, the result is None.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
@@ -367,8 +360,7 @@ def _echo_path(
 ) -> tuple[CoherentPath, list[str]] | str:
     """Return the path via a body.
 
-    The path is computed as if both the emitter and the receiver transmitted to the body, by
-    reciprocity.
+    By reciprocity, the path is computed as if both emitter and receiver transmitted to the body.
     """
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
@@ -493,10 +485,7 @@ def _without_delays(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
-    """Return the couplings of pairs of facing parts.
-
-    All poses of the same pair of sources are computed in one call.
-    """
+    """Return the couplings of pairs of sources that face each other."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity

@@ -60,7 +60,7 @@ from polywigner.source.polarisation import Stokes
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     """Return the ratio of received to radiated power in free space.
 
-    The parameter ``normalise`` of the receiver defines the ratio.
+    The radiated power is defined by the parameter ``normalise`` of the receiver.
     """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
@@ -104,10 +104,7 @@ class DirectLight:
 
 
 Term = tuple[float, Stokes, Stokes]
-"""Coupling |b|^2 of a polarised field of the emitter and a polarised field of the receiver.
-
-The Stokes parameters of both fields follow the coupling.
-"""
+"""Coupling |b|^2 of a polarised field of the emitter and a polarised field of the receiver."""
 
 
 def direct_light(
@@ -117,10 +114,7 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Return the direct paths from an emitter to a receiver.
-
-    The sources of ``scene`` must be hidden.
-    """
+    """Return the direct paths from an emitter to a receiver in a scene with hidden sources."""
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
@@ -273,10 +267,9 @@ def _delta_path(
 def _starts(
     scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Chain
 ) -> tuple[Floats, Floats]:
-    """Return the points where rays from a light start, and the mirror image of the light, in m.
+    """Return the points where rays from a light to ``end`` start, and the light's mirror image.
 
-    The rays end at the points ``end``. The image of a directional light is represented by a point 1
-    m from the centre of the receiver.
+    The image of a directional light is represented by a point 1 m from the centre of the receiver.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
@@ -317,7 +310,7 @@ def _sampled(
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
     """Return the radiant intensity of a light towards points in scene units, in W/sr.
 
-    For directional lights, the result is the irradiance in W/m^2. Spectra are converted to
+    For directional lights, the irradiance in W/m^2 is returned instead. Spectra are converted to
     luminance, as in films with one channel.
     """
     total: Any = 0.0
@@ -339,7 +332,7 @@ _SETS = 24
 def _colours() -> list[Drjit]:
     """Return sets of wavelengths in nm that represent a spectrum.
 
-    Variants without wavelengths have one empty set.
+    For variants without wavelengths, there is one empty set of wavelengths.
     """
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
@@ -354,7 +347,7 @@ def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Ter
     """Return the effective area in m^2 of a receiver for each of its polarised fields.
 
     The area is the received power divided by 4 pi times the radiant intensity of a light, or by the
-    irradiance of a plane wave. It replaces the coupling |b|^2.
+    irradiance of a plane wave. The effective area replaces the coupling |b|^2.
     """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)

@@ -58,15 +58,12 @@ class DirectPath:
     amplitude: complex | None = None
     """Complex amplitude of the path if paths interfere, otherwise None."""
     length: float = math.nan
-    """Length of the path between the centres of emitter and receiver in m.
-
-    It is infinite for a directional light.
-    """
+    """Length of the path between both centres in m; infinite for a directional light."""
     light: str = ""
     """Id of a point, spot, projector or directional light; empty for other emitters.
 
-    For these lights, ``coupling`` is an effective area in m^2: the received power divided by 4 pi
-    times the radiant intensity, or by the irradiance of a directional light.
+    If this id is not empty, ``coupling`` is an effective area in m^2: the received power divided by
+    4 pi times the radiant intensity, or by the irradiance of a directional light.
     """
 
 
@@ -76,10 +73,7 @@ class Contribution:
 
     name: str
     direct: float
-    """Power received along the line of sight and specular paths in W.
-
-    Only the transmission of obstacles is sampled.
-    """
+    """Power received along the line of sight and specular paths in W."""
     scattered: float
     """Power scattered by surfaces and fog in W."""
     standard_error: float
@@ -130,10 +124,7 @@ class ReceivedPower:
 
     @property
     def scattered(self) -> float:
-        """Power scattered by surfaces and fog in W.
-
-        It can be negative with the estimator ``wigner``.
-        """
+        """Scattered power in W, which can be negative with the estimator ``wigner``."""
         return math.fsum(part.scattered for part in self.contributions)
 
     @property
@@ -299,7 +290,7 @@ class ReceiveOptions:
     def noise_of(self, spec: Any) -> dict[str, Any]:
         """Return the noise parameters of a receiver.
 
-        Parameters in these options replace the parameters of the receiver.
+        Noise parameters in these options replace the parameters of the receiver.
         """
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
         noise = {n: spec.noise[n] if value is None else value for n, value in noise.items()}
@@ -319,8 +310,8 @@ def described(
 ) -> xarray.Dataset:
     """Create a dataset with units and descriptions.
 
-    Each entry of ``values`` consists of an array, its dimensions, its unit (empty for text) and its
-    description.
+    Each variable in ``values`` consists of an array, its dimensions, its unit (empty for text) and
+    its description.
     """
     from polywigner import __version__
 

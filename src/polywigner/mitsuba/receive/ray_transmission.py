@@ -72,7 +72,7 @@ class Plane(NamedTuple):
     surfaces: tuple[Surface, Surface] | None
     """Optical surfaces for waves that arrive on the front and on the back of the mirror.
 
-    If it is None, the reflectance of Mitsuba's BSDF is used.
+    Without these surfaces, the reflectance of Mitsuba's BSDF is used.
     """
 
 
@@ -100,7 +100,7 @@ class _Pane:
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
         """Return the transmittances of a pane for s and p polarisation.
 
-        ``total`` is the transmittance of the pane's BSDF in Mitsuba.
+        The unpolarised transmittance of the pane's BSDF in Mitsuba is ``total``.
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
@@ -220,10 +220,7 @@ class RayTracer:
     def _passed(
         self, si: Any, d: Any, columns: list[Any], active: Any
     ) -> tuple[Drjit, list[Drjit]]:
-        """Return the transmission of a null surface, and the fields behind it.
-
-        ``columns`` contains the fields in front of the surface.
-        """
+        """Return the transmission of a null surface, and the fields behind it."""
         passed = si.bsdf().eval_null_transmission(si, active)
         total = _mean(passed, False)
         if self._polarised:
@@ -319,10 +316,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _across(normal: Any, direction: Any) -> Drjit:
-    """Return the unit normal of the plane of incidence.
-
-    At normal incidence, the plane is arbitrary.
-    """
+    """Return the unit normal of the plane of incidence, arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _ALONG

@@ -67,7 +67,7 @@ Progress = Callable[[int, int], None]
 Sampled = Callable[[list[Scattering]], Floats]
 """Function that renders all batches of scattered light.
 
-It returns powers in W, shape (receivers, batches, lights, ...).
+The function returns powers in W, shape (receivers, batches, lights, ...).
 """
 
 
@@ -188,8 +188,8 @@ def received_powers(
 def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
     """Return the index of a receiver in a list of receivers.
 
-    ``receiver`` is an id, an index, or None for the only receiver. Raises ArgumentError unless
-    exactly one receiver matches.
+    A receiver is specified by its id, its index, or None if there is only one receiver. Raises
+    ArgumentError unless exactly one receiver matches.
     """
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
@@ -225,7 +225,7 @@ class Received(NamedTuple):
     batches: Floats
     """Scattered power in W, shape (receivers, batches, lights, values).
 
-    The values are range bins, or a single sum over all ranges.
+    The last axis contains the power in each range bin, or a single sum over all ranges.
     """
 
 
@@ -238,8 +238,8 @@ def received(
 ) -> Received:
     """Return the power at several receivers, as in :func:`received_power`.
 
-    ``numbers`` contains the indices of the receivers. If ``edges`` are specified, scattered light
-    is divided into range bins with these edges in m.
+    Receivers are specified by their indices ``numbers``. Scattered light is divided into range bins
+    with the edges ``edges`` in m, if specified.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         parties = matched(scene, numbers, options)
@@ -259,7 +259,7 @@ def received(
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     """Return the receivers with the indices ``numbers``, and the sources of a scene.
 
-    Checks that their frequency bands and units match.
+    Raises SceneError unless the frequency bands and scene units of receivers and sources match.
     """
     if not scene.emitters():
         raise SceneError("the scene has no emitters; add an emitter")
@@ -278,10 +278,7 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return the settings with which light scattered to a sensor is sampled.
-
-    ``sensor`` is the index of the sensor.
-    """
+    """Return the settings with which light scattered to a sensor is sampled."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
@@ -296,9 +293,9 @@ def _scattering(
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Render all batches of scattered light one after the other, and return their powers in W.
+    """Render all batches of scattered light one after the other.
 
-    The result has the shape (receivers, batches, lights, ...).
+    Returns powers in W, shape (receivers, batches, lights, ...).
     """
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
@@ -314,7 +311,7 @@ def _direct(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter and of all lights that rays cannot meet.
+    """Return the direct light of each emitter, and of point lights and directional lights.
 
     The sources of ``scene`` must be hidden.
     """
@@ -339,10 +336,7 @@ def _interfering(
     routes: list[Route],
     options: ReceiveOptions,
 ) -> DirectLight:
-    """Return the direct light of an emitter whose paths interfere.
-
-    The sources of ``scene`` must be hidden.
-    """
+    """Return the direct light of an emitter whose paths interfere; sources must be hidden."""
     wavelength = emitter.wavelength
     paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
@@ -379,7 +373,8 @@ def _result(
 ) -> ReceivedPower:
     """Return the received power of one receiver.
 
-    ``direct`` is its direct light, and ``scattered`` the batches of scattered power in W.
+    The received power is the sum of direct light, ``direct``, and of the average of all batches of
+    scattered power in W, ``scattered``.
     """
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
@@ -411,10 +406,7 @@ _FINE, _COARSE = (64, 64), (24, 4)
 
 
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
-    """Return the scattered and incoherent power at a receiver by direction of arrival.
-
-    The map has the shape (n, n), and its pixels are powers in W.
-    """
+    """Return a map of scattered and incoherent power in W by direction of arrival, shape (n, n)."""
     _, original = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER)

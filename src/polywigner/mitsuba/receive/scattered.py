@@ -108,10 +108,7 @@ def _boxes(shape: Any) -> list[Floats]:
 
 
 def _vectors(sensor: Any, boxes: Floats) -> Floats:
-    """Return vectors from a receiver to points of boxes, in the receiver's frame.
-
-    The result has the shape (n, m, 3) for m points of each of n boxes.
-    """
+    """Return vectors from a receiver to points of boxes in its frame, shape (boxes, points, 3)."""
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     points = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
@@ -127,8 +124,8 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
 def _targets(sensor: Any, boxes: Floats) -> Floats:
     """Return the boxes of angles at which samples of a receiver are aimed, shape (n, 5).
 
-    Each row contains the smallest (alpha, psi), the largest (alpha, psi), and the fraction of the
-    aimed samples.
+    A box is described by its smallest angles (alpha, psi), its largest angles (alpha, psi), and its
+    fraction of the aimed samples.
     """
     vectors = _vectors(sensor, boxes)
     if not len(vectors):
@@ -207,10 +204,7 @@ class AimedDirections:
         return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
 
     def _between(self, number: Any, axis: int, u: Any) -> Drjit:
-        """Map a random number ``u`` to an angle in a box.
-
-        Rounding errors cannot move the angle out of the box.
-        """
+        """Map a random number to an angle in a box, also in the presence of rounding errors."""
         low, high = self._at(axis, number), self._at(axis + 2, number)
         return dr.clip(low + (high - low) * u, low, high)
 
@@ -239,10 +233,7 @@ BATCHES = 16
 
 
 def batches_of(spp: int) -> int:
-    """Return the number of samples in each of 16 batches.
-
-    The batches contain ``spp`` or slightly more samples in total.
-    """
+    """Return the number of samples per batch if 16 batches contain at least ``spp`` samples."""
     return -(-check_spp(spp) // BATCHES)
 
 
@@ -262,18 +253,15 @@ class Scattering:
     def values(self) -> tuple[int, ...]:
         """Shape of the power of one light in a batch.
 
-        The shape is () without bins, or (bins + 2,) with additional values for shorter and longer
-        paths.
+        Without range bins, the power is a single number. With range bins, the power has the shape
+        (bins + 2,), with additional values for shorter and longer paths.
         """
         return () if self.edges is None else (len(self.edges) + 1,)
 
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """Render a batch of scattered light; return powers in W, shape (lights, values).
-
-        The lights are described in :func:`lights_of`.
-        """
+        """Render a batch of scattered light; return powers in W, shape (lights, values)."""
         seed, samples = seed_of(self.seed, number), batches_of(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
@@ -298,17 +286,14 @@ class Scattering:
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
     """Return the lights for which separate renders are computed.
 
-    None represents all incoherent lights. The other entries are the coherent sources.
+    The entry None represents all incoherent lights. All other entries are coherent sources.
     """
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
 
 def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """Return the powers of each coherent source and of all incoherent lights in W.
-
-    The arrays have the shapes (emitters, batches) and (batches,).
-    """
+    """Return the powers of each coherent source, and of all incoherent lights, in W."""
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])
     return np.moveaxis(powers[:, 1:] - powers[:, :1], 1, 0), powers[:, 0]

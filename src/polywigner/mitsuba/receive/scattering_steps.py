@@ -62,10 +62,7 @@ class Paths:
 
 
 class Steps:
-    """Function that moves all paths to the next surface.
-
-    The coherent sources of the scene must be hidden.
-    """
+    """Function that moves all paths to the next surface; coherent sources must be hidden."""
 
     def __init__(self, scene: Any, most_bounces: int, meets_lights: bool) -> None:
         self._scene, self._most = scene, most_bounces
@@ -105,10 +102,7 @@ class Steps:
     def _sampled(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light from the current surface.
-
-        Returns its radiance at the receiver, its number, its distance and its direction.
-        """
+        """Sample a light; return its radiance at the receiver, number, distance and direction."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)
@@ -174,7 +168,7 @@ def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
 class Motion:
     """Velocities of shapes and lights in scene units per second.
 
-    The keys are the numbers of the shapes and lights in Mitsuba's registry.
+    Objects are identified by their numbers in Mitsuba's registry, which are the keys.
     """
 
     shapes: dict[int, Floats]
@@ -196,10 +190,7 @@ EVENT = np.dtype(
         ("light", np.int64),  # number of the light
     ]
 )
-"""Data type of an event, which is the contribution of a light at the end of a path.
-
-Lengths are in scene units.
-"""
+"""Data type of an event, the contribution of a light to a path, with lengths in scene units."""
 
 Events = Any
 """Record array of n events, with the fields of `EVENT`."""
@@ -250,10 +241,7 @@ def events_of(
 
 
 def _arrived(here: Events, step: _Step) -> Events:
-    """Move events to the next surface.
-
-    For paths without a bounce, this surface becomes the first surface.
-    """
+    """Move events to the next surface, which is the first surface of paths without a bounce."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(_dot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0

@@ -62,21 +62,17 @@ class PassingRays(NamedTuple):
     """Rays from an emitter via the planes of all mirrors of a path to a receiver."""
 
     points: list[Floats]
-    """Points on the receiver, on the mirrors in reverse order, and on the emitter, in m.
-
-    Each array has the shape (n, 3) for n rays.
-    """
+    """Points on the receiver, on the mirrors in reverse order, and on the emitter, in m."""
     fractions: Floats
     """Transmission of each ray, shape (n, 1, 1).
 
-    In polarised variants, it is a Mueller matrix for the x and y axes of emitter and receiver,
-    shape (n, 4, 4).
+    In polarised variants, the transmission is a Mueller matrix for the x and y axes of emitter and
+    receiver, shape (n, 4, 4).
     """
     panes: list[Floats]
     """Matrices by which thin panes multiply the electric field, averaged over rays.
 
-    There is one matrix of shape (3, 3) for each segment of the path, from the emitter to the
-    receiver.
+    Each segment of the path, from the emitter to the receiver, has one matrix of shape (3, 3).
     """
 
     @property
@@ -133,8 +129,7 @@ def points_on(receiver: PlacedSource) -> Floats:
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
     """Return the points of specular rays via the planes of mirrors.
 
-    The list contains the points at the end, on the mirrors in reverse order, and at the start, each
-    of shape (n, 3).
+    The points are at the end, on the mirrors in reverse order, and at the start of each ray.
     """
     images = [start]
     for mirror in chain:
@@ -163,7 +158,8 @@ class CentralPath(NamedTuple):
     ) -> CentralPath:
         """Return the specular path between the centres of two sources.
 
-        If this path misses a mirror, the result is the path of one of the ``rays``.
+        If the specular path between the centres misses a mirror, the path of one of the ``rays`` is
+        returned.
         """
         points = points_by(facing.centre[None], taking.centre[None], chain)
         if not len(points[0]):
@@ -207,10 +203,7 @@ _STEP = 1e-4
 def diffracted_ratio(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> complex:
-    """Return the ratio b/b_0 of the couplings with and without obstacles.
-
-    Emitter and receiver are represented by points.
-    """
+    """Return the ratio b/b_0 of the couplings with and without obstacles."""
     wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
@@ -262,10 +255,7 @@ def meeting_rays(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """Return the rays of `passing_rays` as if there were no obstacles.
-
-    The transmission includes only the reflectance of mirrors.
-    """
+    """Return the rays of `passing_rays` as if there were no obstacles."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
@@ -425,10 +415,7 @@ def traced(
 
 
 def _pane_matrices(result: Transmission, legs: int) -> Floats:
-    """Return the fields behind the thin panes of each segment, shape (n, legs, 3, 3).
-
-    The fields for incident fields along x, y and z are the rows of the matrices.
-    """
+    """Return the fields behind the thin panes of each segment, shape (n, legs, 3, 3)."""
     # Segments are missing if all rays miss a mirror.
     columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
     parts = [np.array(part, np.float64).reshape(3, -1) for leg in columns for part in leg]
@@ -437,10 +424,7 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
-    """Return the plane of a mirror in scene units.
-
-    ``reach`` is the largest coordinate on the paths, which determines rounding errors.
-    """
+    """Return the plane of a mirror in scene units."""
     rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
@@ -531,10 +515,7 @@ def open_path(
 def obstacles_of(
     scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
 ) -> list[Mesh] | None:
-    """Return the meshes of diffracting obstacles in m, or None without diffraction.
-
-    Diffraction is included if the emitter or the receiver requests it.
-    """
+    """Return the meshes of diffracting obstacles in m, or None without diffraction."""
     if not (emitter.diffraction or receiver.diffraction):
         return None
     unit = receiver.scene_unit

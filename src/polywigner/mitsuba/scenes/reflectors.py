@@ -40,10 +40,7 @@ _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """Flat mirror of a scene.
-
-    Its plane contains the points p with ``normal . p = offset``, in m.
-    """
+    """Flat mirror of a scene, in the plane of the points p with ``normal . p = offset``, in m."""
 
     name: str
     shape: mi.Shape
@@ -139,10 +136,7 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane.
-
-    ``normal`` and ``offset`` describe the plane of the face; the sign of the normal has no effect.
-    """
+    """Return whether a face lies in a plane; the normal of the face may have either sign."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
@@ -158,10 +152,7 @@ def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
 
 
 def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
-    """Return the centre and the normal of a rectangle or disk.
-
-    The arrays are empty for other shapes.
-    """
+    """Return the centre and normal of a rectangle or disk, or empty arrays for other shapes."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
     sample = shape.sample_position(0.0, mi.Point2f(0.5, 0.5))
@@ -192,7 +183,7 @@ class Surface:
     index: complex | None
     """Relative refractive index of the surface, or None for a perfect conductor.
 
-    It is the ratio of the indices n + ik behind and in front of the surface.
+    The relative index is the ratio of the indices n + ik behind and in front of the surface.
     """
     is_thin: bool = False
     """Whether the surface is a thin sheet, in which the powers of internal reflections are added.
@@ -244,10 +235,7 @@ def _of_sheet(power: Any) -> Floats:
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """Return the surface of a mirror for waves that arrive on its front or its back.
-
-    ``is_before`` specifies whether the waves arrive from the side of the normal.
-    """
+    """Return the surface of a mirror for waves that arrive on its front or its back."""
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -274,10 +262,7 @@ def _single(value: Any) -> float:
 
 
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
-    """Return the electric field of a plane wave after reflection, shape (3,).
-
-    The incident wave travels in ``direction`` and has the electric field ``field``.
-    """
+    """Return the electric field of a plane wave after reflection, shape (3,)."""
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _ALONG:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -337,8 +322,8 @@ class Body:
     def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
         """Return notes on the accuracy of the echo.
 
-        ``paths`` contains the points of the paths from the emitter and from the receiver to the
-        body, each of shape (n, 3).
+        The notes also depend on the paths from the emitter and from the receiver to the body, whose
+        points are in ``paths``.
         """
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
@@ -391,10 +376,7 @@ def names_of(route: Route) -> tuple[str, ...]:
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
-    """Check the argument ``bodies`` of :func:`polywigner.mitsuba.channel` and return its bodies.
-
-    The keys are names. Each value is a body, or a pair of a body and a number of reflections.
-    """
+    """Check the argument ``bodies`` of :func:`polywigner.mitsuba.channel` and return its bodies."""
     if bodies is None:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
@@ -437,8 +419,8 @@ def routes_in(
 ) -> tuple[list[Chain], list[Echo], list[str]]:
     """Return possible paths via mirrors, possible paths via bodies, and notes.
 
-    Each path has up to ``reflections`` mirrors. The notes describe paths that are not included.
-    Raises SceneError if there are too many paths.
+    Paths have up to ``reflections`` mirrors, and notes describe paths that are not included. Raises
+    SceneError if there are too many paths.
     """
     mirrors, notes = mirrors_in(scene, unit, reflections)
     chains: list[Chain] = [(), *chains_of(mirrors, reflections)]

@@ -168,18 +168,12 @@ def exposed(
 
 
 def default_integrator(scene: mi.Scene) -> str:
-    """Return the default integrator of a scene.
-
-    The integrator is ``path``, or ``volpath`` if sources would cast shadows with ``path``.
-    """
+    """Return the default integrator, ``path``, or ``volpath`` if sources would cast shadows."""
     return "volpath" if may_shadow(scene) else "path"
 
 
 def default_spp(scene: mi.Scene, sensor: int = 0) -> int:
-    """Return the number of samples per pixel that a sensor specifies.
-
-    Raises the errors of :func:`render`.
-    """
+    """Return the number of samples per pixel that a sensor specifies."""
     return films.check_spp(_camera(scene, sensor).sampler().sample_count())
 
 
@@ -203,8 +197,8 @@ _STOKES = "stokes"
 def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
     """Return an integrator and the integrator that computes radiance.
 
-    The second integrator is nested in the first one if the first one adds Stokes parameters.
-    Otherwise both are the same.
+    An integrator that adds Stokes parameters contains a nested integrator that computes radiance.
+    All other integrators are returned twice.
     """
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
@@ -337,10 +331,7 @@ _MOST_MIRRORS = 2
 
 
 def with_delta_lights(exposure: Exposure, image: Image) -> Image:
-    """Add the direct light of lights that rays cannot hit to the image of a receiver.
-
-    These lights are point, spot, projector and directional lights.
-    """
+    """Add the direct light of point lights and directional lights to the image of a receiver."""
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
@@ -392,10 +383,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 def polarised_by_default(
     scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set the Jones vector of all sources and receivers without a polarisation.
-
-    Unpolarised variants ignore it.
-    """
+    """Set the Jones vector of all sources and receivers without a polarisation."""
     changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         sensors = [sensor for _, sensor in surfaces.receivers_of(scene)]

@@ -45,16 +45,13 @@ if TYPE_CHECKING:
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""Function that computes one part of a result.
-
-Its arguments are a scene and the index of the first sample of the part.
-"""
+"""Function of a scene and the index of the first sample of a part, which computes this part."""
 
 
 class SceneParts:
     """Function that computes parts of a result, possibly in other processes.
 
-    Other processes load the scene from its file.
+    Each process loads the scene from its file, except the first process.
     """
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
@@ -224,7 +221,8 @@ def receive_parts(
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    With ``edges``, the second return value is the :func:`range_profile` of the same samples.
+    If range bins are specified by ``edges``, the :func:`range_profile` of the same samples is
+    returned as well.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)

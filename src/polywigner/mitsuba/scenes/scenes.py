@@ -260,7 +260,7 @@ def translate_error(error: Exception) -> PolywignerError:
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
     """Convert an error of Mitsuba to an error of this package.
 
-    With the state of Mitsuba's parser, the message contains the name of the damaged file.
+    If the state of Mitsuba's parser is given, the message contains the name of the damaged file.
     """
     if isinstance(error, PolywignerError):
         return error
@@ -283,10 +283,7 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
 
 
 def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
-    """Return the file names that the objects at a location in a scene contain.
-
-    The location has the form of Mitsuba's error messages.
-    """
+    """Return the file names that the objects at a location in a scene contain."""
     nodes = [node for node in state.nodes if mi.parser.file_location(state, node) == location]
     copies = [mi.Properties(node.props) for node in nodes]
     return [str(props["filename"]) for props in copies if "filename" in props]
@@ -351,8 +348,8 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 def _resolving(file: Path) -> Iterator[None]:
     """Resolve relative file names in the folder of `file` within a ``with`` block.
 
-    Mitsuba loads libraries from a subfolder "plugins" of the resolver's folders. The first of these
-    folders is Mitsuba's folder, so that no library next to a scene is loaded.
+    Mitsuba loads libraries from a subfolder "plugins" of the resolver's folders. Mitsuba's folder
+    is the first of these folders, so that no library next to a scene is loaded.
     """
     resolver = mi.FileResolver(mi.file_resolver())
     resolver.prepend(str(file.resolve().parent))
@@ -364,7 +361,7 @@ def _resolving(file: Path) -> Iterator[None]:
 def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
     """Return the SHA-256 digests of a scene file and of all files that it uses.
 
-    The keys are absolute paths. Raises SceneError for a scene that is not permitted.
+    The digests are stored by absolute path. Raises SceneError for a scene that is not permitted.
     """
     with _resolving(file):
         _, paths = _parsed(mi.parser.ParserConfig(mi.variant()), file, parameters)
@@ -480,10 +477,7 @@ class _CheckedFiles:
 
 
 def _resolved(name: str) -> Path | None:
-    """Return the absolute path of a file or folder, without symbolic links.
-
-    Returns None if the file or folder does not exist.
-    """
+    """Return the absolute path of an existing file or folder without symbolic links, or None."""
     with suppress(OSError, ValueError, RuntimeError):  # The name may be invalid.
         path = Path(str(mi.file_resolver().resolve(name)))
         return path.resolve() if name and path.exists() else None

@@ -136,7 +136,7 @@ def faces_of(mesh: mi.Mesh) -> Indices:
 ROUNDING = 2.0**-20
 """Height above a surface at which rays start and end, relative to the coordinates.
 
-It is eight times the rounding unit of single precision.
+The height is eight times the rounding unit of single precision.
 """
 
 # Error of positions in single precision, relative to the largest coordinate. The position, its
@@ -189,7 +189,7 @@ def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
 def bounds_of(shape: mi.Shape) -> Floats:
     """Return the bounding box of a shape in scene units, shape (2, 3).
 
-    Meshes that Mitsuba has merged are included.
+    Meshes that Mitsuba has merged are supported.
     """
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
@@ -264,10 +264,7 @@ class Reaches:
         return dr.select(size > result, size, result)
 
     def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
-        """Return a ray that leaves a surface along a direction.
-
-        The start is on the side of the surface to which the direction points.
-        """
+        """Return a ray that leaves a surface, on the side to which its direction points."""
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
@@ -349,10 +346,7 @@ def _chords(radius: float) -> int:
 
 
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
-    """Return vertices and triangles of a surface of revolution about the z axis.
-
-    ``profile`` contains radii and heights, shape (n, 2).
-    """
+    """Return a surface of revolution about z from a profile of radii and heights."""
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
@@ -364,10 +358,7 @@ def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """Return vertices and triangles of a sphere, with edges along circles of latitude.
-
-    The sphere has up to 83,000 triangles.
-    """
+    """Return a sphere of up to 83,000 triangles, with edges along circles of latitude."""
     radius = min(radius, _LARGEST_SPHERE)
     latitudes = np.linspace(-math.pi / 2, math.pi / 2, _chords(radius) // 2 + 1)
     sizes = np.cos(latitudes)
