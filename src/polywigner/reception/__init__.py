@@ -1,4 +1,4 @@
-"""Reception: links between two sources.
+"""Links between a transmitting and a receiving source.
 
 =================== ==========================================================================
 module content ===================

@@ -380,7 +380,7 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(points: Floats, order: int) -> Floats:
-    """Return the Lagrange polynomials of the Gauss nodes along x and y at points, shape (2, n, q)."""
+    """Return the Lagrange polynomials of the Gauss nodes at n points, shape (2, n, q)."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 

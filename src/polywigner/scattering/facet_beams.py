@@ -239,7 +239,7 @@ class Beams:
     normal: Floats
     """Unit normal of the last mirror, on the side of the beam, shape (n, 3)."""
     height: Floats
-    """Dot product of this normal and any point of the last mirror, shape (n,)."""
+    """Distance of the last mirror's plane from the origin along its normal, shape (n,)."""
     polygon: Shapes
     """Cross section of each beam in the image plane of its transmitter, shape (n,)."""
 

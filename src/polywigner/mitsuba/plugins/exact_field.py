@@ -75,7 +75,7 @@ class EquivalentSources:
     along: tuple[float, ...]
     """Positions of the points on a grid line, relative to half the length of the line."""
     lines: tuple[tuple[float, ...], ...]
-    """Lines of the grid.
+    """Lines of the grid, with the positions of the lines and the weights of the points.
 
     Each line consists of its position, followed by the weights of its points. A point has a weight
     for the field, a weight for the normal derivative, or both, depending on the boundary condition.
@@ -227,10 +227,7 @@ class ExactEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return |U|^2 at the point ``it``.
-
-        The BSDF of the surface at this point includes the cosine of the angle of incidence.
-        """
+        """Return the exact irradiance |U|^2 at the point ``it``, without the cosine of incidence."""
         if light.has_gradients():
             raise SceneError(FIXED)
         point = light.frame.to_own(it.p - light.frame.origin)
@@ -253,7 +250,7 @@ class ExactEstimator:
         self.shadows_key, self._shadows = key, shadows
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 of the source field |u|^2 = 1 at a point in front of the source."""
+        """Return the irradiance |U|^2 at a point in scene units, for a source with |u|^2 = 1."""
         if self._diffracts and not self.shadows_key and not self.scene_is_known:
             message = (
                 "a source or a receiver with diffraction requires its scene, which Mitsuba does "
@@ -296,7 +293,7 @@ class ExactField:
             self._half = [opaque(m, half) for half in self._points.half]
 
     def intensity(self, point: mi.Point3f, unit: float) -> Drjit:
-        """Return |U|^2 of the source field |u|^2 = 1 at a point in front of the source.
+        """Return the exact irradiance |U|^2 at a point in front of a source with |u|^2 = 1.
 
         The coordinates of ``point`` are in units of ``unit`` metres.
         """

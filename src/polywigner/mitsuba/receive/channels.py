@@ -226,7 +226,7 @@ class NormalisedSource:
     """Whether the scene or the caller specifies a polarisation."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the square root of the ratio of the power of a part to the power of the source."""
+        """Return the square root of a part's fraction of the source's power."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)

@@ -204,7 +204,7 @@ class AimedDirections:
         return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
 
     def _between(self, number: Any, axis: int, u: Any) -> Drjit:
-        """Map a random number to an angle in a box, also in the presence of rounding errors."""
+        """Map a random number to an angle that is inside a box despite rounding errors."""
         low, high = self._at(axis, number), self._at(axis + 2, number)
         return dr.clip(low + (high - low) * u, low, high)
 
