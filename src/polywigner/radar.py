@@ -213,7 +213,7 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     ArgumentError
         If the text has another form.
     QuantityError
-        If a quantity in it has no known unit.
+        If a quantity in the text has no known unit.
     """
     if isinstance(text, FMCW):
         return text
@@ -340,7 +340,7 @@ def range_angle(
     Raises
     ------
     ArgumentError
-        If the cube has one element only, or an argument is not valid.
+        If the virtual array has only one element, or an argument is not valid.
     """
     axis = "xyz".index(checked_choice(array_axis, "array_axis", ("x", "y")))
     cosines = np.linspace(-1.0, 1.0, checked_count(directions, "directions", 2, _MOST))

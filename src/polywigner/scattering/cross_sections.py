@@ -180,7 +180,9 @@ def rcs(
     GeometryError
         If a pose is not rigid, or part of the body is behind the plane of an antenna.
 
-    Notes ----- Rounding errors are relative to the amplitude of a flat plate with the area of all
+    Notes
+    -----
+    Rounding errors are relative to the amplitude of a flat plate with the area of all
     illuminated faces. The relative error is about 1e-15, times the body's size in wavelengths if
     that is above 1. For partly shadowed faces it is 1e-12. A face within 1e-12 rad of edge-on
     counts as dark.

@@ -445,7 +445,7 @@ def aperture(
     Raises
     ------
     ArgumentError, GeometryError, QuantityError, SceneError
-        If an argument is unusable.
+        If an argument is invalid.
     """
     entry = scene_entry(
         EMITTER,

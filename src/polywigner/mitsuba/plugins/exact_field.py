@@ -227,7 +227,7 @@ class ExactEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return the exact irradiance |U|^2 at the point ``it``, without the cosine of incidence."""
+        """Return the exact irradiance |U|^2 at a point, without the cosine of incidence."""
         if light.has_gradients():
             raise SceneError(FIXED)
         point = light.frame.to_own(it.p - light.frame.origin)

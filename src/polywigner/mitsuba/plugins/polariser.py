@@ -123,7 +123,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
     Raises
     ------
     ArgumentError
-        For an image with other channels.
+        If the image has no channels with Stokes parameters.
     """
     values = checked_array(image, "image", 3)
     count = values.shape[-1] - _CHANNELS

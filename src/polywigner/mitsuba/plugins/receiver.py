@@ -394,7 +394,7 @@ def receiver(
     Raises
     ------
     ArgumentError, GeometryError, QuantityError, SceneError
-        If an argument is unusable.
+        If an argument is invalid.
     """
     entry = scene_entry(
         RECEIVER,

@@ -224,7 +224,7 @@ def register_source(source: Aperture | Array | Wavefront) -> str:
     Raises
     ------
     SceneError
-        For any other object.
+        If ``source`` is an object of another type.
     """
     if not isinstance(source, Aperture | Array | Wavefront):
         raise unsuitable_source(source)

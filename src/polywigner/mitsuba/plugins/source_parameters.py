@@ -200,7 +200,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     Raises
     ------
     SceneError
-        For unknown names and unusable values.
+        If a parameter is unknown or has an invalid value.
     PolywignerError
         If a source file cannot be read.
     """

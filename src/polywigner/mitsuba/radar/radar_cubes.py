@@ -174,8 +174,9 @@ def radar_cube(
     Raises
     ------
     SceneError
-        If the scene has no emitter or receiver, several frequencies, a frequency outside of the
-        band, partially coherent sources, or scatterers of negative power.
+        If the scene has no emitter or no receiver, if their frequencies differ or are outside the
+        band of the waveform, or if there are partially coherent sources or scatterers with negative
+        power.
     ArgumentError, QuantityError
         If another argument is out of range, or an id is unknown.
     """

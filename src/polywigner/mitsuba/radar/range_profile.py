@@ -139,9 +139,9 @@ def range_profile(
     ArgumentError
         If the edges do not ascend, or if another argument is out of range.
     SceneError
-        As in :func:`polywigner.mitsuba.received_power`; if the integrator does not measure lengths
-        of paths, a light is at infinity, or the receiver is in fog; or if fog is heterogeneous,
-        where mitransient underestimates lengths.
+        If the integrator does not measure path lengths, if a light is infinitely far away, if the
+        receiver is in fog, or if fog is heterogeneous, because mitransient underestimates path
+        lengths in heterogeneous fog. Also as in :func:`polywigner.mitsuba.received_power`.
     """
     edges = checked_ranges(ranges)
     require_transients()

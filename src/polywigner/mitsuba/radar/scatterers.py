@@ -254,8 +254,8 @@ def scatterers(
     Raises
     ------
     SceneError
-        If the scene has no receiver, no light or fog, if an emitter differs in wavelength,
-        obliquity or scene unit, or if a radiance is infinite.
+        If the scene has no receiver, has no light or contains fog, if an emitter differs in
+        wavelength, obliquity or scene unit, or if a radiance is infinite.
     ArgumentError
         If ``scene`` is not a scene, if there are several receivers and none is chosen, if an id is
         unknown, or if another argument is out of range.

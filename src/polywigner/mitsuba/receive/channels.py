@@ -134,8 +134,9 @@ def channel(
     Raises
     ------
     SceneError
-        If the scene has no emitter or receiver, several scene units or obliquities, partially
-        coherent sources, a mirror whose reflection has no phase, or too many paths.
+        If the scene has no emitter or no receiver, if these differ in scene unit or obliquity, or
+        if there are partially coherent sources, a mirror whose reflection has no defined phase, or
+        too many paths.
     ArgumentError, QuantityError
         If another argument is out of range.
     """

@@ -304,12 +304,14 @@ def render(
     Raises
     ------
     ArgumentError
-        For an spp, a sensor or a seed out of range.
+        If ``spp``, ``sensor`` or ``seed`` is out of range.
     SceneError
         If ``scene`` is not a scene, has no sensor or no pixels, if the integrator is unknown or
         cannot render this scene, and if the radiance is not finite.
 
-    Notes ----- The film is rendered in strips of rows. All samples of a strip are rendered
+    Notes
+    -----
+    The film is rendered in strips of rows. All samples of a strip are rendered
     together, which preserves stratification. For comparison, the average of four passes of 64
     samples has 5 dB more noise than one pass of 256 samples. If a sensor cannot be cropped, the
     image is the average of several passes.

@@ -147,15 +147,15 @@ def render_file(
     Raises
     ------
     ArgumentError
-        For a scheduler without a store.
+        If ``scheduler`` is specified without ``store``.
     StoreError
         If the path cannot be written to, or contains parts of another image.
     EngineError
         If the scheduler does not respond.
     MissingExtraError
-        Without the extra ``datasets``.
+        If the extra ``datasets`` is not installed.
     PolywignerError
-        As :func:`load_scene` and :func:`render`.
+        As in :func:`load_scene` and :func:`render`.
     """
     if scheduler is not None and store is None:
         raise ArgumentError(

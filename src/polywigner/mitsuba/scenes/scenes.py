@@ -147,7 +147,7 @@ def load_scene(
         If the scene cannot be loaded. If a plugin of this package raises another error, that error
         is raised.
     ArgumentError
-        If another argument is unusable.
+        If another argument is invalid.
     """
     if not isinstance(scene, Mapping):
         path = checked_path(scene)
