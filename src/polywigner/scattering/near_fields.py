@@ -221,8 +221,9 @@ class Antenna:
 
     def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
-        # The magnetic field equals the electric field of the dual currents. The dual currents of
-        # Huygens' currents are Huygens' currents with the polarisation rotated by 90 degrees.
+        # The magnetic field times the impedance of free space equals the electric field of the dual
+        # currents. The dual currents of Huygens' currents are Huygens' currents with the
+        # polarisation rotated by 90 degrees.
         dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
             field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)

@@ -95,7 +95,7 @@ class PlacedSource(SourceParameters):
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Return the direction cosines along x and y from the centre to a point in m."""
+        """Return the direction cosines along x and y from the source's centre to a point in m."""
         away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta

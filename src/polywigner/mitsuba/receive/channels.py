@@ -504,8 +504,7 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
     return values
 
 
-# ---- results
-# --------------------------------------------------------------------------------------
+# ---- results -------------------------------------------------------------------------------------
 
 
 def _dataset(

@@ -58,7 +58,7 @@ class DirectPath:
     amplitude: complex | None = None
     """Complex amplitude of the path if paths interfere, otherwise None."""
     length: float = math.nan
-    """Length of the path between both centres in m; infinite for a directional light."""
+    """Length of the path from emitter to receiver in m; infinite for a directional light."""
     light: str = ""
     """Id of a point, spot, projector or directional light; empty for other emitters.
 

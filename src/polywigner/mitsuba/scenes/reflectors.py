@@ -160,8 +160,7 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
     return point, normal
 
 
-# ---- reflection coefficients, with phase and polarisation
-# ------------------------------------------
+# ---- reflection coefficients, with phase and polarisation ----------------------------------------
 
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
