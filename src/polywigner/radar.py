@@ -1,13 +1,14 @@
-"""Radar waveforms, and maps of range, rate and angle from data cubes.
+"""Radar waveforms, and maps of range, range rate and angle from data cubes.
 
-A waveform defines the frequency f_n and the time t_n of each sample within a repetition m of
-duration T. A path with the amplitude a and the delay tau(t) contributes, after mixing with the
-transmitted signal, (RC1)
+A waveform defines the frequency f_n and the time t_n of each sample n within a repetition of the
+duration T. After mixing with the transmitted signal, a path with the amplitude a and the delay
+tau(t) contributes to sample n of repetition m the signal (RC1)
 
     s_mn = a exp(2 pi i f_n tau(t_mn)),    t_mn = m T + t_n
 
-The phase increases with n for a positive range, and with m for an increasing range. Data cubes come
-from :func:`polywigner.mitsuba.radar_cube`; the functions here process any cube of that form.
+The phase increases with n for a positive range, and with m for an increasing range. Data cubes are
+computed by :func:`polywigner.mitsuba.radar_cube`. The functions of this module process any cube of
+this form.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
 _MOST = 1 << 20
 # Largest relative rounding error of an interval or of a sample rate that a user specifies.
 _ROUNDING = 1e-9
-# Number of points at which a window is computed. Its values in between are interpolated.
+# Number of points at which a window over an array is computed. Values between these points are
+# interpolated.
 _WINDOW_POINTS = 1025
 
 
@@ -45,8 +47,7 @@ class FMCW:
     start : float
         Lowest frequency in Hz.
     bandwidth : float
-        Range of frequencies in Hz that the samples cover: sample n has the frequency
-        ``start + n * bandwidth / samples``.
+        Bandwidth in Hz. Sample n has the frequency ``start + n * bandwidth / samples``.
     samples : int
         Number of complex samples per chirp.
     sample_rate : float
@@ -54,8 +55,8 @@ class FMCW:
     chirps : int, default 1
         Number of chirps of each transmitter.
     interval : float, optional
-        Time in s from the start of one chirp to the start of the next, ``samples / sample_rate``
-        or longer, which is the default.
+        Time in s from the start of one chirp to the start of the next chirp, at least
+        ``samples / sample_rate``, which is the default.
 
     Raises
     ------
@@ -106,22 +107,22 @@ class FMCW:
 
     @property
     def times(self) -> Floats:
-        """Times of the frequencies after the start of a repetition in s, shape (samples,)."""
+        """Times of the samples in s, relative to the start of a repetition, shape (samples,)."""
         return np.asarray(self.time_step * np.arange(self.samples))
 
     @property
     def wavelength(self) -> float:
-        """Wavelength in m at the mean of the frequencies."""
+        """Wavelength in m at the mean frequency."""
         return SPEED_OF_LIGHT / float(self.frequencies.mean())
 
     @property
     def range_step(self) -> float:
-        """Width of a range bin, c/(2 bandwidth), in m."""
+        """Width of a range bin in m, which is c/(2 bandwidth)."""
         return SPEED_OF_LIGHT / (2 * self.bandwidth)
 
     @property
     def rate_step(self) -> float:
-        """Width of a bin of range rate in m/s, for one transmitter."""
+        """Width of a range-rate bin in m/s, for a radar with one transmitter."""
         return self.wavelength / (2 * self.chirps * self.interval)
 
     @property
@@ -130,29 +131,30 @@ class FMCW:
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Return the samples (..., samples) for amplitudes at the frequencies."""
+        """Convert amplitudes at all frequencies to samples, shape (..., samples)."""
         return spectrum
 
     def to_spectrum(self, signal: Complex) -> Complex:
-        """Return the amplitudes at the frequencies for samples (..., samples)."""
+        """Convert samples, shape (..., samples), to amplitudes at all frequencies."""
         return signal
 
 
 class SteppedFrequency(FMCW):
-    """Steps of constant frequency with one sample each; for parameters see :class:`FMCW`.
+    """Steps of constant frequency with one sample each.
 
-    ``samples`` is the number of steps, and ``1 / sample_rate`` the time of a step.
+    All parameters of :class:`FMCW` apply: ``samples`` is the number of steps, and
+    ``1 / sample_rate`` the duration of a step.
     """
 
     repetition: ClassVar[str] = "bursts"
 
 
 class Pulse(FMCW):
-    """Pulses with a flat spectrum, after matched filtering; for parameters see :class:`FMCW`.
+    """Pulses with a flat spectrum, after matched filtering.
 
-    ``start`` and ``bandwidth`` describe the spectrum. Sample n is received at the time
-    ``n / bandwidth`` after the pulse and is therefore range bin n. ``sample_rate`` must equal
-    ``bandwidth``.
+    All parameters of :class:`FMCW` apply: ``start`` and ``bandwidth`` specify the spectrum, and
+    ``sample_rate`` must equal ``bandwidth``. Sample n is received at the time ``n / bandwidth``
+    after the pulse and is therefore range bin n.
     """
 
     repetition: ClassVar[str] = "pulses"
@@ -167,7 +169,7 @@ class Pulse(FMCW):
 
     @property
     def time_step(self) -> float:
-        """Time in s from one frequency to the next: zero, since all are transmitted at once."""
+        """Time in s from one frequency to the next, which is zero for pulses."""
         return 0.0
 
     @property
@@ -176,11 +178,14 @@ class Pulse(FMCW):
         return float(self.samples)
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Return samples in time; the largest sample of a single path equals its amplitude."""
+        """Convert amplitudes at all frequencies to samples in time.
+
+        The largest sample of a single path equals its amplitude.
+        """
         return np.fft.fft(spectrum) / self.samples
 
     def to_spectrum(self, signal: Complex) -> Complex:
-        """Return the spectrum of samples in time."""
+        """Convert samples in time to amplitudes at all frequencies."""
         return np.fft.ifft(signal) * self.samples
 
 
@@ -193,21 +198,22 @@ _TEXT = re.compile(
 
 
 def parse_waveform(text: str | FMCW) -> FMCW:
-    """Parse a string to a waveform; a waveform is returned unchanged.
+    """Convert a string to a waveform.
 
     Parameters
     ----------
     text : str or FMCW
-        A string such as ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``.
-        ``bursts`` instead of ``chirps`` gives a :class:`SteppedFrequency`, and ``pulses`` a
-        :class:`Pulse`, whose sampling rate may be omitted.
+        A string such as ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``. With
+        ``bursts`` instead of ``chirps``, the result is a :class:`SteppedFrequency`. With
+        ``pulses``, it is a :class:`Pulse`, whose sampling rate may be omitted. A waveform is
+        returned unchanged.
 
     Raises
     ------
     ArgumentError
         If the text has another form.
     QuantityError
-        If a quantity in it has no known unit.
+        If a quantity in the text has no known unit.
     """
     if isinstance(text, FMCW):
         return text
@@ -230,7 +236,7 @@ def parse_waveform(text: str | FMCW) -> FMCW:
 
 
 def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
-    """Return the attributes of a cube that describe its waveform."""
+    """Return the attributes of a data cube that describe its waveform."""
     return {"waveform": waveform.repetition, **asdict(waveform)}
 
 
@@ -260,26 +266,28 @@ CUBE_DIMS = ("draw", "receiver", "emitter", "chirp", "sample")
 
 
 def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataArray:
-    """Compute the power by range and range rate, for each receiver and emitter.
+    """Compute the received power by range and range rate, for each receiver and emitter.
 
-    A path in the centre of a bin appears with its received power (coherent gain 1). Ranges refer to
-    the middle of the frame: the motion within each repetition is removed for the rate of each bin.
+    If a path is in the centre of a bin, the value of this bin is the received power of the path
+    (coherent gain 1). Ranges refer to the time at the centre of the frame. Motion within each
+    repetition is compensated for the range rate of each bin.
 
     Parameters
     ----------
     cube : xarray.Dataset
         A result of :func:`polywigner.mitsuba.radar_cube`.
     window : str, default "hann"
-        Window of ``scipy.signal.get_window`` along both axes, "boxcar" for none.
+        Name of a window of ``scipy.signal.get_window``, which is applied along both axes. Use
+        "boxcar" for no window.
     pad : int, default 1
-        Number of bins per resolution cell, by zero padding.
+        Number of bins per resolution cell, which zero padding increases.
 
     Returns
     -------
     xarray.DataArray
-        Power in W over draw, receiver, emitter, ``range_rate`` in m/s (positive for receding
-        objects) and ``range`` in m. The attribute ``noise_floor`` is the mean noise power of a bin
-        in W for each receiver.
+        Power in W with the dimensions draw, receiver, emitter, ``range_rate`` in m/s (positive for
+        receding objects) and ``range`` in m. The attribute ``noise_floor`` is the mean noise power
+        of a bin in W for each receiver.
 
     Raises
     ------
@@ -300,36 +308,39 @@ def range_angle(
     directions: int = 257,
     pad: int = 1,
 ) -> xarray.DataArray:
-    """Compute the power by range and by direction along an axis of the virtual array.
+    """Compute the received power by range and by angle at a virtual array.
 
-    All receivers and emitters form one virtual array, with an element at the sum of the positions
-    of each pair. The emitters transmit one after the other, so the phase that a moving target gains
-    in between is removed for each range rate. The power is then summed over range rates.
+    All receivers and emitters form one virtual array. Each pair of a receiver and an emitter is an
+    element at the sum of both positions. Emitters may transmit one after the other, so the phase
+    change of a moving target between their transmissions is compensated for each range rate. The
+    power is then summed over range rates.
 
     Parameters
     ----------
     cube : xarray.Dataset
         A result of :func:`polywigner.mitsuba.radar_cube` with several receivers or emitters.
     array_axis : {"x", "y"}
-        Axis of the first receiver's frame along which the elements lie.
+        Axis of the virtual array in the frame of the first receiver.
     window : str, default "hann"
-        Window of ``scipy.signal.get_window`` over the array, chirps and samples.
+        Name of a window of ``scipy.signal.get_window``, which is applied over the array, the chirps
+        and the samples.
     directions : int, default 257
-        Number of direction cosines from -1 to 1.
+        Number of equally spaced direction cosines from -1 to 1.
     pad : int, default 1
-        Bins per resolution cell of range.
+        Number of bins per resolution cell of range, which zero padding increases.
 
     Returns
     -------
     xarray.DataArray
-        Power in W over draw, ``direction_cosine`` and ``range`` in m, with the coordinate ``angle``
-        in rad. A point target in the centre of a bin appears with the power that one pair receives.
-        The attribute ``noise_floor`` is the mean noise power of a bin in W.
+        Power in W with the dimensions draw, ``direction_cosine`` and ``range`` in m, and with the
+        additional coordinate ``angle`` in rad. If a point target is in the centre of a bin, the
+        value of this bin is the power that one pair of a receiver and an emitter receives. The
+        attribute ``noise_floor`` is the mean noise power of a bin in W.
 
     Raises
     ------
     ArgumentError
-        If the cube has one element only, or an argument is not valid.
+        If the virtual array has only one element, or an argument is not valid.
     """
     axis = "xyz".index(checked_choice(array_axis, "array_axis", ("x", "y")))
     cosines = np.linspace(-1.0, 1.0, checked_count(directions, "directions", 2, _MOST))
@@ -348,7 +359,7 @@ def range_angle(
             f"expected several array elements along {array_axis}, got positions "
             f"{positions.ravel()!r:.60}"
         )
-    # The window is wider than the array by one spacing, so that no element has the weight zero.
+    # The window is wider than the array by one element spacing, so that no element has zero weight.
     spacing = extent / (len(np.unique(positions.round(9))) - 1)
     across = (positions - positions.min() + spacing / 2) / (extent + spacing)
     shape = window_of(window, _WINDOW_POINTS)
@@ -356,12 +367,12 @@ def range_angle(
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
     image = np.zeros((len(values), len(cosines), len(ranges)))
-    # Beams are computed for one range rate at a time, which needs little memory.
+    # Beams are computed for one range rate at a time to limit the memory.
     for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # The sum over range rates counts each target as often as the noise bandwidth of the window in
-    # bins.
+    # The sum over range rates is larger than the power of a target by a factor equal to the noise
+    # bandwidth of the window in bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
@@ -377,25 +388,26 @@ def detections(
     training: Sequence[int] = (8, 8),
     false_alarm: float = 1e-6,
 ) -> xarray.DataArray:
-    """Detect peaks at a constant rate of false alarms (cell averaging, CA-CFAR).
+    """Detect peaks with a constant false-alarm rate (CA-CFAR).
 
-    A bin is detected if it exceeds the mean of the training bins around it by the factor
-    ``N (P**(-1/N) - 1)`` for N training bins and the false-alarm probability P.
+    A bin is detected if its power exceeds the mean power of the training bins around it by the
+    factor ``N (P**(-1/N) - 1)``, where N is the number of training bins and P the false-alarm
+    probability.
 
     Parameters
     ----------
     image : xarray.DataArray
         Power from :func:`range_doppler` or :func:`range_angle`.
     guard, training : sequence of two int
-        Numbers of bins on each side, along the last two axes, that are skipped (guard bins) and
-        that are averaged (training bins).
+        Numbers of guard bins, which are skipped, and of training bins, which are averaged, on each
+        side of a bin. Each pair contains the numbers for the last two axes.
     false_alarm : float, default 1e-6
         Probability of a detection in a bin that contains only noise.
 
     Returns
     -------
     xarray.DataArray
-        True for each detected bin, in the shape of ``image``.
+        Mask that is True for each detected bin, in the shape of ``image``.
 
     Raises
     ------
@@ -432,7 +444,10 @@ def detections(
 
 
 def window_of(name: str, count: int) -> Floats:
-    """Return a symmetric window (count,) without zeros at its ends; ArgumentError if unknown."""
+    """Return a symmetric window without zeros at its ends, shape (count,).
+
+    Raises ArgumentError if scipy does not provide a window of this name.
+    """
     signal = require("scipy.signal", "arrays", "windows are computed with")
     try:
         return np.asarray(signal.get_window(name, count + 2, fftbins=False)[1:-1], np.float64)
@@ -444,9 +459,11 @@ def window_of(name: str, count: int) -> Floats:
 
 
 def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Return spectra (draw, receiver, emitter, rate, frequency), range rates, and noise gain.
+    """Transform a data cube from repetitions to range rates.
 
-    The motion within each repetition is removed for the rate of each bin.
+    The spectra have the shape (draw, receiver, emitter, rate, frequency). The range rates in m/s,
+    and the factor by which noise power changes, are returned as well. Motion within each repetition
+    is compensated for the range rate of each bin.
     """
     waveform = waveform_of(cube)
     bins = waveform.chirps * checked_count(pad, "pad", 1, 64)
@@ -462,7 +479,10 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 
 
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Return amplitudes by range instead of frequency, ranges in m, and the noise gain."""
+    """Transform spectra from frequencies to ranges.
+
+    The ranges in m, and the factor by which noise power changes, are returned as well.
+    """
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)

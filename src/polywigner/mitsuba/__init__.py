@@ -1,18 +1,18 @@
 """Coherent apertures as light sources in Mitsuba 3.
 
-Importing this module chooses the LLVM library of Dr.Jit, which is only possible before Dr.Jit is
-loaded. It also registers the shape ``wigner`` and the sensor ``wigner_receiver`` in all variants of
-Mitsuba. It does not set a variant.
+Importing this module selects the LLVM library of Dr.Jit, which is possible only before Dr.Jit is
+loaded. The import also registers the shape ``wigner`` and the sensor ``wigner_receiver`` for all
+variants of Mitsuba. It does not set a variant.
 
-- ``plugins``: the emitter shape and the receiver sensor, their parameters and estimators
+- ``plugins``: emitter shape and receiver sensor, their parameters and estimators
 - ``scenes``: scene files, surfaces and flat mirrors of a scene, and images
-- ``receive``: received power, channels, and the light along direct and specular paths
-- ``radar``: received power by range, and clouds of scatterers
+- ``receive``: received power and complex channels, along direct, specular and scattered paths
+- ``radar``: received power by range, clouds of scatterers, and data cubes of radars
 """
 
 from polywigner import llvm
 
-llvm.require_drjit()  # The LLVM library is chosen before the next imports, which load Dr.Jit.
+llvm.require_drjit()  # The LLVM library must be chosen before the next imports, which load Dr.Jit.
 
 from polywigner.mitsuba.plugins.emitter import aperture  # noqa: E402
 from polywigner.mitsuba.plugins.polariser import stokes_of  # noqa: E402

@@ -1,8 +1,8 @@
 """Rays that carry the Wigner function through ray optics (docs/signed_rays.md).
 
-A ray has a position, a direction and a weight in watts, which is negative where W is negative. Only
-sums over many rays are meaningful. Rays carry W exactly through first-order systems, such as free
-space and thin lenses, and approximately through aberrations.
+A ray has a position, a direction and a weight in watts. The weight is negative where the Wigner
+function W is negative, so only sums over many rays are meaningful. Rays carry W exactly through
+first-order systems, such as free space and thin lenses, and approximately through aberrations.
 
 ===================  ==========================================================================
 module               content

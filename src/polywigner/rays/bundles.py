@@ -1,6 +1,6 @@
 """Rays as a dataset, their irradiance, and ray files of Ansys Zemax OpticStudio (.dat).
 
-Rays have positions, directions and weights in watts.
+Each ray has a position, a direction and a weight in watts.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ _VARIABLES = {
     "direction": ("1", "unit vector along the ray"),
     "weight": ("W", "power of the ray, signed"),
 }
-# Tolerance of the length of unit vectors, because ray tracers may use single precision.
+# Allowed error of the length of unit vectors. It is large because ray tracers may use single
+# precision.
 _UNIT = 1e-4
 
 
@@ -50,7 +51,10 @@ def bundle(
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return the dataset of n rays; ``batch`` (n,) is the number of each ray's independent set."""
+    """Return n rays as a dataset.
+
+    Quasi-random rays belong to independent sets, whose numbers ``batch`` contains, shape (n,).
+    """
     import xarray
 
     dataset = xarray.Dataset(coords={"component": list("xyz")}, attrs=attrs)
@@ -114,8 +118,8 @@ def traced(
 def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
-    The values of lost rays are NaN. Raises ArgumentError for other objects, and for directions that
-    are not unit vectors.
+    Lost rays contain NaN. Raises ArgumentError if the argument is not a dataset of rays or a
+    direction is not a unit vector.
     """
     import xarray
 
@@ -137,13 +141,13 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays that were drawn; the dataset may contain only some of them."""
+    """Return the number of rays that were drawn, also if the dataset contains only some of them."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
 def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
-    """Return checked positions, directions and weights of ``count`` rays."""
+    """Check positions, directions and weights of ``count`` rays, and return them as arrays."""
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
         columns.append(checked_vectors(value, f"expected {name} of shape {shape}", ()))
@@ -165,7 +169,7 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
 _MOST_ALONG_AXIS = 1 << 14
 # Largest total number of pixels, and largest product of the numbers of pixels and batches (1 GB).
 _MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
-# Number of rays per block, which takes some 100 MB.
+# Number of rays that are processed together, which takes some 100 MB.
 _BLOCK = 1 << 20
 # Rays that start behind the plane still count if their distance from the plane is below this
 # fraction of the largest coordinate, because positions on the plane are rounded.
@@ -180,18 +184,19 @@ def rebuild(
     *,
     virtual: bool = False,
 ) -> xarray.Dataset:
-    """Return the irradiance of rays on a plane: the sum of weights in a pixel, over its area.
+    """Return the irradiance of rays on a plane.
 
-    The irradiance is an unbiased estimate of |U|^2 by Wigner rays, times the cosine between ray and
-    plane normal, as a mean over each pixel (docs/signed_rays.md, (Y2)). Rays continue in straight
-    lines to the plane.
+    The irradiance of a pixel is the sum of the weights of the rays that meet the pixel, divided by
+    its area. Rays continue in straight lines to the plane. For rays of
+    :func:`polywigner.sample_rays`, the irradiance is an unbiased estimate of |U|^2 times the cosine
+    between ray and plane normal, averaged over the pixel (docs/signed_rays.md, (Y2)).
 
     Parameters
     ----------
     rays : xarray.Dataset
         From :func:`polywigner.sample_rays`, :func:`polywigner.rays.load` or :func:`traced`.
     plane : float or array_like, shape (4, 4)
-        Plane: its z in m if it is parallel to x and y, otherwise its pose.
+        Plane, specified by its z in m if it is parallel to the x and y axes, otherwise by its pose.
     bounds : array_like, shape (4,)
         Bounds (xmin, ymin, xmax, ymax) of all pixels in m, in the frame of the plane.
     shape : (int, int)
@@ -203,12 +208,13 @@ def rebuild(
     Returns
     -------
     xarray.Dataset
-        ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over the y and x of pixel
-        centres in m. Rows are along x, the first at the bottom (``origin="lower"``). The error of
-        independent rays is computed from their weights. The error of quasi-random rays is the
-        scatter of 16 batches, accurate to a fifth. Attributes are ``power`` and its standard error
-        ``power_error`` of all pixels in W; ``lost``, the number of lost rays; and ``missed``, the
-        number of rays that do not meet the pixels.
+        ``irradiance`` and its ``standard_error`` in W/m^2, both with the dimensions (y, x). The
+        coordinates are the pixel centres in m. The first row is at the bottom of the image
+        (``origin="lower"``). The standard error of independent rays is computed from their weights.
+        The standard error of quasi-random rays is computed from the scatter of 16 batches and is
+        accurate to about a fifth. Attributes are ``power`` and its standard error ``power_error``
+        of all pixels in W; ``lost``, the number of lost rays; and ``missed``, the number of rays
+        that do not meet the pixels.
 
     Raises
     ------
@@ -285,16 +291,17 @@ def rebuild(
 
 
 def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return the sums (pixel,) over all rays, and their standard errors.
+    """Return the power in each pixel, and its standard error.
 
-    ``sums`` (batch, pixel) are sums of weights, and ``squares`` (pixel,) sums of squared weights.
+    The arguments are sums of weights, shape (batch, pixel), and sums of squared weights, shape
+    (pixel,).
     """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # The expression is n times the variance of the power of a ray. The power is zero for rays that
-    # miss the pixel.
+    # This variance is ``count`` times the variance of the power that one ray adds to the pixel.
+    # Rays that miss the pixel add zero power.
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
 
@@ -302,7 +309,10 @@ def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
 def _pixel_coordinates(
     position: Floats, direction: Floats, pose: Floats, edges: tuple[Floats, Floats], virtual: bool
 ) -> Floats:
-    """Return the points where rays meet a plane, (n, 2) in pixels along x and y, otherwise NaN."""
+    """Return the points where rays meet a plane, or NaN for rays that do not meet the plane.
+
+    Coordinates are in pixels along x and y.
+    """
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
@@ -324,7 +334,7 @@ def _pose(plane: Any) -> Floats:
 
 
 def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
-    """Return the edges of the pixels along x and along y."""
+    """Return the coordinates of pixel edges along x and along y, in m."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
     row = finite_array(bounds, expected, (4,))
     if not (row[2:] > row[:2]).all():
@@ -339,11 +349,11 @@ def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
 
 
-# Length of each unit (m, in, cm, ft, mm) in metres, indexed by the header field DimensionUnits.
+# Lengths of the units m, in, cm, ft and mm in metres, indexed by the header field DimensionUnits.
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
-_IDENTIFIERS = 1010, 8675309  # identifiers of the current and of older versions of the format
+_IDENTIFIERS = 1010, 8675309  # identifiers of the current format and of its older versions
 _HEADER = np.dtype(
     [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
     + [(name, "<f4") for name in ("SourceFlux", "RaySetFlux", "Wavelength")]
@@ -352,15 +362,15 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Number of values per ray, by the header field ray_format_type.
+# Number of values per ray for each value of the header field ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
-# For each file that is written: sign of its powers, suffix of its name, and description in its
-# header.
+# Properties of each file that is written: sign of its powers, suffix of its name, and description
+# in its header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Pattern of the description in files written by polywigner: number of rays that were drawn, and
-# sign of their powers.
+# Description in the header of files written by polywigner. It contains the number of rays that were
+# drawn, and the sign of their powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -369,9 +379,9 @@ def save(
 ) -> tuple[Path, ...]:
     """Write rays to a binary source file of OpticStudio.
 
-    The file has a header of 208 bytes, then x, y, z (mm), l, m, n and power (W) of each ray in
-    single precision. To store rays for polywigner, use :func:`polywigner.write_netcdf` and
-    ``xarray.load_dataset``.
+    The file has a header of 208 bytes, followed by seven single-precision numbers for each ray: the
+    position x, y, z in mm, the direction cosines l, m, n and the power in W. To store rays for
+    polywigner, use :func:`polywigner.write_netcdf` and ``xarray.load_dataset``.
 
     Other programs expect positive powers, and may clip, ignore or reject negative ones; a warning
     reports the fraction of negative powers. With ``split`` two files with positive powers are
@@ -428,7 +438,7 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays (n, 7) and return the path; with a suffix, write the rays of one sign only."""
+    """Write rays to one file, and return its path; with a suffix, write only rays of one sign."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)
@@ -460,9 +470,10 @@ def _warn_of_negative(weight: Floats) -> None:
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read rays from a file of OpticStudio, written by :func:`polywigner.rays.save` or others.
+    """Read rays from a source file of OpticStudio.
 
-    Rays from the negative part of a split file have negative weights. Join both parts by
+    The file may come from :func:`polywigner.rays.save` or another program. Rays from the negative
+    file of a split pair have negative weights. Join both files by
     ``xarray.concat([positive, negative], "ray", combine_attrs="override")``.
 
     Parameters

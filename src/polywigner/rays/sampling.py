@@ -52,19 +52,23 @@ def sample_automean(
     *,
     seed: int | np.random.Generator | None = None,
 ) -> tuple[Floats, Floats]:
-    """Draw uniform positions from the automean, the support of W(., nu), with their density.
+    """Draw uniformly distributed positions from the automean of a source.
 
-    The mean of ``W(x, nu)/density`` over the positions estimates ``int W dx = |F(nu)|^2`` without
-    bias. The density is 1/area of the automean. Vertical lines cut the automean into trapezoids,
-    and the unit square is mapped onto them with equal areas (docs/projections.md, (P14)).
-    Neighbours mostly stay neighbours, so stratified and quasi-random points keep their properties.
+    The automean is the set of positions x at which the Wigner function ``W(x, nu)`` can differ from
+    zero. The mean of ``W(x, nu)/density`` over the positions is an unbiased estimate of the
+    integral ``int W dx = |F(nu)|^2``. The density is one divided by the area of the automean.
+
+    Random numbers in the unit square are mapped to the automean with constant density. For this
+    purpose, vertical lines divide the automean into trapezoids (docs/projections.md, (P14)). Points
+    that are close together in the unit square mostly remain close together, so stratified and
+    quasi-random points keep their properties.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        d = 2, or 1 for slits; only the flat source of a Wavefront matters.
+        Source in d = 2 dimensions, or d = 1 for slits. The curvature of a Wavefront has no effect.
     samples : int or array_like, shape (n, d)
-        Number of samples, or numbers in [0, 1) to map.
+        Number of random samples, or numbers in [0, 1) to map to positions.
     seed : int or numpy.random.Generator, optional
         Seed of the random numbers.
 
@@ -98,7 +102,8 @@ def sample_automean(
         part, u = _chosen(ends - begins, numbers[:, 0])
         positions = (begins[part] + u * (ends - begins)[part])[:, None]
         return positions, np.full(len(positions), 1.0 / support.length)
-    # Coordinates are relative to the centre, since heights far from the origin would lose digits.
+    # Coordinates are relative to the centre, because the heights of trapezoids far from the origin
+    # would lose digits.
     cells = trapezoids([ring - support.centre for ring in support.rings])
     part, u = _chosen(cells.areas, numbers[:, 0])
     row = [column[part] for column in cells]
@@ -112,7 +117,7 @@ _MOST_SAMPLES = 1 << 28
 
 
 def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
-    """Return the specified or random numbers (n, columns) in [0, 1)."""
+    """Return the numbers in [0, 1) that the caller specifies, or random numbers."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
@@ -132,8 +137,8 @@ def _support(source: Any) -> Aperture | Slits:
     if isinstance(source, Aperture):
         return automean(source)
     ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
-    # The midpoints between two slits form an interval. If the first ends and the last ends of all
-    # intervals are each sorted, the union of the intervals has a gap between ends[k] and
+    # The midpoints between two slits form an interval. The lower and the upper ends of all
+    # intervals are sorted separately. The union of the intervals then has a gap between ends[k] and
     # begins[k + 1] if begins[k + 1] is larger.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
     gaps = np.flatnonzero(begins[1:] > ends[:-1])
@@ -141,7 +146,10 @@ def _support(source: Any) -> Aperture | Slits:
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return the part that each number in [0, 1) selects by size, and the position in this part."""
+    """Select an interval for each random number, with probabilities proportional to ``sizes``.
+
+    The index of the interval and the position within the interval are returned.
+    """
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)
@@ -151,26 +159,28 @@ def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
 RaySampling = Literal["uniform", "quasi-random"]
 
 
-# Number of rays per block, which takes some 200 MB.
+# Number of rays that are drawn together, which takes some 200 MB.
 _BLOCK = 1 << 20
 # Number of independent sets of quasi-random numbers. The scatter of the sets estimates the standard
 # error to about a fifth.
 BATCHES = 16
-# Angle, as a fraction of pi/2, by which cones may extend behind the source, because axes may be in
-# single precision.
+# Largest angle by which a cone may extend behind the source, as a fraction of pi/2. It is not zero
+# because axes may be in single precision.
 _UNIT = 1e-6
-# Smallest cosine of a direction, so that factors such as 1/cos^2 remain finite.
+# Smallest cosine between a ray and the normal of the source. It keeps factors such as 1/cos^2
+# finite.
 _LEAST_COSINE = 1e-8
 
 
 def _numbers(
     sampling: str, count: int, seed: Any, tilts: int
 ) -> Iterator[tuple[Floats, int | None]]:
-    """Yield uniform numbers (m, 4 + tilts) in [0, 1), and the batch of quasi-random numbers.
+    """Yield blocks of random numbers in [0, 1), and the batch of each block.
 
-    The first two columns are for the direction, the next two for the position, and the remaining
-    columns for the tilt. Raises MissingExtraError if quasi-random numbers are requested without
-    scipy.
+    The numbers have the shape (m, 4 + tilts). The first two columns determine the direction of a
+    ray, the next two its position, and the remaining columns its tilt. The batch is None for
+    independent random numbers. Raises MissingExtraError if quasi-random numbers are requested
+    without scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -188,14 +198,14 @@ def _numbers(
 
 
 def _normal_numbers(numbers: Floats) -> Floats:
-    """Map uniform numbers (n, 2) continuously to standard normal numbers (n, 2).
+    """Map pairs of uniform numbers continuously to pairs of standard normal numbers.
 
     The square of the radius is exponentially distributed (Box and Muller 1958).
     """
     plane = _disc(numbers)
     square = (plane**2).sum(axis=1)
-    # The rim of the disc would be mapped to infinity, so squares of the radius are limited to just
-    # below 1.
+    # The rim of the disc would be mapped to infinity, so the square of the radius is limited to
+    # just below 1.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
     unset = np.full_like(square, 2.0)
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
@@ -208,23 +218,22 @@ def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Cone:
-    """Random directions in a cone, most of them within a beam.
-
-    Their density refers to the solid angle projected along the axis of the cone.
-    """
+    """Cone of ray directions, most of which are drawn within a narrower beam."""
 
     frame: Floats
-    """Rotation (3, 3), whose last column is the axis."""
+    """Rotation matrix whose last column is the axis of the cone, shape (3, 3)."""
     radius: float
     """Sine of the half angle of the cone."""
     width: float
-    """Sine of the half width of the beam; infinite for uniform directions."""
+    """Sine of the half width of the beam, or infinity for uniform directions."""
 
     def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
-        """Return unit vectors (n, 3) for uniform numbers (n, 2), and the inverse of their density.
+        """Map random numbers to directions; return unit vectors and the inverse of their density.
 
-        The density is per solid angle projected along z. ``slope`` (n, 2) are the direction cosines
-        of each ray's beam, relative to the axis. If it is None, the beam is along the axis.
+        The random numbers have the shape (n, 2), and the unit vectors have the shape (n, 3). The
+        density is per solid angle projected along z. ``slope``, shape (n, 2), contains the
+        direction cosines of the beam of each ray, relative to the axis of the cone. If it is None,
+        the beam is along the axis.
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
@@ -238,7 +247,7 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
-        """Return the centres (n, 2) of beams, moved into the unit disc of directions."""
+        """Return the centres of beams in the unit disc of directions, shape (n, 2)."""
         cosines = self.frame[:2, 2] + slope
         # Centres outside the unit disc are moved to its rim, so that no beam is behind the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
@@ -248,10 +257,11 @@ class Cone:
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
-    """Return the cone of a half angle in rad about an axis, by default the hemisphere about z.
+    """Return a cone of directions about an axis.
 
-    ``width`` is the sine of the beam's half width. Raises ArgumentError for invalid arguments, and
-    for cones that extend behind the source.
+    The half angle is in rad, by default pi/2 (the hemisphere). ``width`` is the sine of the half
+    width of the beam. Raises ArgumentError for invalid arguments, and for cones that extend behind
+    the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2
@@ -272,7 +282,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
 
 
 def _frame(axis: Floats) -> Floats:
-    """Return a rotation whose last column is the axis; for z it is the identity."""
+    """Return a rotation matrix whose last column is ``axis``; for the z axis it is the identity."""
     x, y, z = axis
     # The axis has z >= 0, so the denominator is not zero (Duff and others 2017).
     a = -1.0 / (1.0 + z)
@@ -281,12 +291,12 @@ def _frame(axis: Floats) -> Floats:
 
 
 def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Floats, Floats]:
-    """Concentrate points of the unit disc about centres; return points and area weights (n,).
+    """Concentrate points of the unit disc about a centre; return the points and their area weights.
 
-    The density is proportional to 1/(core + t), where t is the squared distance from the centre. W
-    decays in the same manner across the edges of a polygon. The integral ln(1 + t/core) of the
-    density is inverted on each line from the centre to the rim. If ``centre`` is None, the points
-    are concentrated about the centre of the disc.
+    The resulting density is proportional to ``1/(core + t)``, where ``t`` is the squared distance
+    from the centre. The Wigner function of a polygon decays in the same manner. On each line from
+    the centre to the rim, the integral ``ln(1 + t/core)`` of the density is inverted. If ``centre``
+    is None, the points are concentrated about the centre of the disc.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
@@ -299,9 +309,9 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 
 
 def _reach(plane: Floats, centre: Floats) -> Floats:
-    """Return squared distances (n,) from centres (n, 2) to the rim of the unit disc.
+    """Return squared distances from points in the unit disc to its rim.
 
-    ``plane`` (n, 2) are the directions in which the distances are measured.
+    The points are ``centre``, and the distances are measured in the directions ``plane``.
     """
     length = np.hypot(*plane.T)
     along = np.divide(
@@ -315,9 +325,9 @@ def _reach(plane: Floats, centre: Floats) -> Floats:
 
 
 def _disc(numbers: Floats) -> Floats:
-    """Map the unit square to the unit disc, continuously and with constant density.
+    """Map the unit square to the unit disc with constant density.
 
-    Concentric squares become circles (Shirley and Chiu 1997).
+    The map is continuous, and concentric squares become circles (Shirley and Chiu 1997).
     """
     a, b = 2 * numbers.T - 1
     is_wide = np.abs(a) > np.abs(b)
@@ -354,11 +364,15 @@ def sample_rays(
 ) -> xarray.Dataset:
     """Draw rays from the Wigner function of a source, with positions, directions and weights.
 
-    Each of n rays has the weight ``W(x, s_par/lambda) h/(lambda^2 p n)``, where h = g/cos, and p is
-    the density of rays per area and projected solid angle. The sum of weights is an unbiased
-    estimate of the power in the cone, which without ``cone`` is :func:`radiated_power`
-    (docs/signed_rays.md, (Y1)). Trace the rays through ray optics, and compute the irradiance by
-    :func:`polywigner.rays.rebuild`.
+    The sum of the weights is an unbiased estimate of the power radiated into the cone, by default
+    into the hemisphere (:func:`radiated_power`). Trace the rays through ray optics, and compute the
+    irradiance by :func:`polywigner.rays.rebuild`.
+
+    The weight of each of n rays is ``W(x, s_par/lambda) h/(lambda^2 p n)`` (docs/signed_rays.md,
+    (Y1)). In this formula, x is the position of the ray, s_par is the part of its direction
+    parallel to the source plane, and p is the density of rays per area and projected solid angle.
+    The factor h = g/cos is the obliquity factor g of the boundary condition divided by the cosine
+    of the polar angle.
 
     Parameters
     ----------
@@ -372,12 +386,12 @@ def sample_rays(
     seed : int or numpy.random.Generator, default 0
         Seed of the random numbers.
     sampling : {"uniform", "quasi-random"}, default "uniform"
-        Source of random numbers; positions are uniform in the automean in both cases. "uniform":
-        independent random numbers. "quasi-random": Sobol sequences, with about half of the noise;
-        they require scipy, of the extra ``arrays``, and the rays are 16 independent sets, which the
-        coordinate ``batch`` numbers.
+        Type of random numbers. "uniform": independent random numbers. "quasi-random": Sobol
+        sequences, which have about half the noise and require scipy, part of the extra ``arrays``.
+        Quasi-random rays form 16 independent sets, numbered by the coordinate ``batch``. Positions
+        are uniform in the automean in both cases.
     cone : float, optional
-        Half angle in rad of the cone of directions; default: the hemisphere.
+        Half angle of the cone of directions in rad. Default: pi/2, the hemisphere.
     axis : array_like, shape (3,), default (0, 0, 1)
         Unit vector along the axis of the cone in the frame of the source; use the beam direction of
         a steered source.
@@ -388,8 +402,8 @@ def sample_rays(
         Rigid pose of the source, with the translation in m. Default: the pose of a placed aperture,
         or the identity.
     obliquity : str, optional
-        As in :func:`irradiance`. The default has h = cos, and "paper" has h = 1. Wavefronts support
-        only these two.
+        Boundary condition, as in :func:`irradiance`. The default has h = cos, and "paper" has h =
+        1. A Wavefront supports only these two boundary conditions.
     power : float, optional
         Radiated power in W over all directions. Default: the power of the unscaled source.
     engine : str, default "auto"
@@ -447,8 +461,8 @@ def sample_rays(
         points, per_area = sample_automean(flat, first[:, 2:])
         slope = None
         if isinstance(radiator, Wavefront):
-            # Curvature shifts W of the flat source by Q (x - c), (Q2). Partially coherent light is
-            # a mean over normally distributed tilts, (PC4).
+            # A curved wavefront shifts the frequency argument of W of the flat source by Q (x - c),
+            # (Q2). A partially coherent wave is a mean over normally distributed tilts, (PC4).
             slope = (points - radiator.centre) @ radiator.curvature
             if tilts:
                 slope += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)
@@ -478,7 +492,7 @@ def sample_rays(
 
 
 def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
-    """Return the source in the plane z = 0, and its pose (4, 4)."""
+    """Return the source in the plane z = 0, and its pose, shape (4, 4)."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)

@@ -1,13 +1,11 @@
-"""Reception: links between two sources.
+"""Links between a transmitting and a receiving source.
 
-===================  ==========================================================================
-module               content
-===================  ==========================================================================
-``couplings``        the coupling of a transmitter and a receiver in any pose, and the powers of
-                     both by which it is divided
-``cell_pairs``       sums over pairs of cells of both sources, with an interpolated kernel, to a
-                     tolerance
-===================  ==========================================================================
+=================== ==========================================================================
+module content ===================
+========================================================================== ``couplings`` coupling of
+a transmitter and a receiver in any pose, and the powers of sources that normalise it ``cell_pairs``
+integral of the coupling to a given tolerance, as a sum over pairs of cells of both sources
+=================== ==========================================================================
 """
 
 from polywigner.reception.couplings import coupling

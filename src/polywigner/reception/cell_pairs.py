@@ -1,13 +1,16 @@
-"""Integrals of a link kernel over two sources, which are divided into cells.
+"""Integral of a link kernel over two sources, which are divided into cells.
 
-If two cells are small compared with their distance, the kernel is the product of two plane waves
-along the line s of their centres and a slowly varying function of both points. This function is
-interpolated between Gauss nodes, q along each side of both cells' boxes:
+The kernel K gives the field at a point of the receiver due to a point of the transmitter. If two
+cells are small compared with their distance, K is the product of two plane waves along the unit
+vector s between the cell centres and a slowly varying function of both points. This function is
+interpolated between Gauss nodes, q along each side of the bounding box of each cell. The integral
+over the fields u_t and u_r of both sources is then
 
     int int u_t K u_r = sum_ij M_i K_ij M'_j,    M_i = int u_t(x) exp(-ik s.x) L_i(x) dx       (RX3)
 
-A pair of cells requires q^4 values of K, whatever the size of the cells in wavelengths, and sums
-over nodes in each cell. For rectangular cells, (RX3) is the Gauss rule of twice the order.
+where L_i is the Lagrange polynomial of node i, and M'_j is the corresponding integral over the
+receiver. A pair of cells requires q^4 values of K, regardless of the size of the cells in
+wavelengths. For rectangular cells, (RX3) is the Gauss rule of twice the order.
 """
 
 from __future__ import annotations
@@ -30,26 +33,28 @@ from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles,
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 
-# Parts of a clipped polygon below this fraction of the cell's area are due to rounding errors.
+# Parts of a clipped polygon are due to rounding errors if their area is below this fraction of the
+# area of the cell.
 _SLIVER = 1e-14
 # Both sides of a box are halved if the shorter side is at least this fraction of the longer side.
-# If only the longer side were halved, boxes would become elongated, which wastes nodes along the
-# short side.
+# Otherwise only the longer side is halved, because elongated boxes waste nodes along the short
+# side.
 _SQUARE = 0.7
-# Number of nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE. It is 2.5 nodes, while
-# Gauss rules require pi/2. With 4 additional nodes, moments of triangles have errors of 1e-11 of
-# the area.
+# Number of nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE. The result is 2.5 nodes per
+# cycle; Gauss rules require at least pi/2. With 4 additional nodes, integrals of waves over
+# triangles have errors of 1e-11 of the area.
 _NODE_RATIO = 0.7
-# Number of cached quadrature rules for other poses and orders. Each rule takes at most some hundred
-# kB.
+# Number of quadrature rules that are cached for further poses and orders. Each rule takes at most
+# some hundred kB.
 _MOST_CACHED = 256
 
 
 class Cells:
-    """A tree of cells, the parts of a source in boxes; cell 0 is the entire source.
+    """A source that is divided into a tree of cells.
 
-    Cells are divided when they are needed. Lengths are in wavelengths, relative to the centre of
-    the source's bounding box.
+    A cell is the part of the source in a rectangular box. Cell 0 is the entire source, and cells
+    are divided only when smaller cells are needed. Positions are in wavelengths, relative to the
+    centre of the bounding box of the source.
     """
 
     def __init__(self, source: Any, wavelength: float) -> None:
@@ -57,7 +62,7 @@ class Cells:
         self.centre = np.reshape(self._source.bounds, (2, 2)).mean(axis=0)
         self.wavelength = wavelength
         self.highest_frequency = steepest(source, wavelength)
-        """Highest frequency of the field's waves, in cycles per wavelength."""
+        """Highest spatial frequency of the source field, in cycles per wavelength."""
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], Indices]] = []
         self._children: dict[int, list[int]] = {}
@@ -67,13 +72,14 @@ class Cells:
         polygons = np.array(outlines, dtype=object)
         hull = shapely.GeometryCollection(polygons.tolist()).convex_hull
         self.corners = shapely.get_coordinates(hull)[:-1]
-        """Vertices of the convex hull (n, 2), in metres."""
+        """Vertices of the convex hull of the source in metres, shape (n, 2)."""
         self._add(polygons, np.arange(len(polygons)))
 
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
-        """Divide cells (n,); return numbers (m,) of their parts, and the index of each part's cell.
+        """Divide cells into halves or quarters.
 
-        A part lies in a half or a quarter of the cell's box.
+        The numbers of the new cells are returned, with the index in ``cells`` of each original
+        cell.
         """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
@@ -82,14 +88,16 @@ class Cells:
         return numbers, np.repeat(np.arange(len(cells)), counts)
 
     def _nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
-        """Return nodes (n, 2) in a cell, and weights (n,) times the field, in square wavelengths.
+        """Return a quadrature rule for one cell.
 
-        The rule integrates waves of ``rate`` cycles per wavelength times a polynomial of the given
-        ``order`` over the cell. It has ``extra`` additional nodes along a side.
+        The rule consists of nodes, shape (n, 2), and weights times the source field in square
+        wavelengths, shape (n,). It integrates waves of ``rate`` cycles per wavelength times a
+        polynomial of the given ``order`` over the cell. Each side of the cell has ``extra``
+        additional nodes.
         """
         longest = float((self.high[cell] - self.low[cell]).max())
         cycles = _NODE_RATIO * (rate + self.highest_frequency)
-        # This adds "order" nodes along the longest side.
+        # The polynomial requires "order" additional nodes along the longest side.
         cycles += order / (NODES_PER_CYCLE * longest)
         triangles, owners = self._triangles_of(cell)
         nodes, weights, triangle = rule_by_triangles(triangles, cycles / self.wavelength, extra)
@@ -108,7 +116,11 @@ class Cells:
         return (nodes - self.centre) / self.wavelength, values
 
     def _triangles(self, cell: int) -> tuple[Floats, Indices]:
-        """Return triangles (n, 3, 2) of a cell in metres, and the indices of their elements."""
+        """Divide a cell into triangles.
+
+        Returns the corners in metres, shape (n, 3, 2), and the index of the source element that
+        contains each triangle.
+        """
         polygons, numbers = self._parts[cell]
         triangles, owner = triangles_of(polygons)
         wide = areas(triangles) > 0
@@ -127,7 +139,7 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
-        """Add the part of a cell inside a box as a new cell, unless it is empty."""
+        """Add the part of a cell inside ``box`` as a new cell, unless this part is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -145,28 +157,27 @@ class Cells:
 
 @lru_cache(maxsize=16)
 def cells_of(source: Any, wavelength: float) -> Cells:
-    """Return the cells of a source at a wavelength in m, from a cache for equal sources."""
+    """Return the tree of cells of a source; equal sources share one tree."""
     return Cells(source, wavelength)
 
 
-# Number of values of the kernel, or of fields at nodes, per block. Arrays of this size stay in the
-# cache of the processor.
+# Number of kernel values, or of field values at nodes, that are computed together. Arrays of this
+# size stay in the cache of the processor.
 _BLOCK = 1 << 14
-# Number of terms of a matrix product per block. For more terms, BLAS starts threads, which are
-# slower.
+# Largest number of terms of a matrix product. For more terms BLAS starts threads, which are slower.
 _PRODUCT = 1 << 18
-# Number of moments per block (64 MiB).
+# Largest number of interpolated integrals M_i that are computed together (64 MiB).
 _MOMENTS = 1 << 21
-# Rates of waves are rounded up to multiples of this value, so that different poses use the same
-# nodes.
+# Spatial frequencies in cycles per wavelength are rounded up to multiples of this value, so that
+# different poses use the same nodes.
 _RATE_STEP = 0.125
 
 Pairs: TypeAlias = Any
-"""Record array of pairs of cells: indices of the pose and of the cells of both sources."""
+"""Record array of pairs of cells, with the index of the pose and the indices of both cells."""
 
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
-    """Return a record array from columns (n,)."""
+    """Return a record array from one-dimensional arrays of equal length."""
     make: Any = np.rec.fromarrays  # The type hints of NumPy require formats.
     return make(columns, names=names)
 
@@ -175,12 +186,14 @@ _PAIR = "pose,transmitter,receiver"
 
 
 class Sight:
-    """Distances and cosines (n, i, j) between nodes x (n, i, 2) and y (n, j, 3) of pairs of cells.
+    """Distances and dot products between nodes of the transmitter and nodes of the receiver.
 
-    Nodes x of the transmitter and y of the receiver are in the transmitter's frame, relative to the
-    centres of their sources, which are ``offset`` (n, 3) apart. ``rotation`` (n, 3, 3) is the
-    rotation of the receiver's frame. r is the unnormalised vector from x to y, and n and m are the
-    normals of transmitter and receiver.
+    They are the arguments of a link kernel. The nodes x of the transmitter have the shape (n, i,
+    2), and the nodes y of the receiver the shape (n, j, 3). Both are in the transmitter's frame,
+    relative to the centre of their source. ``offset``, shape (n, 3), is the vector from the
+    transmitter's centre to the receiver's centre, and ``rotation``, shape (n, 3, 3), is the
+    rotation of the receiver's frame. In the descriptions of the attributes, R is the length of the
+    vector r from x to y, and n and m are the normals of transmitter and receiver.
     """
 
     def __init__(self, x: Floats, y: Floats, offset: Floats, rotation: Floats) -> None:
@@ -188,7 +201,8 @@ class Sight:
         normal = rotation[:, :, 2]
         centre_distance = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
         ones = np.ones((*x.shape[:2], 1)), np.ones((len(y), 1, y.shape[1]))
-        # |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y.
+        # This formula loses no digits at large distances: |offset + y - x|^2 - |offset|^2 = (|x|^2
+        # - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y.
         of_x = (x * x).sum(axis=2) - 2 * (x @ offset[:, :2, None])[..., 0]
         of_y = (y * y).sum(axis=2) + 2 * (y @ offset[:, :, None])[..., 0]
         left = np.concatenate([-2 * x, of_x[..., None], ones[0]], axis=2)
@@ -199,18 +213,18 @@ class Sight:
         excess /= self.distance + centre_distance
         excess *= 2 * np.pi
         self.wave = np.cos(excess), np.sin(excess)
-        """Real and imaginary part of exp(ik(R - |offset|))."""
+        """Real and imaginary part of the wave ``exp(ik(R - |offset|))``, shape (n, i, j)."""
         self.rise = (offset[:, None, 2] + y[..., 2])[:, None, :]
-        """Dot products n.r, (n, 1, j)."""
+        """Dot products of the transmitter's normal n and r, shape (n, 1, j)."""
         away = (offset * normal).sum(axis=1)[:, None] - (x @ normal[:, :2, None])[..., 0]
         self.away = away[..., None]
-        """Dot products m.r, (n, i, 1)."""
+        """Dot products of the receiver's normal m and r, shape (n, i, 1)."""
         self.lean = normal[:, 2, None, None]
-        """Dot products n.m, (n, 1, 1)."""
+        """Dot products of both normals n and m, shape (n, 1, 1)."""
 
     @property
     def r(self) -> list[Floats]:
-        """Components of r, each (n, i, j) or (n, 1, j)."""
+        """Components of r, each of shape (n, i, j) or (n, 1, j)."""
         across = [
             (self._offset[:, axis, None] + self._y[..., axis])[:, None, :]
             - self._x[..., axis, None]
@@ -221,27 +235,27 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """A transmitter and a receiver in n poses; lengths are in wavelengths."""
+    """A transmitter and a receiver in n relative poses; all lengths are in wavelengths."""
 
     transmitter: Cells
     receiver: Cells
     rotation: Floats
-    """Rotations (n, 3, 3) of the receiver's frame into the transmitter's frame."""
+    """Rotations of the receiver's frame into the transmitter's frame, shape (n, 3, 3)."""
     offset: Floats
-    """Vectors (n, 3) from the transmitter's centre to the receiver's centre."""
+    """Vectors from the transmitter's centre to the receiver's centre, shape (n, 3)."""
     kernel: Callable[[Sight], tuple[Floats, Floats]]
-    """Function that returns the real and imaginary part of K, such as ``link_kernel``."""
+    """Function that returns the real and imaginary part of the kernel, such as ``link_kernel``."""
     extra: float
-    """Number of nodes along a side of a cell in addition to the nodes for waves and polynomials."""
+    """Number of additional nodes along a side of a cell, which determines the accuracy."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half the diagonals of both cells of pairs (n,), and the distance of the cells."""
+        """Return half the diagonals of both cells of each pair, and the distance of the cells."""
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return vectors (n, 3) from the centre of the first to the centre of the second cell."""
+        """Return the vector from the first to the second cell centre of each pair, shape (n, 3)."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -249,9 +263,10 @@ class Links:
         return vectors
 
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
-        """Return the sums (RX3) of pairs (n,) without the phase of the distance, and sizes (n,).
+        """Return the contribution of each pair of cells to the coupling, (RX3).
 
-        The size is about the sum of the moduli of all terms, to which rounding errors are relative.
+        The phase of the distance of the sources is omitted. The sum of the moduli of all terms, to
+        which rounding errors are proportional, is returned as well.
         """
         values, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for rows, here, there, sight in self._blocks(pairs, order):
@@ -263,7 +278,11 @@ class Links:
         return values, size
 
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, Sight]]:
-        """Yield slices of pairs, moments at nodes of both cells, and the geometry between them."""
+        """Yield blocks of pairs, as needed by :meth:`sums`.
+
+        A block contains a slice of the pairs, the integrals M_i and M'_j of (RX3), and the
+        distances between the nodes.
+        """
         count = order * order
         most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
@@ -292,9 +311,10 @@ class Links:
                     yield block, left[:, row], right, Sight(x[:, row], y, offset, rotation)
 
     def _moments(self, cells: Cells, numbers: Indices, waves: Floats, order: int) -> Complex:
-        """Return M_i of (RX3), (n, q^2), for cells with the given numbers (n,).
+        """Return the integrals M_i of (RX3) for cells with the given numbers, shape (n, q^2).
 
-        ``waves`` (n, 2) are in cycles per wavelength, relative to the centre of each cell.
+        ``waves``, shape (n, 2), contains the spatial frequencies of the plane waves in cycles per
+        wavelength. The phase of a wave is zero at the centre of its cell.
         """
         fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
         rate = float(np.ceil(fastest / _RATE_STEP) * _RATE_STEP)
@@ -318,7 +338,7 @@ class Links:
 
 
 def exp_cycles(cycles: Floats) -> Complex:
-    """Return exp(2 pi i cycles)."""
+    """Return ``exp(2 pi i cycles)``, the wave with a phase in cycles."""
     phase = 2 * np.pi * cycles
     values = np.empty(phase.shape, np.complex128)
     values.real, values.imag = np.cos(phase), np.sin(phase)
@@ -326,14 +346,14 @@ def exp_cycles(cycles: Floats) -> Complex:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return Gauss nodes in boxes (n, q^2, 2), and these nodes relative to the boxes' centres."""
+    """Return the Gauss nodes in the boxes of cells, absolute and relative to the box centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
 
 
 def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Complex:
-    """Return sum_ij left_i kernel_ij right_j for each pair; the kernel is real + i imag."""
+    """Return the sum ``sum_ij left_i K_ij right_j`` for each pair, where ``K = real + i imag``."""
     columns = np.stack([right.real, right.imag], axis=2)
     of_real, of_imag = real @ columns, imag @ columns
     inner = of_real[..., 0] - of_imag[..., 1] + 1j * (of_real[..., 1] + of_imag[..., 0])
@@ -347,9 +367,10 @@ def _centre(cells: Cells, numbers: Indices | int) -> Floats:
 
 @lru_cache(maxsize=32)
 def _rule(order: int) -> tuple[Floats, Floats]:
-    """Return Gauss nodes (q^2, 2) of the square [-1, 1]^2, and a matrix (q, q).
+    """Return the Gauss nodes of the square [-1, 1]^2, and a matrix for interpolation.
 
-    The matrix converts values at the nodes of one axis to coefficients of a Legendre series.
+    The nodes have the shape (q^2, 2). The matrix, shape (q, q), converts values at the nodes of one
+    axis to coefficients of a Legendre series.
     """
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes, nodes, indexing="ij")
@@ -359,48 +380,50 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(points: Floats, order: int) -> Floats:
-    """Return the Lagrange polynomials (2, n, q) of the Gauss nodes along x and y at (n, 2)."""
+    """Return the Lagrange polynomials of the Gauss nodes at n points, shape (2, n, q)."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
 # ---- links to a tolerance ------------------------------------------------------------------------
 
-# Orders of interpolation. The difference between the values of two orders is the error of the lower
-# order. Pairs that require more than the last order are divided. Dividing earlier takes more time:
-# sources of 10 wavelengths at a distance of 10 wavelengths are one pair of order 22 with 2e5
-# values, or pairs of order 18 with twice as many values.
+# Orders of interpolation. The difference between the results of two orders estimates the error of
+# the lower order. Pairs of cells that require more than the last order are divided. Smaller cells
+# with lower orders take more time: two sources of 10 wavelengths at a distance of 10 wavelengths
+# require 2e5 kernel values as one pair of order 22, and twice as many as several pairs of order 18.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
-# Largest phase in radians across a pair of cells. Pairs with a larger phase are divided without
-# evaluation.
+# Largest phase of the interpolated function across a pair of cells, in radians. Pairs with a larger
+# phase are divided without evaluation.
 _MOST_PHASE = 70.0
 # Largest ratio of the sum of half the diagonals of both cells to their distance. Pairs with a
 # larger ratio are divided without evaluation.
 _MOST_RATIO = 4.0
-# Interpolation with fewer orders than this per radian of phase has no correct digit. Gauss rules
-# require 1/2.
+# Smallest ratio of the order to the phase in radians at which interpolation may have a correct
+# digit. Gauss rules require 1/2.
 _IDLE = 0.25
-# Rounding error of the sum of a pair of cells, relative to the sum of the moduli.
+# Rounding error of the sum over a pair of cells, relative to the sum of the moduli of its terms.
 _ROUNDING = 1e-15
-# Largest number of values of the kernel per pose, which take some minutes, and largest number of
-# pairs of cells per pose.
+# Largest number of kernel values per pose, whose computation takes some minutes, and largest number
+# of pairs of cells per pose.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
 class LinkSums(NamedTuple):
-    """Couplings of n poses, without the phase of the sources' distance and without the norms."""
+    """Couplings of n poses, before normalisation and without the phase of the distance."""
 
     values: Complex
     errors: Floats
-    """Estimated errors (n,)."""
+    """Estimated errors, shape (n,)."""
     allowed: Floats
-    """Allowed errors (n,)."""
+    """Allowed errors, shape (n,)."""
 
 
 def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
-    """Return int int u_t K u_r for n poses.
+    """Return the integral of the kernel over both sources for n poses.
 
-    The allowed error is ``tolerance`` times the value, or times ``floor`` (n,) if that is larger.
-    Raises ArgumentError if the sums would take longer than minutes.
+    The integral is ``int int u_t K u_r``, where u_t and u_r are the source fields, as in (RX3). The
+    allowed error is ``tolerance`` times the modulus of the integral or ``tolerance`` times
+    ``floor``, whichever is larger. Raises ArgumentError if the computation would take longer than
+    some minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -428,10 +451,10 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Return which pairs have the largest errors and must be refined.
+    """Return a mask of the pairs of cells whose errors are too large.
 
-    The errors of all other pairs of a pose add up to at most ``allowed``, which has one value per
-    pose.
+    The errors of the remaining pairs of each pose add up to at most ``allowed``, which has one
+    value per pose.
     """
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
@@ -444,7 +467,10 @@ def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
 
 
 def _expected_error(links: Links, parts: Pairs) -> Floats:
-    """Return the error of pairs expected at the highest order; infinite for pairs at this order."""
+    """Return the expected error of pairs at the highest order of interpolation.
+
+    Pairs that already use this order have an infinite error, so that they are divided.
+    """
     idle = _IDLE * _phase(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
     size = np.maximum(np.maximum(np.abs(parts.values), parts.errors), 1e-300)
@@ -454,9 +480,9 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 
 
 def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
-    """Return pairs evaluated at the first two orders that may have correct digits."""
+    """Evaluate pairs of cells at the two lowest orders that may have correct digits."""
     phase = _phase(links, pairs)
-    # This formula was fitted to the lowest sufficient orders for squares at all distances.
+    # This formula was fitted to the lowest orders that are sufficient for squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)
@@ -464,12 +490,12 @@ def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
 
 
 def _raised(links: Links, parts: Pairs) -> Pairs:
-    """Return pairs evaluated at the next order."""
+    """Evaluate pairs of cells at their next order of interpolation."""
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Return pairs evaluated at orders (n,); the error is the change from the values ``before``."""
+    """Evaluate pairs of cells at given orders; errors are changes from the values ``before``."""
     if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
@@ -497,7 +523,7 @@ def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
 
 
 def _phase(links: Links, pairs: Pairs) -> Floats:
-    """Return the largest phase in radians along a coordinate, relative to the plane waves."""
+    """Return the largest phase of the interpolated function along one coordinate, in radians."""
     here, there, distance = links.sizes(pairs)
     result: Floats = 2 * math.pi * np.maximum(here, there) * (here + there) / distance
     return result

@@ -1,4 +1,4 @@
-"""Coupling of two sources, each in the plane z = 0 of its frame, and the powers of sources."""
+"""Coupling of two sources in any relative pose, and the powers that normalise it."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ from polywigner.transforms.wavefronts import flat_source
 LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 
 _OPS = execution.NumpyOperations()
-# Default tolerance, and smallest allowed tolerance, which is some hundred rounding errors of the
-# sums.
+# Default tolerance, and smallest allowed tolerance, which is some hundred times the rounding error
+# of the sums.
 _TOLERANCE, _LEAST = 1e-6, 1e-12
-# Errors of small couplings are relative to this fraction of the largest coupling of sources of the
-# same areas, because couplings in a null of a pattern have no correct digits.
+# Allowed errors of small couplings are relative to this fraction of the largest coupling of sources
+# with the same areas, because couplings in a null of a pattern have no correct digits.
 _FLOOR = 1e-3
-# Number of poses whose pairs of cells are refined together.
+# Number of poses that are computed together.
 _BLOCK = 64
-# Relative error of couplings in closed form.
+# Relative rounding error of couplings by the closed-form far-field formula (RX4).
 _ROUNDING = 1e-12
 # Number of nodes along a side of a cell for a tolerance of 1e-6, and number of additional nodes for
 # each further digit.
@@ -103,19 +103,22 @@ def coupling(
     return_error: bool = False,
     normalise: Literal["radiated", "aperture"] = "radiated",
 ) -> Any:
-    """Return the complex coupling b of two sources; |b|^2 is received over transmitted power.
+    """Return the complex coupling of two sources.
 
-    Both powers are radiated powers, so at large distances |b|^2 follows from Friis' formula with
-    directivities. b is the overlap of the transmitter's field with the field that the receiver
-    would transmit, without a complex conjugate, so it is the same in both directions
-    (docs/links.md, (RX1) to (RX3)):
+    The squared modulus |b|^2 of the coupling is the ratio of received to transmitted power. The
+    transmitted power is the power that the transmitter radiates, so at large distances |b|^2 is
+    given by Friis' formula with directivities. The coupling b is the overlap of the transmitter's
+    field with the field that the receiver would transmit, without a complex conjugate, so it is the
+    same in both directions (docs/links.md, (RX1) to (RX3)):
 
         b = 1/sqrt(N_t N_r) int int u_t(x) K(x, y) u_r(y) dx dy,   N = int g |F|^2 dOmega/lambda^2
 
-    For "rayleigh-sommerfeld-2" the kernel K is exp(ikR)/(i wavelength R). For
-    "rayleigh-sommerfeld-1" it is multiplied by the cosines at both ends, and for "kirchhoff" by
-    (1 + cosine)/2 at each end; both include near-field terms. The integral is a sum over pairs of
-    cells, whose number increases at short distances.
+    Here u_t and u_r are the source fields, F is the Fourier transform of u_t or u_r, g is the
+    obliquity factor, and R is the distance between the points x and y. For "rayleigh-sommerfeld-2"
+    the kernel K is exp(ikR)/(i wavelength R). For "rayleigh-sommerfeld-1" K is multiplied by the
+    cosines at both ends, and for "kirchhoff" by (1 + cosine)/2 at each end; both include near-field
+    terms. The computing time increases at short distances, where the sources are divided into more
+    cells.
 
     Parameters
     ----------
@@ -123,34 +126,35 @@ def coupling(
         Sources in the plane z = 0 of their frames, with any illumination or curved wavefront.
         Each radiates along +z of its frame.
     to_transmitter : array_like, shape (..., 4, 4)
-        Rigid poses that map the receiver's frame into the transmitter's frame, translations in m.
-        The nearest rigid pose is used.
+        Rigid poses that map the receiver's frame into the transmitter's frame, with translations in
+        m. Small deviations from a rigid pose are corrected.
     wavelength : float
         Wavelength in m, or ``frequency=`` in Hz.
     method : str, optional
-        "rayleigh-sommerfeld-1" (default), "rayleigh-sommerfeld-2" or "kirchhoff"; or
-        "fraunhofer": Friis' formula with phase and the patterns of "rayleigh-sommerfeld-1".
-        For polarised sources "huygens" (default), "magnetic" or "electric", as in
-        :func:`polywigner.field`, with the kernel (RX9).
+        Boundary condition: "rayleigh-sommerfeld-1" (default), "rayleigh-sommerfeld-2" or
+        "kirchhoff". "fraunhofer" is Friis' formula with phase, for the far-field patterns of
+        "rayleigh-sommerfeld-1". For polarised sources, the equivalent currents: "huygens"
+        (default), "magnetic" or "electric", as in :func:`polywigner.field`, with the kernel (RX9).
     tolerance : float, default 1e-6
-        Allowed error, from 1e-12 to 0.1, relative to the larger of |b| and a thousandth of
-        min(1, sqrt(A_t A_r)/(wavelength R)), the largest coupling of sources of these areas at that
-        distance. "fraunhofer" ignores it.
+        Allowed relative error, from 1e-12 to 0.1. The error is relative to |b|, but at least to a
+        thousandth of ``min(1, sqrt(A_t A_r)/(wavelength R))``, the largest coupling of two sources
+        with the areas A_t and A_r at the distance R. "fraunhofer" ignores it.
     polarisation : str, array_like or pair, optional
         Polarisations of transmitter and receiver, or one polarisation for both, as in
-        :func:`polywigner.field`. Each refers to the axes of its frame; specify the receiver as if
-        it transmitted. By default fields are scalar.
+        :func:`polywigner.field`. Each polarisation refers to the axes of the frame of its source.
+        Specify the polarisation of the receiver as if it transmitted. By default fields are scalar.
     return_error : bool, default False
         Whether to return also the estimated absolute error of each value. For "fraunhofer" this
         is the rounding error only.
     normalise : {"radiated", "aperture"}, default "radiated"
-        "radiated": N is the power radiated with the boundary condition of the method.
-        "aperture": N = int |u|^2, which exceeds the radiated power of small sources.
+        Power N of a source. "radiated": the power radiated with the boundary condition of the
+        method. "aperture": the integral of |u|^2, which exceeds the radiated power of small
+        sources.
 
     Returns
     -------
     b : complex or ndarray of complex, shape (...)
-        Coupling for each pose. With ``return_error`` a pair of couplings and errors.
+        Coupling for each pose. With ``return_error``, a pair of couplings and errors.
 
     Warns
     -----
@@ -216,7 +220,7 @@ class _Link:
     """Jones vectors of transmitter and receiver; None for scalar fields."""
 
     def norm(self, normalise: str) -> float:
-        """Return the square root of the product of both powers."""
+        """Return the square root of the product of the powers of transmitter and receiver."""
         vectors = self.jones or (None, None)
         return math.prod(
             root_of_norm(source, self.wavelength, self.method, normalise, jones)
@@ -224,10 +228,10 @@ class _Link:
         )
 
     def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
-        """Return couplings (n,) for poses (n, 4, 4), their errors and the allowed errors.
+        """Return the couplings for poses of shape (n, 4, 4), their errors and the allowed errors.
 
-        A polarised source is the sum of its parts with a single polarisation each; a scalar source
-        is one part.
+        A source whose elements differ in polarisation is the sum of parts with a single
+        polarisation.
         """
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
@@ -243,7 +247,7 @@ class _Link:
                     values[block] += terms[0]
                     errors[block] += terms[1]
                     limits[block] += terms[2]
-        # The norm is computed last, so that sums that would take too long raise their error at
+        # The norm is computed last, so that couplings that would take too long raise their error at
         # once.
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
@@ -251,7 +255,7 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return couplings of two parts without the norms, and estimated and allowed errors."""
+        """Return unnormalised couplings of two sources, and their estimated and allowed errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         # Vector from the centre of the transmitter to the centre of the receiver.
@@ -282,7 +286,10 @@ class _Link:
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Return couplings by Friis' formula (RX4), without the phase of the centres' distance."""
+        """Return far-field couplings by Friis' formula (RX4).
+
+        The phase of the distance of the sources is omitted, and the couplings are not normalised.
+        """
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
@@ -293,7 +300,7 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest coupling (n,) of sources of these areas at their distances."""
+        """Return the largest possible coupling of two sources with the areas of ``sources``."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
@@ -302,8 +309,7 @@ class _Link:
 def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
     """Raise GeometryError unless each source is in front of the plane of the other source.
 
-    The hulls (k, 2) of the sources are sufficient: all lines between both sources then leave and
-    arrive on the front sides.
+    Only the vertices of the convex hulls, ``transmitter`` and ``receiver``, are tested.
     """
     rotation = poses[:, :3, :3]
     faces = rotation[:, 2, 2] < 0.0
@@ -317,10 +323,12 @@ def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
 def _check_heights(
     heights: Floats, faces: NDArray[np.bool_], corners: Floats, name: str, other: str
 ) -> None:
-    """Raise GeometryError unless heights (n, k) above the plane of the other source are positive.
+    """Raise GeometryError unless all vertices of one source are in front of the other source.
 
-    ``corners`` (k, 2) are the positions with these heights. ``faces`` (n,) specifies whether the z
-    axes of both sources are opposed.
+    ``heights``, shape (n, k), are the heights of the vertices above the plane of the other source,
+    and ``corners`` the positions of the vertices in their own plane, shape (k, 2). ``faces``
+    specifies for each pose whether the z axes of both sources are opposed; the error message
+    depends on it.
     """
     behind = ~(heights > 0)
     if not behind.any():
@@ -357,7 +365,7 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return a tolerance that :func:`coupling` can meet; raise ArgumentError otherwise."""
+    """Return ``tolerance`` as a number; raise ArgumentError if :func:`coupling` cannot meet it."""
     return tolerance_from(tolerance, _TOLERANCE, _LEAST)
 
 
@@ -365,11 +373,11 @@ def checked_tolerance(tolerance: Any) -> float:
 
 
 def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
-    """Return real and imaginary part of K (...) with a boundary condition at both ends: (RX1)."""
+    """Return the real and imaginary part of the scalar link kernel K, (RX1)."""
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
-    # All factors except the wave are real, so real and imaginary part are computed separately. This
-    # takes a fifth to a third of the time of complex arrays.
+    # All factors except the wave are real, so the real and imaginary parts are computed separately.
+    # This takes a fifth to a third of the time of complex arrays.
     a, b = condition.field, condition.slope
     inverse = 1.0 / sight.distance
     near = inverse * (0.5 / math.pi)
@@ -401,10 +409,11 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
 def polarised_kernel(
     currents: Currents, sent: Complex, received: Complex, sight: Sight
 ) -> tuple[Floats, Floats]:
-    """Return real and imaginary part of K (...) of currents along two unit vectors: (RX9).
+    """Return the real and imaginary part of the link kernel of polarised sources, (RX9).
 
-    ``sent`` (3,) is q in the axes of the transmitter, and ``received`` (3,) is q' in the axes of
-    the receiver.
+    ``sent`` is the polarisation vector of the transmitter in the axes of the transmitter, and
+    ``received`` the polarisation vector of the receiver in the axes of the receiver, both of shape
+    (3,).
     """
     rotation = sight.rotation
     received, normal = rotation @ received, rotation[:, :, 2]
@@ -439,12 +448,14 @@ def polarised_kernel(
 # ---- powers of sources ---------------------------------------------------------------------------
 
 NORMALISATIONS = ("radiated", "aperture")
-"""Powers by which links are normalised: the power radiated into the half space in front, or the
-power int |u|^2 on the aperture.
+"""Powers of a source that can normalise couplings.
+
+"radiated" is the power radiated into the half space in front of the source. "aperture" is the
+integral of |u|^2 over the aperture.
 """
 
-# The elements of a source cancel if the power of the source is below this fraction of the sum of
-# their powers.
+# The fields of the elements of a source cancel if the power of the source is below this fraction of
+# the sum of the powers of its elements.
 _DARK = 1e-12
 
 
@@ -459,16 +470,13 @@ def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -
 def root_of_norm(
     source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
 ) -> float:
-    """Return the square root of a source's power in W, by which couplings are divided.
+    """Return the square root of the power of a source in W, by which couplings are divided.
 
-    If ``normalise`` is "radiated", this is the radiated power with the boundary condition of the
-    method, for which u is the field or its normal derivative, as in (RX1). For a polarised source
-    with Jones vectors (2,) or (k, 2), it is the power that the equivalent currents radiate. If
-    ``normalise`` is "aperture", the power is int |u|^2.
-
-    Raises IlluminationError for a source whose elements cancel, or that does not radiate.
+    If ``normalise`` is "radiated", the power is the radiated power with the boundary condition of
+    the method. For a polarised source, specified by ``jones``, it is the power that the equivalent
+    currents radiate. If ``normalise`` is "aperture", the power is the integral of |u|^2.
     """
-    # The key contains tuples, because arrays have no hash.
+    # The cache key contains tuples, because arrays have no hash.
     key = None if jones is None else (jones.tobytes(), jones.shape)
     return _root_of_norm(source, wavelength, method, normalise, key)
 
@@ -491,7 +499,7 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
 
 
 def _check_field(source: Any) -> None:
-    norm = energy_of(flat_source(source))  # A curved wave has the same |u| as the flat source.
+    norm = energy_of(flat_source(source))  # A curved wave has the |u| of its flat source.
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
         for e in normal_form(source).in_plane.elements
@@ -504,7 +512,7 @@ def _check_field(source: Any) -> None:
 
 
 def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
-    """Return int g |F|^2 dOmega/lambda^2 in W; u is the field or its normal derivative."""
+    """Return the radiated power ``int g |F|^2 dOmega/lambda^2`` of a scalar source in W."""
     power = 0.0
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
         factor = condition.amplitude(directions[:, 2]) ** 2 * solid_angle / wavelength**2

@@ -1,4 +1,4 @@
-"""Radar cross sections of conducting bodies and plates by physical optics, also over angles."""
+"""Radar cross sections of conducting bodies and plates by physical optics."""
 
 from __future__ import annotations
 
@@ -101,18 +101,19 @@ def rcs(
 ) -> Any:
     """Return the radar cross section of a perfect conductor by physical optics (docs/rcs.md).
 
-    The current on an illuminated face is 2 n x H, as on an infinite plane. The field of each face
-    is its Fourier transform in closed form, (SC1). The parts visible from transmitter and receiver
-    are exact polygons. Physical optics is valid near specular directions, for faces of several
-    wavelengths or more and for fine meshes of smooth bodies. Edge diffraction is not included.
+    The current on an illuminated face is 2 n x H, as on an infinite plane with the normal n in the
+    incident magnetic field H. The scattered field of each face is the exact Fourier transform of
+    its polygon, (SC1). The parts of faces visible from transmitter and receiver are exact polygons.
+    Physical optics is valid near specular directions, for faces of several wavelengths or more and
+    for fine meshes of smooth bodies. Edge diffraction is not included.
 
-    Arrays broadcast against each other.
+    Array arguments broadcast against each other.
 
     Parameters
     ----------
     body : Polyhedron, Aperture, PlacedAperture, Array or list
-        A body, or a plate with two sides, which may have holes; or several of these, which shadow
-        each other. The weights of an Array must be 1.
+        A closed body, or a plate with two sides, which may have holes, or a list of bodies and
+        plates, which shadow each other. The weights of an Array must be 1.
     to_radar : array_like, shape (..., 3)
         Unit vectors from the body towards the radar's receiver.
     wavelength : array_like, shape (...)
@@ -120,36 +121,39 @@ def rcs(
     to_transmitter : array_like, shape (..., 3), optional
         Unit vectors towards the transmitter. Default: ``to_radar`` (monostatic).
     polarisation : str or pair, optional
-        Received part of the scattered field, and incident polarisation:
+        Received and incident polarisation:
 
-        - None: the power of the total scattered field, as a mean over incident polarisations. For a
-          monostatic radar this is the co-polar cross section, which does not depend on the
+        - None: the power of the total scattered field, averaged over incident polarisations. For a
+          monostatic radar, this is the co-polar cross section, which does not depend on the
           polarisation.
-        - "vv", "hh", "vh" or "hv", receiver first: v is along the polar angle from +z of the body's
-          frame, h along the azimuth, at the direction of each end (along z at azimuth 0).
-        - Without ``source`` a pair of unit vectors (..., 3), receiver first, normal to the
-          direction of each end. They are complex for circular polarisations; specify the receiver
-          as if its antenna radiated.
-        - With ``source`` a polarisation of the antennas: "x", "45 deg", "right" or a Jones vector,
-          as in :func:`polywigner.field` along the axes of the source, or a pair of these, receiver
-          first. Fields are then electric fields of Huygens' currents.
+        - "vv", "hh", "vh" or "hv", receiver first. v is along the polar angle from +z of the body's
+          frame, and h along the azimuth, both for the direction of the receiver or transmitter. For
+          a direction along z, the azimuth is zero.
+        - Without ``source``, a pair of unit vectors of shape (..., 3), receiver first. Each vector
+          is normal to the direction of the receiver or transmitter, and is complex for circular
+          polarisations. Specify the receiver as if its antenna radiated.
+        - With ``source``, the polarisation of both antennas, or a pair of polarisations, receiver
+          first. A polarisation is "x", "45 deg", "right" or a Jones vector, as in
+          :func:`polywigner.field`, and refers to the axes of the source. Fields are then electric
+          fields of Huygens' currents.
     source : Aperture or Array, optional
-        Antenna of a radar near the body, in the plane z = 0 of its frame, which radiates along its
-        +z. Its exact field (:func:`amplitude`) illuminates the body and weights the received field,
-        as in :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` are then
-        vectors (..., 3) in m from the centre of the body's bounding box to the source, which faces
-        the centre with its y axis upwards (towards +z of the body); or poses (..., 4, 4) that map
-        the body's frame into the source's frame. By default antennas are far away.
+        Antenna of a radar near the body. The antenna lies in the plane z = 0 of its frame and
+        radiates along +z. Its exact field (:func:`amplitude`) illuminates the body and weights the
+        received field, as in :func:`coupling` (docs/rcs.md, (SC3)). With ``source``, ``to_radar``
+        and ``to_transmitter`` are one of two kinds of array. Vectors of shape (..., 3) in m extend
+        from the centre of the body's bounding box to the source, which faces that centre with its y
+        axis towards +z of the body. Poses of shape (..., 4, 4) map the body's frame into the
+        source's frame. By default antennas are far away.
     receiver : Aperture or Array, optional
         Receiving antenna. Default: ``source``.
     tolerance : float, default 1e-3
-        With ``source``: allowed error from 1e-6 to 0.1, relative to the amplitude of all
-        illuminated parts in phase. The illuminated parts are split into pieces on which the fields
-        are plane waves.
+        Allowed error with ``source``, from 1e-6 to 0.1. It is relative to the amplitude that would
+        result if all illuminated parts contributed in phase. The illuminated parts are divided into
+        pieces on which the fields are plane waves.
     return_power : bool, default False
-        With ``source``: whether to return also the ratio of received to transmitted power.
+        Whether to return also the ratio of received to transmitted power. Requires ``source``.
     normalise : {"radiated", "aperture"}, default "radiated"
-        With ``source``: power of an antenna that counts as transmitted, as in :func:`coupling`.
+        Definition of transmitted power with ``source``, as in :func:`coupling`.
     bounces : {1, 2, 3}, default 1
         Maximum number of reflections; corner reflectors require 2 or 3. Reflected beams illuminate
         exact polygons on other faces (docs/rcs.md, (SC6)). Must be 1 with ``source``.
@@ -158,15 +162,15 @@ def rcs(
     -------
     rcs : float or ndarray, shape (...)
         Cross section in m^2. It is NaN, with a warning, in directions whose polygons cannot be
-        computed. With ``source`` it is the cross section of a small body at the centre of the
-        bounding box that would return the same power, which tends to the far-field cross section at
-        large distances. With ``return_power`` a pair of cross section and power ratio |b|^2.
+        computed. With ``source``, it is the cross section of a small body at the centre of the
+        bounding box that would return the same power. At large distances, this value approaches the
+        far-field cross section. With ``return_power``, a pair of cross section and power ratio.
 
     Warns
     -----
     PolywignerWarning
-        If a face is smaller than a square wavelength, where triangles that join smoothly count as
-        one face; or with ``bounces=1`` if faces illuminate each other, as in corner reflectors.
+        If a face is smaller than a square wavelength. Triangles that join smoothly count as one
+        face. Also with ``bounces=1``, if faces illuminate each other, as in corner reflectors.
 
     Raises
     ------
@@ -178,13 +182,14 @@ def rcs(
 
     Notes
     -----
-    The rounding error is about 1e-15 of the amplitude of a flat plate with the area of all
-    illuminated faces, times the body's size in wavelengths if that is above 1. For partly shadowed
-    faces it is 1e-12 of that amplitude. A face within 1e-12 rad of edge-on counts as dark.
+    Rounding errors are relative to the amplitude of a flat plate with the area of all
+    illuminated faces. The relative error is about 1e-15, times the body's size in wavelengths if
+    that is above 1. For partly shadowed faces it is 1e-12. A face within 1e-12 rad of edge-on
+    counts as dark.
 
-    The time is proportional to the number of triangles of all faces, times directions and
-    wavelengths. Concave bodies require polygon operations for each direction. Each further
-    reflection of 500 triangles takes about 0.1 s per direction (docs/rcs.md).
+    The computing time is proportional to the product of the numbers of triangles, directions and
+    wavelengths. Concave bodies require polygon operations for each direction. For a body of 500
+    triangles, each additional reflection takes about 0.1 s per direction (docs/rcs.md).
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
     ed. (2008); W. B. Gordon, IEEE Trans. Antennas Propag. 23, 590 (1975). Cross sections are not
@@ -245,9 +250,9 @@ def sections(
     *,
     warns: bool = True,
 ) -> Floats:
-    """Return the cross sections (...) in m^2 of a body, with parameters as in :func:`rcs`.
+    """Return the radar cross sections of a body in m^2, with parameters as in :func:`rcs`.
 
-    ``warns`` specifies whether to warn about faces that illuminate each other.
+    A warning about faces that illuminate each other is issued if ``warns`` is true.
     """
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
@@ -283,10 +288,12 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """Return |q.(N x h + M h)|^2 (m,) for the polarisations q of the receiver and h = k x p.
+    """Return the received power of m samples, ``|q.(N x h + M h)|^2`` of (SC1) and (SC6).
 
-    ``sums`` is N, ``later`` is M, and ``polarisations`` contains q and p. Without polarisations,
-    the result is the total power, as a mean over incident polarisations.
+    ``sums`` is the vector N of the first reflection, and ``later`` the matrix M of later
+    reflections. ``polarisations`` contains the vector q of the receiver and the vector p of the
+    incident wave, whose magnetic field is h = k x p. Without polarisations, the result is the total
+    scattered power, averaged over incident polarisations.
     """
 
     def field(h: Floats | Complex) -> Complex:
@@ -309,12 +316,13 @@ def _power(
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
 # Number of directions whose beams are traced together.
 _TOGETHER = 200
-# Approximate number of directions that are checked for further reflections before a warning.
+# Approximate number of directions in which a body is tested for further reflections.
 _MOST_WARNED = 4096
 # Cosines of the elevation below _AT_POLE count as zero, because cos(pi/2) is 6e-17 in floating
-# point. Along the z axis, backscatter after one reflection does not depend on the azimuth. Other
-# cross sections depend on it through polarisations and visible walls. They are computed at the
-# angle _NEAR_POLE in rad from the axis, where walls are not edge-on.
+# point. In directions along the z axis, monostatic cross sections after one reflection do not
+# depend on the azimuth. All other cross sections depend on the azimuth through the polarisation and
+# through the visibility of walls parallel to the z axis. They are computed at the angle _NEAR_POLE
+# in rad from the axis, where these walls are not edge-on.
 _AT_POLE, _NEAR_POLE = 1e-15, 1e-8
 
 
@@ -330,7 +338,7 @@ def rcs_pattern(
     bounces: int = 1,
     progress: bool | None = None,
 ) -> xarray.Dataset:
-    """Return the radar cross section :func:`rcs` of a body over azimuth and elevation.
+    """Return the radar cross section of a body as a function of azimuth and elevation.
 
     Parameters
     ----------
@@ -341,8 +349,8 @@ def rcs_pattern(
     azimuth : array_like, shape (n,), or float
         Angles in rad about z, from +x towards +y.
     elevation : array_like, shape (m,), or float
-        Angles in rad above the plane z = 0, from -pi/2 to pi/2. At -pi/2 and pi/2 the value is the
-        limit for each azimuth, and polarisations depend on the azimuth.
+        Angles in rad above the plane z = 0, from -pi/2 to pi/2. At -pi/2 and pi/2, the polarisation
+        vectors depend on the azimuth, and the cross section is the limit for each azimuth.
     to_transmitter : array_like, shape (3,), optional
         Unit vector towards a fixed transmitter. By default the radar is monostatic.
     polarisation : {"vv", "hh", "vh", "hv"}, optional
@@ -355,8 +363,9 @@ def rcs_pattern(
     Returns
     -------
     xarray.Dataset
-        ``rcs`` (azimuth, elevation) in m^2. Attributes: wavelength, frequency, polarisation,
-        bounces, number of triangles, largest cross section, and the fixed transmitter.
+        ``rcs`` in m^2 with the dimensions (azimuth, elevation). The attributes are the wavelength,
+        the frequency, the polarisation, ``bounces``, the number of triangles, the largest cross
+        section, and the direction of a fixed transmitter.
 
     Raises
     ------
@@ -377,7 +386,7 @@ def rcs_pattern(
 
 @dataclass(eq=False)
 class Pattern:
-    """A pattern, computed in blocks; its fields are parameters of :func:`rcs_pattern`."""
+    """Radar cross sections over angles, with the parameters of :func:`rcs_pattern`."""
 
     body: InitVar[Body]
     wavelength: float
@@ -406,7 +415,7 @@ class Pattern:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of azimuths and elevations."""
+        """Number of azimuths, and number of elevations."""
         return len(self.azimuth), len(self.elevation)
 
     @property
@@ -415,7 +424,10 @@ class Pattern:
         return max(1, _TOGETHER // max(1, len(self.elevation)))
 
     def values(self, advance: Callable[[int], None]) -> Floats:
-        """Return all cross sections (n, m) in m^2; call ``advance`` with numbers of new values."""
+        """Return the cross sections at all angles in m^2, shape (n, m).
+
+        After each block of angles, ``advance`` is called with the number of new values.
+        """
         self.warn()
         values, step = np.empty(self.shape), self.together
         for start in range(0, len(values), step):
@@ -445,7 +457,10 @@ class Pattern:
         }
 
     def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
-        """Return a block (*shape) of cross sections in m^2, starting at the indices ``origin``."""
+        """Return the cross sections in m^2 in one block of angles.
+
+        A block is specified by the indices of its first angles, ``origin``, and by its shape.
+        """
         rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
         try:
             return self.at(self.azimuth[rows, None], self.elevation[columns])
@@ -456,14 +471,14 @@ class Pattern:
             return np.full(shape, np.nan)
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return cross sections (...) in m^2 at azimuths and elevations that broadcast."""
+        """Return cross sections in m^2 at angles in rad; azimuths and elevations broadcast."""
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces
         return sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
-        """Return the cross sections (n, m) as a dataset."""
+        """Return the cross sections at all angles as a dataset."""
         from polywigner import __version__
 
         about: dict[str, Any] = {
@@ -494,14 +509,14 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Return directions of travel (k, 3) of incident waves, at most some thousand."""
+        """Return propagation directions of up to some thousand incident waves, shape (k, 3)."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return unit vectors (..., 3) towards the radar, at angles that broadcast."""
+        """Return unit vectors towards the radar at angles in rad, shape (..., 3)."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

@@ -1,9 +1,9 @@
-"""Sums over illuminated surfaces, for one reflection and for beams after several reflections.
+"""Fields scattered by illuminated surfaces, after one reflection or several reflections.
 
-A flat face reflects a plane wave as a plane wave, in a beam whose cross section is the illuminated
-polygon. If space is unfolded at the mirrors, each beam continues along the incident direction, and
-its cross section in the image that the transmitter sees can only become smaller (docs/rcs.md,
-(SC6)).
+A flat face reflects a plane wave as a beam, which is a plane wave whose cross section is the
+illuminated polygon. If space is unfolded at each mirror, all beams continue along the incident
+direction. The cross section of a beam, projected along this direction onto the image plane of the
+transmitter, becomes smaller with each reflection (docs/rcs.md, (SC6)).
 """
 
 from __future__ import annotations
@@ -48,28 +48,31 @@ from polywigner.scattering.facets import (
     visible_pieces,
 )
 
-# Largest number of pairs of a beam and a triangle. This many pairs take some minutes.
+# Largest number of pairs of a beam and a triangle that are tested. These tests take some minutes.
 _MOST_COMPARED = 4e8
-# Number of pairs of a beam and a triangle per block, which takes 100 MB.
+# Number of pairs of a beam and a triangle that are processed together, which takes 100 MB.
 _BLOCK = 1 << 19
-# Errors that single directions can cause: GEOS fails, or a limit of memory or time is exceeded.
+# Errors that a single direction can cause: GEOS fails, or a limit of memory or time is exceeded.
 _ERRORS = GEOSException, ArgumentError
-# Beams of several pairs of directions are traced together, up to this product of the number of
-# triangles and the number of pairs of directions.
+# Largest product of the number of triangles and the number of pairs of incident and scattered
+# directions whose beams are traced together.
 _AT_ONCE = 1 << 10
-# Margin of boxes that lie side by side, as a fraction of the body's size. It exceeds the rounding
-# errors of coordinates up to thousands of body sizes.
+# Margin around bounding boxes, as a fraction of the size of the body. It exceeds the rounding
+# errors of coordinates up to some thousand times that size.
 _SLACK = 1e-9
 
 
 def sums_of_beams(
     facets: Facets, k: Floats, s: Floats, lengths: Floats, monostatic: bool, bounces: int
 ) -> tuple[Complex, Complex | None]:
-    """Return N (m, 3) of the first reflection, and M (m, 3, 3) of later reflections.
+    """Return the scattering amplitudes of a body for m pairs of directions.
 
-    The incident waves travel along k (m, 3), and the receivers are in the directions s (m, 3). The
-    field towards s is N x h + M h with h = k x p: (SC6). M is None without later reflections. N is
-    NaN, with a warning, in directions whose illuminated polygons cannot be computed.
+    The incident waves travel along ``k``, and the receivers are in the directions ``s``, both of
+    shape (m, 3). The scattered field is ``N x h + M h``, where h = k x p is the magnetic field of
+    an incident wave with the polarisation p, (SC6). The vectors N of the first reflection have the
+    shape (m, 3), and the matrices M of later reflections have the shape (m, 3, 3). M is None
+    without later reflections. N is NaN, with a warning, in directions whose illuminated polygons
+    cannot be computed.
 
     Raises ArgumentError if all directions have more beams than can be traced in minutes.
     """
@@ -96,7 +99,7 @@ def sums_of_beams(
             later[ends.samples] = 0.0
             if len(group) == 1:
                 failures.add(ends.samples, error)
-            else:  # Each direction is computed separately, to isolate directions that fail.
+            else:  # The directions are computed separately, to isolate directions that fail.
                 for view in group:
                     add([view])
 
@@ -109,7 +112,7 @@ def sums_of_beams(
 
 
 class _Failures:
-    """Record of the samples that cannot be computed; it sets their sums (m, ...) to NaN."""
+    """Record of the samples that cannot be computed. Their scattering amplitudes become NaN."""
 
     def __init__(self, sums: Complex) -> None:
         self._sums = sums
@@ -122,7 +125,10 @@ class _Failures:
         self._error = error
 
     def report(self) -> None:
-        """Warn about samples that are NaN; if all are NaN because of a limit, raise its error."""
+        """Warn about samples that are NaN.
+
+        If all samples are NaN because they exceed a limit of memory or time, an error is raised.
+        """
         if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
             raise self._error
         if self._error is not None:
@@ -136,17 +142,17 @@ class View(NamedTuple):
     """Illuminated and visible surfaces for one pair of incident and scattered directions."""
 
     rows: Indices
-    """Indices (m,) of the samples with these directions; the samples differ in wavelength."""
+    """Indices of the samples with these directions, which differ in wavelength, shape (m,)."""
     pieces: Pieces
     """Surfaces that are illuminated and visible from the receiver."""
     lit: Visible
-    """Illuminated surfaces; the same object in all views of one transmitter."""
+    """Illuminated surfaces. All views with the same transmitter share this object."""
     visible: Visible
     """Surfaces visible from the receiver."""
 
 
 class Ends:
-    """Transmitters (m,) and receivers (n,) of n views, which are sorted by transmitter."""
+    """The m transmitters and n receivers of n views. The views are sorted by transmitter."""
 
     def __init__(self, views: Sequence[View], k: Floats, s: Floats) -> None:
         before = [None, *(view.lit for view in views)]
@@ -154,30 +160,32 @@ class Ends:
         of_transmitter = [j for j, is_new in enumerate(new) if is_new]
         self.lit: list[Visible] = [views[j].lit for j in of_transmitter]
         self.k: Floats = k[[views[j].rows[0] for j in of_transmitter]]
-        """Directions of travel (m, 3) of the incident waves."""
+        """Propagation directions of the incident waves, shape (m, 3)."""
         self.across: Floats = axes_across(self.k)
-        """Image axes (m, 2, 3) of each transmitter."""
+        """Axes of the image plane of each transmitter, shape (m, 2, 3)."""
         self.s: Floats = s[[view.rows[0] for view in views]]
-        """Directions (n, 3) towards the receivers."""
+        """Directions towards the receivers, shape (n, 3)."""
         self.visible: list[Visible] = [view.visible for view in views]
         self.views: tuple[Indices, Indices] = _runs(np.diff([*of_transmitter, len(views)]))
-        """Index of the first view, and number of views, of each transmitter (m,)."""
+        """Index of the first view and number of views for each transmitter, both of shape (m,)."""
         self.samples: Indices = np.concatenate([view.rows for view in views])
         """Indices of the samples of all views."""
         self.of_view: tuple[Indices, Indices] = _runs([len(view.rows) for view in views])
-        """Index of the first sample, and number of samples, of each view (n,)."""
+        """Index of the first sample and number of samples for each view, both of shape (n,)."""
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
-    """Return the first index and the length of each of several consecutive runs."""
+    """Return the first index and the length of consecutive ranges with the given lengths."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
 
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    """Return all members of the runs ``owner`` (n,): positions in ``owner`` and indices, (m,) each.
+    """Return all indices in selected ranges.
 
-    ``runs`` are first indices and lengths, as :func:`_runs` returns them.
+    ``owner`` contains the number of the selected range for each of n entries, and ``runs`` the
+    first index and length of all ranges, from :func:`_runs`. Each index is returned with the
+    position of its range in ``owner``.
     """
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
@@ -210,20 +218,30 @@ def _views(
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """Reflected plane waves (n,), each within a polygon in the image of its transmitter."""
+    """Beams of n reflected plane waves, each bounded by a polygon.
+
+    The polygons lie in the image plane of the transmitter, across the incident direction.
+    """
 
     wave: Indices
-    """Index (n,) of the transmitter."""
+    """Index of the transmitter of each beam, shape (n,)."""
     rotation: Floats
-    """Orthogonal matrix G (n, 3, 3). Unfolding maps a point x behind the mirrors to G x + c."""
+    """Orthogonal matrix G of each beam, shape (n, 3, 3).
+
+    Unfolding at the mirrors maps a point x of the beam to ``G x + c``, where c is ``shift``.
+    """
     shift: Floats
-    """Vector c (n, 3). The wave is exp(2 pi i k.(G x + c)/wavelength), and its field h is G^T h."""
+    """Vector c of each beam, shape (n, 3).
+
+    The reflected wave of a beam is ``exp(2 pi i k.(G x + c)/wavelength)``, and its magnetic field
+    is ``G^T h``, where h is the magnetic field of the incident wave.
+    """
     normal: Floats
-    """Normal (n, 3) of the last mirror, on the side of the beam."""
+    """Unit normal of the last mirror, on the side of the beam, shape (n, 3)."""
     height: Floats
-    """Height (n,) of the last mirror's plane along its normal."""
+    """Distance of the last mirror's plane from the origin along its normal, shape (n,)."""
     polygon: Shapes
-    """Cross section (n,) of the beam in the transmitter's image."""
+    """Cross section of each beam in the image plane of its transmitter, shape (n,)."""
 
     def taken(self, rows: Indices | slice) -> Beams:
         return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
@@ -234,23 +252,23 @@ class Beams:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Parts of triangles (n,) that beams illuminate."""
+    """Parts of triangles that beams illuminate, each a pair of a beam and a triangle."""
 
     beams: Beams
     beam: Indices
-    """Index (n,) of the beam."""
+    """Index of the beam, shape (n,)."""
     facet: Indices
-    """Index (n,) of the triangle."""
+    """Index of the triangle, shape (n,)."""
     signs: Sides
-    """Illuminated side (n,)."""
+    """Illuminated side of the triangle, shape (n,)."""
     polygon: Shapes
-    """Illuminated part (n,) in the transmitter's image."""
+    """Illuminated part as a polygon in the image plane of the transmitter, shape (n,)."""
     part: Shapes
-    """Illuminated part (n,) in coordinates of the triangle, as in :class:`Visible`."""
+    """Illuminated part in coordinates of the triangle, as in :class:`Visible`, shape (n,)."""
 
 
 def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
-    """Yield the parts that beams illuminate after the first, second, ... reflection.
+    """Yield the parts of triangles that beams illuminate after each reflection.
 
     Raises ArgumentError if there are more beams than can be traced in minutes.
     """
@@ -271,7 +289,7 @@ def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
 
 
 def _first_beams(facets: Facets, ends: Ends) -> Beams:
-    """Return the beams of directly illuminated surfaces."""
+    """Return the beams after the first reflection, from directly illuminated surfaces."""
     signs = np.stack([lit.signs for lit in ends.lit])
     wave, facet = np.nonzero(signs)
     parts = np.stack([lit.parts for lit in ends.lit])[wave, facet]
@@ -295,7 +313,10 @@ def _first_beams(facets: Facets, ends: Ends) -> Beams:
 
 
 def _reflected(facets: Facets, hits: Hits) -> Beams:
-    """Return the reflected beams, one for each beam and plane of illuminated triangles."""
+    """Return the beams reflected by illuminated triangles.
+
+    Coplanar triangles that one beam illuminates reflect a single beam.
+    """
     keys = np.column_stack([hits.beam, facets.plane[hits.facet], hits.signs])
     _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(number.ravel(), kind="stable")
@@ -311,20 +332,22 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:
-    """Return products of matrices (n, j, k) and vectors (n, k)."""
+    """Return the products of n matrices and n vectors, shape (n, j)."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
-    """Return the parts of triangles that beams illuminate, without the parts in shadow."""
+    """Return the parts of triangles that beams illuminate, without shadowed parts."""
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
     axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
-    # The components of a point are two coordinates across the incident direction, and one along it.
+    # The first two components of a point are its coordinates across the incident direction, and the
+    # third component is the coordinate along this direction.
     points = unfolded @ np.swapaxes(axes, 1, 2)
     ahead = _heights(facets, pairs, corners)
-    # The corners of these triangles run clockwise in the image, so their order is reversed.
+    # The corners of these triangles are in clockwise order in the image, so their order is
+    # reversed.
     backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
     beyond, number = _in_front(points, ahead)
@@ -349,7 +372,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return the heights (n, 3) of corners (n, 3, 3) above the last mirrors of beams (n,).
+    """Return the heights of triangle corners above the last mirrors of beams, shape (n, 3).
 
     The heights of corners on the mirror are exactly zero.
     """
@@ -361,7 +384,7 @@ def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
     """Return pairs of a beam and a triangle that the beam may meet.
 
-    The pairs are indices (n,) of beams, indices (n,) of triangles, and the sides (n,) that face the
+    The pairs are indices of beams and of triangles, with the side of each triangle that faces the
     beam.
     """
     points = facets.corners.reshape(-1, 3)
@@ -388,14 +411,16 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
 
 
 def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
-    """Return the parts of triangles (n, 3, 3) with heights above 0 as triangles (m, 3, 3).
+    """Return the parts of triangles in front of a mirror, as m triangles of shape (m, 3, 3).
 
-    ``heights`` (n, 3) are the heights of the corners. The second return value is the index (m,) of
-    the triangle of each part.
+    ``corners``, shape (n, 3, 3), contains the original triangles, and ``heights``, shape (n, 3),
+    the heights of their corners above the mirror. The second return value contains the index of the
+    original triangle of each part.
     """
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
-    # The corner that is alone on its side of the plane comes first.
+    # The corners are reordered so that the corner that is alone on its side of the plane is the
+    # first.
     alone = np.where(below == 1, (heights < 0).argmax(axis=1), heights.argmax(axis=1))
     order = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners, order[..., None], 1), 1, 0)
@@ -415,7 +440,10 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
 
 
 def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
-    """Return bounding boxes of triangles (n, 3, 2); boxes of different beams lie side by side."""
+    """Return bounding boxes of projected triangles for the search for overlaps.
+
+    Boxes of different beams are shifted, so that they do not overlap.
+    """
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
     width = float(np.ptp(points[..., 0])) + 4 * slack if len(points) else 0.0
@@ -425,7 +453,10 @@ def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
 
 
 def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths: Floats) -> None:
-    """Add the fields of illuminated parts that receivers see to M (m, 3, 3)."""
+    """Add the fields of one reflection to ``later``, the matrices M of (SC6), shape (m, 3, 3).
+
+    Only parts of ``hits`` that are visible from the receivers contribute.
+    """
     hit, view = _members(hits.beams.wave[hits.beam], ends.views)
     facet, signs, parts = hits.facet[hit], hits.signs[hit], hits.part[hit]
     visible = np.stack([visible.signs for visible in ends.visible])[view, facet]
@@ -438,8 +469,8 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
-    # Path lengths at a corner and along both sides of a triangle: the phases in cycles times the
-    # wavelength.
+    # Path lengths at the first corner, and their differences along two sides of each triangle. The
+    # phases in cycles are the path lengths divided by the wavelength.
     rate = ends.s[view] - _times(back, k)
     corner, first, second = (
         (rate * part).sum(axis=1) for part in (pieces.corner, pieces.first, pieces.second)
@@ -455,7 +486,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
 
 
 def _add_rows(total: Complex, numbers: Indices, rows: Complex) -> None:
-    """Add rows (n, j) to the rows ``numbers`` (n,) of ``total``, faster than ``np.add.at``."""
+    """Add each of ``rows`` to a row of ``total``, faster than ``np.add.at``."""
     for column in range(total.shape[1]):
         for sums, terms in ((total.real, rows.real), (total.imag, rows.imag)):
             sums[:, column] += np.bincount(numbers, terms[:, column], len(total))

@@ -1,4 +1,4 @@
-"""Conducting bodies and plates as triangles: visible parts, and mutual illumination of faces."""
+"""Conducting bodies and plates as triangles, their visible parts, and their Fourier transforms."""
 
 from __future__ import annotations
 
@@ -36,69 +36,75 @@ from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
 Sides = NDArray[np.int8]
-"""Side of a triangle: 1 is the outer side, -1 the other side of a plate, and 0 no side."""
+"""Sides of triangles: 1 is the outer side, -1 is the back of a plate, and 0 is neither side."""
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
-# Smallest cosine of the angle between the normals of two triangles that belong to one curved face,
-# as in meshes of smooth bodies.
+# Smallest cosine of the angle between the normals of two adjacent triangles that belong to the same
+# curved face, as in meshes of smooth bodies.
 SMOOTH = math.cos(math.radians(30))
-# Largest depth of a dent that is due to rounding errors, as a fraction of the body's size.
+# Largest depth of a dent that can be due to rounding errors, as a fraction of the body's size.
 _FLAT = 1e-9
-# Largest difference between the normals of two triangles in one plane, and between their heights
-# divided by the body's size. The phase error in cycles is this value times the body's size in
-# wavelengths.
+# Largest difference between the normals of two coplanar triangles, and between the distances of
+# their planes from the centre, divided by the body's size. The phase error in cycles is this value
+# times the body's size in wavelengths.
 _ONE_PLANE = 1e-12
-# Vertices closer than this fraction of the body's size are equal, because STL files round
-# coordinates to 1e-7.
+# Vertices closer together than this fraction of the body's size count as one vertex, because
+# coordinates in STL files are rounded to 1e-7.
 _ONE_VERTEX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Triangles (n,) in space, relative to the centre of their bounding box."""
+    """Surface of a body as n triangles.
+
+    Positions are relative to the centre of the bounding box.
+    """
 
     corner: Floats
-    """First corners (n, 3) in m."""
+    """First corners in m, shape (n, 3)."""
     first: Floats
-    """Vectors (n, 3) to the second corners, counter-clockwise seen from outside."""
+    """Vectors to the second corners, counter-clockwise seen from outside, shape (n, 3)."""
     second: Floats
-    """Vectors (n, 3) to the third corners."""
+    """Vectors to the third corners, shape (n, 3)."""
     is_plate: NDArray[np.bool_]
-    """Whether each triangle (n,) has two outer sides."""
+    """Whether each triangle belongs to a plate, whose two sides are outer sides, shape (n,)."""
     is_single: bool
     """Whether the body is a single plate or a single polyhedron."""
     centre: Floats
-    """Centre (3,) of the bounding box in the body's frame, in m."""
+    """Centre of the bounding box in the body's frame, in m, shape (3,)."""
 
     @cached_property
     def vector(self) -> Floats:
-        """Outward normals (n, 3) times twice the areas, in m^2."""
+        """Outward normals times twice the areas in m^2, shape (n, 3)."""
         return np.cross(self.first, self.second)
 
     @cached_property
     def normal(self) -> Floats:
-        """Outward unit normals (n, 3)."""
+        """Outward unit normals, shape (n, 3)."""
         return self.vector / np.linalg.norm(self.vector, axis=1, keepdims=True)
 
     @cached_property
     def corners(self) -> Floats:
-        """Corners (n, 3, 3): triangle, corner, component."""
+        """Positions of the corners in m, shape (triangle, corner, component)."""
         return self.corner[:, None] + np.stack(
             [np.zeros_like(self.first), self.first, self.second], axis=1
         )
 
     @cached_property
     def plane(self) -> Indices:
-        """Number (n,) of the plane of each triangle; coplanar triangles have the same number."""
+        """Number of the plane of each triangle, shape (n,).
+
+        Coplanar triangles have the same number.
+        """
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
         rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
         return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
 
     @cached_property
     def neighbours(self) -> tuple[Indices, Indices]:
-        """Pairs of triangles with a common edge: two arrays (m,) of indices."""
+        """Pairs of triangles with a common edge, as two arrays of indices."""
         points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size)).astype(np.int64)
         _, number = np.unique(points, axis=0, return_inverse=True)
         begin = number.reshape(-1, 3)
@@ -115,7 +121,10 @@ class Facets:
 
     @cached_property
     def surface(self) -> Indices:
-        """Number (n,) of the surface of each triangle, equal for triangles that join smoothly."""
+        """Number of the face of each triangle, shape (n,).
+
+        Triangles that join smoothly belong to the same face.
+        """
         first, second = self.neighbours
         cosine = (self.normal[first] * self.normal[second]).sum(axis=1)
         both_sides = self.is_plate[first] & self.is_plate[second]
@@ -124,7 +133,7 @@ class Facets:
 
     @cached_property
     def least_face(self) -> float:
-        """Square root of the area of the smallest surface, in m."""
+        """Square root of the area of the smallest face, in m."""
         areas = np.bincount(self.surface, np.linalg.norm(self.vector, axis=1) / 2)
         return math.sqrt(areas[np.bincount(self.surface) > 0].min())
 
@@ -136,9 +145,10 @@ class Facets:
 
 
 def facets_of(body: Any) -> Facets:
-    """Return the triangles of a body, from a cache for equal bodies.
+    """Return the triangles of a body or plate.
 
-    Raises ArgumentError for other objects, and for plates with a field.
+    Equal bodies share a cached result. Raises ArgumentError for other objects, and for plates with
+    a field.
     """
     return _facets(_parts(body))
 
@@ -165,8 +175,8 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     return parts
 
 
-# Hashing a body of a million vertices for the cache takes some ms, and computing its triangles
-# takes longer.
+# A cache pays off: hashing a body of a million vertices takes some ms, less than computing its
+# triangles.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
@@ -195,7 +205,7 @@ def _outline(plate: Aperture | PlacedAperture) -> Aperture:
 
 
 def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
-    """Return the triangles (n, 3, 3) of a plate."""
+    """Divide a plate into triangles; return their corners, shape (n, 3, 3)."""
     pose = plate.pose if isinstance(plate, PlacedAperture) else np.eye(4)
     points, triangles = triangulate(_outline(plate))
     placed: Floats = points @ pose[:3, :2].T + pose[:3, 3]
@@ -215,9 +225,10 @@ def _is_convex(solid: Facets) -> bool:
         if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:
             return False
     corners = solid.corners - solid.corners.mean(axis=(0, 1))
-    # The surface covers each direction once if the ray from the centre through the centroid of the
-    # first triangle meets no other triangle. The ray meets a triangle if it lies between the three
-    # planes through the centre and a side.
+    # A closed surface without concave edges is convex if it winds once around the centre, which is
+    # the case if the ray from the centre through the centroid of the first triangle meets no other
+    # triangle. The ray meets a triangle if it lies inside the three planes that contain the centre
+    # and one side of the triangle.
     ray = corners[0].mean(axis=0)
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
     is_star_shaped = ((corners[:, 0] * solid.normal).sum(axis=1) > 0).all()
@@ -226,23 +237,24 @@ def _is_convex(solid: Facets) -> bool:
 
 # ---- visible parts -------------------------------------------------------------------------------
 
-# Smallest cosine of the normal of a face that is not edge-on. Edge-on faces count as dark.
+# Smallest cosine between the line of sight and the normal of a face that is not edge-on. Edge-on
+# faces count as dark.
 _EDGE_ON = 1e-12
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Parts of the triangles of a body, as n triangles."""
+    """Illuminated or visible surface of a body, divided into n triangles."""
 
     corner: Floats
-    """First corners (n, 3) in m."""
+    """First corners in m, shape (n, 3)."""
     first: Floats
-    """Vectors (n, 3) to the second corners."""
+    """Vectors to the second corners, shape (n, 3)."""
     second: Floats
-    """Vectors (n, 3) to the third corners."""
+    """Vectors to the third corners, shape (n, 3)."""
     vector: Floats
-    """Normals (n, 3) on the illuminated side, times twice the areas."""
+    """Normals on the illuminated side, times twice the areas, shape (n, 3)."""
 
     def taken(self, rows: Indices | slice) -> Pieces:
         return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
@@ -253,12 +265,12 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Visible:
-    """Visible parts of the triangles (n,) of a body."""
+    """Visible sides and visible parts of the n triangles of a body."""
 
     signs: Sides
-    """Visible side (n,) of each triangle."""
+    """Visible side of each triangle, shape (n,)."""
     parts: Shapes
-    """Visible part (n,) of each triangle; None for the entire triangle.
+    """Visible part of each triangle as a polygon, or None for the entire triangle, shape (n,).
 
     Coordinates are along the two sides from the first corner, so the corners of the triangle are at
     (0, 0), (1, 0) and (0, 1).
@@ -266,15 +278,16 @@ class Visible:
 
 
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
-    """Return the sides (..., n) of triangles that face observers who look along (..., 3).
+    """Return the sides of triangles that face distant observers, shape (..., n).
 
-    ``block`` is a slice of the triangles, by default all of them.
+    ``direction``, shape (..., 3), is the direction in which each observer looks. ``block`` is a
+    slice of the triangles, by default all triangles.
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
 
 def facing_point(facets: Facets, point: Floats) -> Sides:
-    """Return the sides (n,) of triangles that face an observer at a point (3,)."""
+    """Return the sides of triangles that face an observer at a point, shape (n,)."""
     away = facets.corner - point
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     return _sides((away * facets.normal).sum(axis=1) / distance, facets.is_plate)
@@ -287,14 +300,14 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
 
 
 def axes_across(direction: Floats) -> Floats:
-    """Return the image axes (..., 2, 3) of observers who look along directions (..., 3)."""
+    """Return the image axes of observers who look along ``direction``, shape (..., 2, 3)."""
     first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack([first, np.cross(first, direction)], axis=-2)
 
 
 def visible_along(facets: Facets, direction: Floats) -> Visible:
-    """Return the parts that a distant observer who looks along a direction (3,) sees."""
+    """Return the parts that are visible to a distant observer who looks along ``direction``."""
     across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
@@ -305,10 +318,11 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
 
 
 def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
-    """Return the parts that an observer at a point (3,) sees; all triangles are in front.
+    """Return the parts that are visible to an observer at a point.
 
-    The rows of ``frame`` are the axes x, y and z of the observer, who looks along z. The image is
-    projective: lines through the point become parallel, and planes remain planes.
+    The rows of ``frame`` are the axes x, y and z of the observer, who looks along z. All triangles
+    must be in front of the observer. The projective image maps lines through the point to parallel
+    lines, and planes to planes.
     """
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
@@ -321,8 +335,8 @@ def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
 def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected]) -> Visible:
     """Return the visible parts of the sides that face an observer.
 
-    The facing sides of a closed body hide as much as all sides. ``project`` maps corners (m, 3, 3)
-    into the image of the observer.
+    The facing sides are ``signs``. Sides of a closed body that face away cast no additional shadows
+    and are ignored. ``project`` maps the corners of triangles to the image of the observer.
     """
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
@@ -332,7 +346,7 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     # counter-clockwise.
     corners[is_reversed] = corners[is_reversed][:, ::-1]
     projected = project(corners)
-    wide = projected.has_width  # Triangles without width cast no shadow.
+    wide = projected.has_width  # Triangles of zero width cast no shadow.
     rows, projected = rows[wide], projected.subset(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
     touched, left = less_shadows(projected, polygons, polygons)
@@ -350,10 +364,10 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
 
 
 def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
-    """Return illuminated parts without the parts that are hidden from a receiver.
+    """Return the illuminated parts without the parts that are hidden from a receiver.
 
-    ``faces`` (n,) are the sides of triangles that face the receiver. Illuminated sides that face
-    away from the receiver contribute to the forward field, and are not hidden.
+    ``faces`` contains the side of each triangle that faces the receiver. Illuminated sides that
+    face away from the receiver are returned complete, because they contribute to the forward field.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)
@@ -366,7 +380,7 @@ def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
 
 
 def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
-    """Return visible parts as triangles."""
+    """Divide the visible parts of a body into triangles."""
     (rows,) = np.nonzero(visible.signs)
     return pieces_of(facets, rows, visible.signs[rows], visible.parts[rows])[0]
 
@@ -374,10 +388,11 @@ def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
 def pieces_of(
     facets: Facets, numbers: Indices, signs: Sides, parts: Shapes
 ) -> tuple[Pieces, Indices]:
-    """Return parts (m,) of triangles as n triangles, and the index (n,) of each triangle's part.
+    """Divide m parts of triangles into n triangles.
 
-    Complete triangles are returned unchanged. Other parts become signed triangles from the first
-    corner to each edge of their boundaries.
+    Complete triangles are returned unchanged. Every other part becomes signed triangles, each from
+    the first corner of the part to an edge of its boundary. The second return value is the index of
+    the part to which each triangle belongs, shape (n,).
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
@@ -407,16 +422,17 @@ Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Number of triangles times number of directions per block. Some twenty arrays of this size fit into
-# the cache of the processor.
+# Largest product of the numbers of triangles and directions that are processed together. Some
+# twenty arrays of this size fit into the cache of the processor.
 _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """Return the sum N (m, 3) over n triangles at frequencies (m, 3).
+    """Return the Fourier transform of a surface times its normal, N of (SC1), shape (m, 3).
 
-    ``signs`` is a function of a slice of frequencies and a slice of triangles that returns the sign
-    of each pair, 0 for dark triangles. By default all signs are 1.
+    ``nu`` contains the spatial frequencies, shape (m, 3). ``signs`` is a function of a slice of
+    frequencies and a slice of triangles. It returns the sign of each triangle at each frequency, 0
+    for dark triangles. By default all signs are 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
@@ -437,9 +453,10 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 
 def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return F over twice the area of triangles by (F5).
+    """Return the Fourier transform of triangles divided by twice their area, (F5).
 
-    The arguments are the products nu.p of the first corner and of both sides of each triangle.
+    The arguments are the dot products of the spatial frequency with the first corner and with both
+    sides of each triangle.
     """
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return np.asarray(real + 1j * imag)
@@ -447,17 +464,17 @@ def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
 
 # ---- mutual illumination of faces ----------------------------------------------------------------
 
-# Distances below this fraction of the body's size count as zero, because STL files round
-# coordinates to 1e-7.
+# Distances below this fraction of the body's size count as zero, because coordinates in STL files
+# are rounded to 1e-7.
 _NEAR = 1e-6
 # Largest number of directions that are tested for mutual illumination.
 _MOST_DIRECTIONS = 256
 # Smallest and largest number of rays for each direction.
 _FEWEST_RAYS, _MOST_RAYS = 16, 128
-# Largest product of the number of rays of all directions and the number of triangles. This many
-# tests take a second or two.
+# Largest product of the number of rays in all directions and the number of triangles. The tests
+# then take a second or two.
 _MOST_TESTS = 1 << 21
-# Number of rays times number of triangles per block.
+# Largest product of the numbers of rays and triangles that are tested together.
 _BLOCK = 1 << 18
 # Multiples of these two numbers, modulo 1, fill the unit square evenly: M. Roberts, "The
 # unreasonable effectiveness of quasirandom sequences" (2018).
@@ -465,7 +482,7 @@ _STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
-    """Warn if waves that travel along ``travelling`` (m, 3) are reflected from face to face."""
+    """Warn if faces of a body reflect waves that travel along ``travelling`` to other faces."""
     if illuminates_itself(facets, travelling):
         warn_caller(
             "faces of the body illuminate each other, but paths with two or three reflections, "
@@ -474,10 +491,10 @@ def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
 
 
 def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
-    """Return whether rays along ``travelling`` (m, 3) are reflected from one face to another.
+    """Return whether a body reflects incident waves from one face to another.
 
-    Up to 256 directions are tested with 16 to 128 rays each, and fewer if the body has many
-    triangles.
+    The propagation directions of the waves are ``travelling``. Up to 256 directions are tested with
+    16 to 128 rays each. Fewer rays are tested if the body has many triangles.
     """
     if not facets.casts_shadows or not len(travelling):
         return False
@@ -492,21 +509,22 @@ def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
 
 
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
-    """Return whether one of ``count`` rays along k (3,), spread over the body, meets two faces.
+    """Return whether a ray is reflected from one face to another.
 
-    Only the rays with the numbers ``rays`` are tested. Two faces that join smoothly count as one
-    curved face. Two faces whose planes are parallel within 30 degrees also count as one face,
-    because they reflect the wave forwards instead of back.
+    The ``count`` rays along ``k`` are spread over the body. Only the rays with the numbers ``rays``
+    are tested. Triangles that join smoothly count as one curved face. Faces whose planes are
+    parallel within 30 degrees also count as one face, because they reflect the wave forwards.
     """
     signs = facing(facets, k)
     if not signs.any():
         return False
-    # Half of the rays are distributed in proportion to area, and half equally among the triangles.
+    # Half of the rays are distributed over the triangles in proportion to area, and half equally.
     area = np.abs((facets.vector @ k) * signs)
     weights = np.cumsum(area / area.sum() + (signs != 0) / np.count_nonzero(signs))
     facet = np.searchsorted(weights, (rays + 0.5) / count * weights[-1])
     a, b = (np.outer(_STEPS, rays + 0.5) % 1)[..., None]
-    # Points in the second half of the parallelogram are folded into the triangle.
+    # The random points fill a parallelogram. Points in its second half are folded into the
+    # triangle.
     a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])
     point = facets.corner[facet] + a * facets.first[facet] + b * facets.second[facet]
     lit = _first_met(facets, point, np.broadcast_to(-k, point.shape)) < 0
@@ -518,12 +536,12 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
 
 
 def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
-    """Return the index (n,) of the triangle that each ray meets first, or -1 for no triangle.
+    """Return the index of the triangle that each ray meets first, or -1 for no triangle.
 
-    Rays start at ``start`` (n, 3) and have the directions ``along`` (n, 3).
+    The n rays start at ``start`` and have the directions ``along``, both of shape (n, 3).
     """
-    # The dot product of a dual vector and a point is the coordinate of the point along a side of a
-    # triangle.
+    # A point is inside a triangle if its coordinates along two sides are positive and have a sum
+    # below 1. Each coordinate is the dot product of the point and a dual vector of the triangle.
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)
     vectors = facets.normal, *(dual / squared for dual in duals)

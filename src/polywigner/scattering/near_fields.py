@@ -1,8 +1,8 @@
 """Cross sections of bodies near a radar, from the exact fields of its antennas on the body.
 
-This is physical optics with the field of the transmitter and, by reciprocity, the field of the
-receiver (docs/rcs.md, (SC3)). Illuminated parts are divided until both fields are plane waves on
-each piece.
+The method is physical optics with the field of the transmitter and, by reciprocity, the field that
+the receiver would transmit (docs/rcs.md, (SC3)). Illuminated parts of the body are divided into
+pieces on which both fields are approximately plane waves.
 """
 
 from __future__ import annotations
@@ -48,18 +48,21 @@ Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
 Source = Aperture | Array
 
-# Tolerance of the length of unit vectors, large enough for single precision.
+# Allowed error of the length of unit vectors, large enough for single precision.
 _UNIT = 1e-6
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors (..., 3) without rounding errors; raise ArgumentError otherwise."""
+    """Return unit vectors with their length corrected to 1, shape (..., 3).
+
+    Raises ArgumentError unless ``vectors`` contains unit vectors within single precision.
+    """
     array = unit_vectors_as_given(name, vectors)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
 
 def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the broadcast shape; raise ArgumentError if the arguments do not broadcast."""
+    """Return the broadcast of several shapes; raise ArgumentError if they do not broadcast."""
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError:
@@ -72,9 +75,10 @@ def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
 def checked_polarisations(
     polarisation: Polarisation, to_radar: Floats, to_transmitter: Floats
 ) -> tuple[Complex, Complex]:
-    """Return polarisations (..., 3) of receiver and transmitter, normal to their directions.
+    """Return the polarisation vectors of receiver and transmitter, each of shape (..., 3).
 
-    Raises ArgumentError unless ``polarisation`` is the name of a channel or a pair of such vectors.
+    Raises ArgumentError unless ``polarisation`` is a name such as "vh" or a pair of unit vectors
+    that are normal to the directions of receiver and transmitter.
     """
     ends = to_radar, to_transmitter
     if isinstance(polarisation, str):
@@ -111,7 +115,8 @@ def checked_polarisations(
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
     """Return unit vectors along the polar angle from +z ("v") and along the azimuth ("h").
 
-    ``towards`` (..., 3) are the directions. Along z, the azimuth is 0.
+    ``towards`` contains the directions to which the vectors are normal, shape (..., 3). For
+    directions along z, the azimuth is 0.
     """
     x, y, z = np.moveaxis(towards, -1, 0)
     across = np.hypot(x, y)
@@ -132,18 +137,21 @@ _MODEL = "huygens"
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """A source near a body. Lengths are in m, in the body's frame relative to the body's centre."""
+    """A radar antenna near a body.
+
+    Positions in the body's frame are in m, relative to the centre of the body.
+    """
 
     source: Source
     pose: Floats
-    """Pose (4, 4) that maps the body's frame into the source's frame."""
+    """Rigid pose that maps the body's frame into the source's frame, shape (4, 4)."""
     wavelength: float
     normalise: str
     """Power that counts as transmitted: "radiated" or "aperture"."""
     tolerance: float
-    """Allowed error of fields, relative to the field with all parts of the source in phase."""
+    """Allowed error of fields, relative to the field if all parts of the source were in phase."""
     jones: Complex | None = None
-    """Jones vector (2,) in the source's axes, or (k, 2) for its elements; None: scalar fields."""
+    """Jones vector in the source's axes, shape (2,) or (k, 2), or None for scalar fields."""
     condition: BoundaryCondition = DEFAULT
     """Boundary condition of scalar fields."""
 
@@ -155,42 +163,44 @@ class Antenna:
 
     @cached_property
     def position(self) -> Floats:
-        """Centre (3,) of the source in the body's frame."""
+        """Centre of the source in the body's frame, shape (3,)."""
         centre = np.append(radiator_of(self.source).centre, 0.0)
         return np.asarray((centre - self.pose[:3, 3]) @ self.frame)
 
     @property
     def frame(self) -> Floats:
-        """Axes x, y and z of the source as rows, in the body's frame."""
+        """Axes x, y and z of the source as rows of a matrix, in the body's frame."""
         return self.pose[:3, :3]
 
     @cached_property
     def root_of_power(self) -> float:
-        """Square root of the power in W for |u|^2 in W/m^2."""
+        """Square root of the antenna's power in W, for the unscaled source with |u|^2 in W/m^2."""
         method = self.condition if self.jones is None else _MODEL
         return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
 
     def inside(self, points: Floats) -> Floats:
-        """Map points (n, 3) of the body's frame into the source's frame."""
+        """Map points from the body's frame to the source's frame."""
         return np.asarray(points @ self.frame.T + self.pose[:3, 3])
 
     def field(self, points: Floats) -> Complex:
-        """Return the scalar field (n,) for a power of 1 W."""
+        """Return the scalar field at points, for a transmitted power of 1 W."""
         return np.asarray(self._amplitude(points)[0] / self.root_of_power)
 
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
-        """Return the field and its error for |u|^2 in W/m^2."""
+        """Return the field of the unscaled source and its estimated error."""
         how: Any = self.wavelength, self.condition
         points = self.inside(points)
         field, error = amplitude_with_error(self.source, points, *how, tolerance=self.tolerance)
         return np.asarray(field), np.asarray(error)
 
     def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
-        """Return the field, its slope and the direction of the wave at points (n, 3), for 1 W.
+        """Return the wave of the antenna at points, for a transmitted power of 1 W.
 
-        For scalar antennas, the first two values are the field (n,) and its gradient over ik (n,
-        3). For polarised antennas, they are E and H times the impedance of free space, both (n, 3).
-        The length of the direction (n, 3) is 1, but less near nulls and where waves cross.
+        For scalar antennas, the first two return values are the field, shape (n,), and its gradient
+        divided by ik, shape (n, 3). For polarised antennas, they are the electric field and the
+        magnetic field times the impedance of free space, both of shape (n, 3). The third return
+        value is the direction of the power flow. It is a unit vector, except near nulls and where
+        waves cross, where its length is below 1.
         """
         if self.jones is None:
             how = self.wavelength, self.condition, self.tolerance
@@ -206,8 +216,9 @@ class Antenna:
 
     def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
-        # H is the field E of the dual currents. For Huygens' currents, the dual currents are the
-        # same model with the polarisation rotated by 90 degrees.
+        # The magnetic field times the impedance of free space equals the electric field of the dual
+        # currents. The dual currents of Huygens' currents are Huygens' currents with the
+        # polarisation rotated by 90 degrees.
         dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
             field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
@@ -217,7 +228,7 @@ class Antenna:
         return electric @ scale, magnetic @ scale
 
     def power_at_centre(self) -> float:
-        """Return |U|^2 for 1 W at the body's centre; 0 if |U| does not exceed its error."""
+        """Return |U|^2 at the body's centre for 1 W, or 0 if |U| does not exceed its error."""
         if self.jones is not None:
             return float(np.square(np.abs(self._vectors(np.zeros(3))[0])).sum())
         value, error = self._amplitude(np.zeros(3))
@@ -235,11 +246,12 @@ class Antenna:
 
 
 def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
-    """Return poses (..., 4, 4) that map the frame at the body's centre into the source's frame.
+    """Return poses that map the frame at the body's centre into the source's frame.
 
-    ``positions`` are rigid poses that map the body's frame into the source's frame, or vectors
-    (..., 3) from the body's centre to the source, which faces the centre with its y axis upwards.
-    Raises ArgumentError or GeometryError for other values.
+    ``positions`` contains rigid poses, shape (..., 4, 4), that map the body's frame into the
+    source's frame, or vectors, shape (..., 3), from the body's centre to the source. With vectors,
+    the source faces the centre, and its y axis points upwards. Raises ArgumentError or
+    GeometryError for other values.
     """
     expected = (
         f"with a source, expected {name} as vectors (..., 3) in m from the body's centre to the "
@@ -264,7 +276,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 
 
 def directions_of(poses: Any) -> Floats:
-    """Return unit vectors (..., 3) from the body's centre towards the origins of source frames."""
+    """Return unit vectors from the body's centre towards the origins of source frames."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
     # A source cannot be at the centre of the body, because check_in_front rejects it.
     with np.errstate(invalid="ignore"):
@@ -274,9 +286,9 @@ def directions_of(poses: Any) -> Floats:
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
-    """Return the gradient (n, 3) of the exact field at points (n, 3), per metre: (G6), (G7).
+    """Return the gradient of the exact field at points, per metre, by (G6) and (G7), shape (n, 3).
 
-    ``method`` is a boundary condition, and ``tolerance`` is defined in :func:`boundary_field`.
+    ``method`` is the boundary condition, and ``tolerance`` is defined in :func:`boundary_field`.
     """
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
@@ -299,7 +311,10 @@ def field_gradient(
 
 
 def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return a source whose waves are multiplied by 2 pi i times their frequency along an axis."""
+    """Return a source whose field is the derivative of the field of ``radiator`` along an axis.
+
+    The derivative multiplies each plane wave of the field by 2 pi i times its spatial frequency.
+    """
     elements = []
     for element in radiator.elements:
         rates = (
@@ -313,16 +328,16 @@ def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
 
 # ---- sums over pieces of the illuminated surface -------------------------------------------------
 
-# Number of pieces per block.
+# Number of pieces that are processed together.
 _BLOCK = 1 << 15
-# Largest number of pieces. This many pieces take 4 GB.
+# Largest number of pieces, which take 4 GB.
 _MOST = 1 << 24
-# Allowed departure of fields from plane waves on a piece, as a fraction of the square root of the
-# tolerance. The error of the extrapolation from pieces and their quarters is about the square of
-# the departure.
+# Allowed relative deviation of the fields from plane waves on a piece, as a fraction of the square
+# root of the tolerance. The results for pieces and for their quarters are extrapolated, with an
+# error that is about the square of the deviation.
 _OF_ROOT = 0.7
-# Variances of positions along an axis: in an equilateral triangle relative to the square of its
-# side, and in an antenna relative to the square of its extent.
+# Variance of the positions in an equilateral triangle along an axis, divided by the square of its
+# side, and variance of the positions in an antenna, divided by the square of its extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 
 
@@ -333,12 +348,12 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Return received over transmitted amplitudes (...) for polarisations (..., 3): (SC3).
+    """Return the ratios of received to transmitted amplitude, (SC3).
 
-    ``polarisations`` of the receiver and of the transmitter are normal to the directions from the
-    body's centre. At other points they are projected normal to the ray from the antenna's centre.
-    For an antenna that transmits and receives, pass the same object twice, so that its fields are
-    computed once.
+    ``polarisations`` are vectors of the receiver and of the transmitter, shape (..., 3), normal to
+    the directions of the antennas from the body's centre. At other points of the body, they are
+    projected normal to the ray from the antenna's centre. If one antenna transmits and receives,
+    pass the same object twice, so that its fields are computed once.
     """
     try:
         lit = _lit(facets, transmitter, receiver)
@@ -362,10 +377,11 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Return the coupling of two scalar antennas via a body, as :func:`coupling` defines it.
+    """Return the coupling of two scalar antennas by reflection from a body.
 
-    ``polarisations`` (3,) are defined in :func:`near_sums`. The second and third of ``bounces``
-    reflections use the plane waves at the body's centre, (SC6).
+    The coupling is defined as in :func:`coupling`, and ``polarisations`` as in :func:`near_sums`.
+    The second and third reflections, up to ``bounces``, are computed for plane waves from the
+    body's centre, (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
     if bounces > 1:
@@ -391,7 +407,7 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the sum over pieces, or over the quarters of the pieces."""
+    """Return the contribution of all pieces to (SC3); ``split`` divides each piece into four."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for start in range(0, len(pieces), _BLOCK):
@@ -401,7 +417,7 @@ def _summed(
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        # The coupling is the field E of the receiver times the currents n x H.
+        # The coupling is the integral of the receiver's electric field times the currents n x H.
         if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
@@ -429,7 +445,7 @@ def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
 
 
 def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
-    """Divide pieces into four until the fields of both antennas are plane waves on each piece."""
+    """Divide pieces until the fields of both antennas are nearly plane waves on each piece."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _departure(pieces, transmitter, receiver) > tolerance
@@ -447,10 +463,10 @@ def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: fl
 
 
 def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
-    """Return the mean relative departure (n,) of the fields from plane waves (docs/rcs.md, (SC4)).
+    """Return the mean relative deviation of the fields from plane waves on each piece, (SC4).
 
     The curvature of the waves contributes to first order. The angles between waves from different
-    points of an antenna, whose phase differences vary within a piece, contribute to second order.
+    points of an antenna contribute to second order.
     """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
@@ -460,7 +476,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
         wave_number = 2 * np.pi / antenna.wavelength
         to_centre = np.linalg.norm(centre - antenna.position, axis=1)
         height = np.abs(antenna.inside(centre)[:, 2])
-        # Distance of the point of the antenna that is closest to the piece.
+        # Distance from the piece to the closest point of the antenna.
         distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)
@@ -480,7 +496,7 @@ def _quartered(pieces: Pieces) -> Pieces:
 
 
 def _across(polarisation: Complex, ray: Floats) -> Complex:
-    """Return unit vectors (..., n, 3): polarisations projected normal to rays (n, 3)."""
+    """Return polarisation vectors projected normal to rays, and normalised, shape (..., n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]
     vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along
@@ -506,7 +522,7 @@ def near_sections(
     tolerance: float,
     normalise: str,
 ) -> tuple[Floats, Floats]:
-    """Return apparent cross sections (...) in m^2, and power ratios |b|^2 (...): (SC3)."""
+    """Return cross sections in m^2 and ratios of received to transmitted power, by (SC3)."""
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_normalise(normalise)
     for antenna in (source, receiver):
@@ -562,8 +578,8 @@ def _polarisations(
     """Return the polarisations of receiver and transmitter, as two pairs.
 
     The first pair contains Jones vectors in the axes of the antennas, or None for scalar antennas.
-    The second pair contains vectors (..., k, 3) of scalar antennas. Without a polarisation, there
-    are two vectors for each antenna.
+    The second pair contains polarisation vectors of shape (..., k, 3) for scalar antennas. If no
+    polarisation is specified, k is 2, with two perpendicular vectors for each antenna.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)
@@ -572,5 +588,6 @@ def _polarisations(
     if isinstance(polarisation, str) and polarisation in get_args(Channel):
         q, p = checked_polarisations(polarisation, to_radar, to_sender)
         return (None, None), (q[..., None, :], p[..., None, :])
-    # Electric fields contain both components, so a single sum is enough.
+    # Electric fields contain both components, so one polarisation vector for each antenna is
+    # enough.
     return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])

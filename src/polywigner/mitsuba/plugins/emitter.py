@@ -1,18 +1,22 @@
-"""The emitter inside a ``wigner`` shape: the Wigner radiance of a source, for Mitsuba.
+"""The emitter inside a ``wigner`` shape, which radiates the Wigner radiance of a source.
+
+In the source's frame, the radiance L at the point x and in the direction s is
 
     L(x, s) = (power/N) W(x, s_par/lambda)/lambda^2 h(theta),    N = int g |F|^2 dOmega/lambda^2
 
-in the source's frame, for directions s on its +z side; L is zero on the other side. N is the power
-that the unscaled field radiates, and h = g/cos(theta). NumPy computes N. If derivatives are
-enabled, Dr.Jit computes N as a sum over directions. The kernel of :func:`polywigner.wigner` is
-traced into Mitsuba's render kernel. If the waves of a source have different factors h, h W is a sum
-of terms; see `emissions`.
+for directions s on the +z side of the source, and zero for other directions. W is the Wigner
+function of the source field u, F is the Fourier transform of u, g is the obliquity factor, theta is
+the polar angle of s, and h = g/cos(theta). N is the power that the unscaled field radiates. It is
+computed by NumPy or, if derivatives are enabled, by Dr.Jit as a sum over directions.
 
-Positions are relative to the centre of the source. Directions are computed in the source's frame,
-after the illuminated point has been transformed to this frame. Therefore the pattern of an aperture
-of some millimetres is correct even a hundred metres from the origin of the scene, where single
-precision resolves only hundredths of a millimetre. For the same reason, the texture coordinates of
-the mesh are positions relative to the centre.
+The kernel of :func:`polywigner.wigner` is traced into Mitsuba's render kernel. If the waves of a
+source have different factors h, the product h W is replaced by a sum of terms; see `emissions`.
+
+Positions are relative to the centre of the source. Illuminated points are transformed to the
+source's frame before directions are computed. Therefore the pattern of an aperture of some
+millimetres is correct even a hundred metres from the origin of the scene, where single precision
+resolves only hundredths of a millimetre. For the same reason, the texture coordinates of the mesh
+contain positions relative to the centre.
 """
 
 from __future__ import annotations
@@ -61,13 +65,16 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "exact": ExactEstimator,
 }
 
-# Finite number that replaces an infinite probability density. Its square, and its products with
-# radiances, are finite in float32.
+# Finite number that replaces an infinite probability density. The square of this number and its
+# products with radiances are finite in float32.
 _OVERWHELMING = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape. The shape creates it, so it is not a registered plugin."""
+    """Emitter of a ``wigner`` shape.
+
+    The emitter is not a registered plugin, because the shape creates it.
+    """
 
     get_shape: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -82,8 +89,8 @@ class WignerEmitter(VariantPlugin):
         self.wavelength = self._adjustable(spec.wavelength)
         self.power = self._adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # The value is opaque, because Dr.Jit cannot record loops over a single sample that contain
-        # literals.
+        # The value is opaque to Dr.Jit, because Dr.Jit cannot record loops over a single sample
+        # that contain literals.
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
@@ -106,15 +113,15 @@ class WignerEmitter(VariantPlugin):
     # ---- parameters ----------------------------------------------------------------------
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Register wavelength (m), power (W), rigid pose, vertices and weights as parameters."""
+        """Register wavelength in m, power in W, rigid pose, vertices and weights as parameters."""
         differentiable, constant = mi.ParamFlags.Differentiable, mi.ParamFlags.NonDifferentiable
         callback.put(
             "wavelength", self.wavelength, constant if self._is_constant else differentiable
         )
         callback.put("power", self.power, differentiable)
-        # Only the integrator `direct` returns complete gradients. With other integrators, samples
-        # do not move with the aperture, and the change of the receiver's cosine is missing
-        # (docs/gradients.md).
+        # Only the integrator `direct` returns complete gradients with respect to the pose. With
+        # other integrators, samples do not move with the aperture, and the derivative of the cosine
+        # at the receiver is missing (docs/gradients.md).
         callback.put("to_world", self.to_world, differentiable)
         if self._traced.vertices is not None:
             callback.put("vertices", self._traced.vertices, differentiable)
@@ -130,9 +137,9 @@ class WignerEmitter(VariantPlugin):
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
-            # The arrays of the user remain in use, because their derivatives are enabled.
+            # The arrays of the user are kept, because their derivatives are enabled.
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
-            if shape is not None:  # The mesh covers the region that radiates.
+            if shape is not None:  # The mesh must cover the region that radiates.
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
         if "wavelength" in keys and self._is_constant:
             traced = self._traced
@@ -154,8 +161,8 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        # The parameters are opaque, because a new literal would cause the render kernel to be
-        # recompiled.
+        # The parameters are made opaque to Dr.Jit, because the render kernel is recompiled for each
+        # new literal.
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
         self.frame = Frame(self.m, self.to_world, self.spec.centre)
@@ -164,15 +171,15 @@ class WignerEmitter(VariantPlugin):
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
     def stand_at(self, reach: float) -> None:
-        """Set ``reach``, the largest coordinate of the source and of the surfaces that touch it."""
+        """Set the largest coordinate of the source and of the surfaces that touch it."""
         self._reach = opaque(self.m, reach)
 
     def has_gradients(self) -> bool:
-        """Return whether derivatives in the wavelength, vertices or weights are enabled."""
+        """Return whether derivatives are enabled for wavelength, vertices or weights."""
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the norm N with derivatives; its value is computed with NumPy."""
+        """Return the radiated power N of the unscaled field, with derivatives."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -194,20 +201,24 @@ class WignerEmitter(VariantPlugin):
     # ---- the radiance --------------------------------------------------------------------
 
     def wave(self, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wave of the sample at x for a receiver at a point or direction ``end``."""
+        """Return the wavelength and the tilt of a sample.
+
+        The sample starts at the position x on the source and ends at the point or direction
+        ``end``.
+        """
         return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, end)
 
     def _value(self, number: Drjit) -> Drjit:
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return the radiance L at positions x, along unit vectors in the source's frame."""
+        """Return the radiance L at positions x along unit vectors in the source's frame."""
         traced = self._traced.wigner if self._is_traced() else None
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
     def watts_per_norm(self) -> Drjit:
-        """Return the ratio of the radiated power to the power of the unscaled field."""
+        """Return the ratio of the specified radiated power to the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
     def _is_traced(self) -> bool:
@@ -215,7 +226,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
-        if not self.spec.visible:  # `hide_emitters` clears `visible` of sources with a surface.
+        if not self.spec.visible:  # `hide_emitters` clears this flag.
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
         direction = self.frame.to_own(along)
@@ -239,7 +250,7 @@ class WignerEmitter(VariantPlugin):
         ds.dist = distance
         ds.pdf = self._density(direction.z, distance)
         # The field already includes the effect of obstacles, so the shadow ray ends before it can
-        # meet one.
+        # hit an obstacle.
         if self.spec.diffraction:
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
@@ -264,11 +275,11 @@ class WignerEmitter(VariantPlugin):
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
         """Return the density of samples per solid angle.
 
-        Integrators weight a sample by this density and the density of BSDF samples. The density is
-        practically infinite for sources without a surface, which no ray meets, and for the
-        estimator ``exact``, whose field must not be counted twice. The flag ``delta`` is not used,
-        because ``direct`` renders such lights too bright if it takes several samples of lights.
-        Mirrors show the radiance in any case.
+        Integrators weight a sample by this density and by the density of BSDF samples. The density
+        is practically infinite for sources without a surface, which no ray hits, and for the
+        estimator ``exact``, whose field must not be counted twice. The flag ``delta`` of Mitsuba is
+        not used, because the integrator ``direct`` renders lights with this flag too bright if it
+        takes several samples of lights. The radiance is visible in mirrors in any case.
         """
         front = cosine > 0.0
         density = self.m.Float(_OVERWHELMING)
@@ -278,7 +289,7 @@ class WignerEmitter(VariantPlugin):
         return dr.select(front, density, 0.0)
 
     def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
-        """Return the unit vector and the distance from x to the point ``it`` in this frame."""
+        """Return unit vector and distance from x to the point ``it``, in the source's frame."""
         r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
@@ -288,20 +299,20 @@ class WignerEmitter(VariantPlugin):
 
 
 def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Move the mesh to a pose."""
+    """Move the mesh of a source to a pose."""
     local = np.asarray(mi.traverse(shape)["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
     set_mesh(shape, vertex_positions=_in_scene(local, pose, spec.centre))
 
 
 def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Set the triangles of the mesh to the region that radiates."""
+    """Set the triangles of a mesh so that they cover the region that radiates."""
     points, triangles = triangulate(spec.outline)
     set_mesh(shape, vertex_texcoords=points, faces=triangles)
     move(shape, pose, spec)
 
 
 def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Raise SceneError if a user has moved the mesh without the emitter."""
+    """Raise SceneError if a user has moved the mesh of a source without its emitter."""
     params = mi.traverse(shape)
     local, actual = (
         np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
@@ -317,7 +328,7 @@ def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
-    """Convert points (n, 2) relative to the source's centre to points (n, 3) of the scene."""
+    """Convert positions relative to the source's centre to points of the scene, shape (n, 3)."""
     result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
     return result
 
@@ -325,10 +336,10 @@ def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
 def checked_parameters(
     values: Mapping[str, Any], plugin: str, variant: str | None = None
 ) -> SourceParameters:
-    """Return the checked parameters of a shape or sensor, from Mitsuba or from Python.
+    """Check the parameters of a source or receiver, from Mitsuba or from Python.
 
-    ``variant`` determines the default polarisation; None stands for an entry that any variant may
-    load.
+    The variant of Mitsuba determines the default polarisation; ``variant`` is None for entries that
+    any variant may load.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)
@@ -336,7 +347,7 @@ def checked_parameters(
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Return the mesh for the parameters of a ``wigner`` element."""
+    """Create the mesh for the parameters of a ``wigner`` shape."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
     points, triangles = triangulate(spec.outline)
@@ -348,7 +359,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     name, sizes = props.id() or EMITTER, (len(points), len(triangles))
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
     cover(mesh, spec.pose, spec)
-    if not spec.visible:  # All corners coincide, so no ray meets the triangles.
+    if not spec.visible:  # All vertices coincide, so no ray hits the triangles.
         set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh
 
@@ -378,22 +389,23 @@ def aperture(
     ----------
     source : Aperture, Array or array_like
         Aperture with its field, or an outline as for `Aperture`, or an Array of apertures in the
-        plane z = 0. Coordinates in metres.
+        plane z = 0. Coordinates are in metres.
     wavelength : float
         Wavelength in metres.
     to_world : array_like, shape (4, 4), or Mitsuba transform, optional
         Rigid pose. The aperture lies in the plane z = 0 of its frame and radiates to +z. Default:
         the identity.
     obliquity : str, default "rayleigh-sommerfeld-1"
-        Diffraction integral that gives the irradiance |U|^2 of surfaces: a boundary condition of
-        :func:`polywigner.amplitude`, or ``paper`` for the paper's radiance W/lambda^2.
+        Diffraction integral for the irradiance |U|^2 of surfaces. It is a boundary condition of
+        :func:`polywigner.amplitude`, or ``paper`` for the radiance W/lambda^2 of the paper.
     power : float or str, optional
         Power through the hemisphere in front, as defined by :func:`polywigner.radiated_power`, in
         watts or as a string such as "10 dBm". Default: the power of the unscaled field, with |u|^2
         in W/m^2.
     bsdf : mapping, optional
-        Entry of the BSDF of the surface. Default: ``null``, which transmits light. The integrators
-        ``direct``, ``path`` and ``prb`` let it shadow lights behind: docs/plugin.md.
+        Dictionary entry of the BSDF of the source's surface. Default: ``null``, which transmits
+        light. With the integrators ``direct``, ``path`` and ``prb``, a surface of this type still
+        blocks the light of lights behind it; see docs/plugin.md.
     scene_unit : float, default 1.0
         Length of one unit of the scene, and of the translation of ``to_world``, in metres. Use 1e-3
         (millimetres) if receivers are within centimetres of the aperture.
@@ -401,37 +413,39 @@ def aperture(
         Whether the source has a surface. Without a surface, the source illuminates the scene and
         casts no shadow, but cameras, mirrors and irradiance meters do not see it.
     estimator : str, default "wigner"
-        ``wigner``: points receive signed radiance from a random point of the source. ``exact``:
-        points receive the exact irradiance |U|^2, to 1e-4 of its peak at any distance, without
-        noise if they see all of the source; docs/plugin.md.
+        Method that computes the light of the source at an illuminated point. ``wigner``: the signed
+        radiance of a random point of the source. ``exact``: the exact irradiance |U|^2, with an
+        error of 1e-4 of its peak at any distance. It has no noise if the entire source is visible
+        from the point (docs/plugin.md).
     bandwidth : float or str, optional
-        Bandwidth of the radiation (not of noise) in Hz or as a string such as "4 GHz", with the
-        estimator ``wigner``. Each sample has one frequency of the band, docs/coherence.md. Default:
-        one wavelength.
+        Bandwidth of the radiation (not of noise) in Hz or as a string such as "4 GHz". Requires the
+        estimator ``wigner``. Each sample has one frequency of the band (docs/coherence.md).
+        Default: a single wavelength.
     aperture_power : float or str, optional
         Integral of |u|^2 over the source in watts or as a string, instead of ``power``. Small
         sources radiate only a small fraction of this power, because most of their field is
         evanescent.
     diffraction : bool, default False
-        With the estimator ``exact``: shadows of the scene's opaque surfaces diffract, one edge at
-        a time, like shadows of black bodies; docs/shadows.md.
+        Whether the edges of opaque surfaces in the scene diffract the light, like the edges of
+        black bodies. Requires the estimator ``exact``. Waves that several edges diffract in
+        succession are not included (docs/shadows.md).
     polarisation : str or array_like, optional
-        Polarisation of the field in Mitsuba's polarised variants: "x", "y", "right", "left", a
-        slant from x towards y such as "45 deg", a Jones vector along the source's x and y, shape
-        (2,), or "unpolarised". For an array also a list or an array, shape (n, 2), with one for
-        each element. Default: "y"; docs/polarisation.md.
+        Polarisation of the field in Mitsuba's polarised variants. It is "x", "y", "right", "left",
+        an angle from x towards y such as "45 deg", "unpolarised", or a Jones vector of shape (2,)
+        along the source's x and y axes. For an Array, it may also be a list or an array of shape
+        (n, 2) with one polarisation for each element. Default: "y" (docs/polarisation.md).
 
     Returns
     -------
     dict
-        The entry. It contains a key of :func:`register_source`, so only the process that made the
-        entry can load it. An unpolarised variant raises a SceneError for an entry with a
-        polarisation.
+        Dictionary entry of the shape. It contains a key of :func:`register_source`, so only the
+        process that created the entry can load it. In an unpolarised variant, an entry with a
+        polarisation raises a SceneError.
 
     Raises
     ------
     ArgumentError, GeometryError, QuantityError, SceneError
-        If an argument is unusable.
+        If an argument is invalid.
     """
     entry = scene_entry(
         EMITTER,

@@ -1,4 +1,4 @@
-"""Coherence and bandwidth of sources in scenes: terms of the radiance, waves and powers."""
+"""Partially coherent and broadband sources in scenes, their radiance and their power."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SceneSource = Aperture | Array | Wavefront
 
 
 def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
-    """Return whether the terms that `emissions` returns change with the wavelength."""
+    """Return whether the terms of the radiance from `emissions` depend on the wavelength."""
     waves = normal_form(flat_source(source)).frequencies
     return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
 
@@ -46,7 +46,11 @@ def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
 def emissions(
     source: SceneSource, wavelength: float, obliquity: str
 ) -> list[tuple[SceneSource, Forms]]:
-    """Return terms (source, h) for which the sum of h W is the radiance times wavelength^2."""
+    """Return the terms of the radiance of a source, each a source and an obliquity factor h.
+
+    The sum of h W over all terms is the radiance times the square of the wavelength, where W is the
+    Wigner function of the term's source.
+    """
     check_slopes(source, obliquity)
     terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)
     if not any(any(forms) for _, forms in terms):
@@ -56,12 +60,12 @@ def emissions(
     return terms
 
 
-# Relative error of the mean power over the waves of a mixture. The power is an integral over lags
-# of the correlation times a function that oscillates and decays. The measured error is at most
-# 2e-5, for two slits and squares of 0.5 to 100 wavelengths and coherence widths of 0.3 to 30
-# wavelengths.
+# Relative error of the mean power of the waves of a partially coherent or broadband source. The
+# power is an integral over spatial lags. The integrand is the correlation of the field times a
+# function that oscillates and decays. The measured error is at most 2e-5 for two slits and squares
+# of 0.5 to 100 wavelengths, with coherence widths of 0.3 to 30 wavelengths.
 _POWER_ERROR = 1e-5
-# Largest lag of the integral for the mean power, in wavelengths.
+# Largest spatial lag in the integral of the mean power, in wavelengths.
 _LONGEST_LAG = 4.0
 
 
@@ -70,9 +74,9 @@ class Mixture:
     """Coherence width and bandwidth of a source."""
 
     coherence_width: float = math.inf
-    """Coherence width in m; infinite for coherent light."""
+    """Coherence width in m, or infinity for coherent light."""
     bandwidth: float | None = None
-    """Bandwidth of the light in Hz; None for a single wavelength."""
+    """Bandwidth of the light in Hz, or None for a single wavelength."""
 
     def __str__(self) -> str:
         parts = []
@@ -90,18 +94,20 @@ class Mixture:
     def parts(
         self, source: SceneSource, wavelength: float, error: float = 1e-7
     ) -> Iterator[tuple[SceneSource, float, float]]:
-        """Yield coherent sources, their wavelengths in m and their weights.
+        """Yield coherent sources that represent the mixture.
 
-        The weighted mean of their irradiances is the irradiance of the mixture, up to ``error``
-        relative to the largest irradiance.
+        Each item consists of a coherent source, its wavelength in m and its weight. The weighted
+        mean of their irradiances is the irradiance of the mixture, with an error of ``error`` times
+        the largest irradiance.
         """
         return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
         """Return waves whose weighted mean power is the power of the mixture.
 
-        The columns of the array (n, 4) are the shift of the inverse wavelength in 1/m, the spatial
-        frequencies of the tilts along x and y in 1/m, and the weight.
+        Each of the n waves is a row of four numbers. The numbers are the shift of the inverse
+        wavelength in 1/m, the spatial frequencies of the tilts along x and y in 1/m, and the
+        weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
         wave = self._applied_to(source)
@@ -116,7 +122,7 @@ class Mixture:
         )
 
     def power(self, source: Any, wavelength: float, obliquity: str) -> float:
-        """Return the radiated power in W of a source with this coherence and bandwidth."""
+        """Return the radiated power of a source with this coherence width and bandwidth, in W."""
         if self.is_plain:
             return powers_of(source, wavelength, obliquity)[0]
         total = 0.0
@@ -144,7 +150,7 @@ class Mixture:
 def mixture_of(
     source: Any, wavelength: float, bandwidth: float | None
 ) -> tuple[SceneSource, Mixture]:
-    """Return the coherent source, and its coherence width and bandwidth."""
+    """Return the source as a coherent source, and its coherence width and bandwidth."""
     if bandwidth is not None:
         bandwidth = checked_bandwidth(bandwidth, wavelength)
         if getattr(flat_source(source), "paths", None) is not None:
@@ -157,8 +163,8 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# The result is cached, because an entry needs the norm when it is created, when its scene is
-# loaded, and after each change of a parameter.
+# The result is cached, because the norm of a source is required when a scene entry is created, when
+# the scene is loaded, and after each change of a parameter.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -167,11 +173,11 @@ def norm_of(
     mixture: Mixture = Mixture(),
     normalise: str = NORMALISATIONS[0],
 ) -> float:
-    """Return the power in W of a source's unscaled field, with |u|^2 in W/m^2.
+    """Return the power of the unscaled field of a source in W, with |u|^2 in W/m^2.
 
-    With the normalisation "radiated", this is the power through the hemisphere in front, which
-    depends on the obliquity; it is the mean over the waves of the mixture. With "aperture", it is
-    int |u|^2. Raises SceneError for a source that radiates nothing.
+    With the normalisation "radiated", this is the power radiated through the hemisphere in front of
+    the source, averaged over the waves of the mixture. It depends on the obliquity. With
+    "aperture", it is the integral of |u|^2. Raises SceneError for a source that radiates no power.
     """
     if normalise == "aperture":
         return _energy(flat_source(source))
@@ -182,7 +188,7 @@ def norm_of(
 
 
 def _energy(source: Aperture | Array) -> float:
-    """Return int |u|^2 dx of the unscaled field in m^2; raise SceneError if it is zero."""
+    """Return the integral of |u|^2 over a source in m^2; raise SceneError if it is zero."""
     energy = energy_of(source)
     if not energy > 0:
         raise SceneError(
@@ -193,10 +199,7 @@ def _energy(source: Aperture | Array) -> float:
 
 
 def support_of(source: Any, obliquity: str) -> Aperture:
-    """Return the region of the plane z = 0 in which W of an aperture or array is not zero.
-
-    Raises SceneError for a source that cannot radiate in a scene.
-    """
+    """Return the region in the plane of a source where its Wigner function is not zero."""
     if not isinstance(flat_source(source), Aperture | Array):
         raise unsuitable_source(source)
     try:
@@ -206,9 +209,9 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         raise SceneError(str(error)) from None
 
 
-# The result is cached, because an entry needs the support when it is created and when its scene is
-# loaded.
+# The result is cached, because the region is required when a scene entry is created and when the
+# scene is loaded.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
-    _energy(source)  # The call raises SceneError for a source without a field.
+    _energy(source)  # This call raises SceneError for a source without a field.
     return mutual_support(source)

@@ -1,4 +1,4 @@
-"""Sources and receivers with their pose in the scene, in metres."""
+"""Sources and receivers with their pose in the scene."""
 
 from __future__ import annotations
 
@@ -28,31 +28,39 @@ if TYPE_CHECKING:
 
 # Relative rounding error of parameters in single precision.
 _ROUNDING = 1e-6
-# Factors that convert the coordinates (x, y) of a source to the coordinates of its mirror image.
+# Factors that convert the coordinates x and y of a source to the coordinates of its mirror image.
 _MIRROR = np.array([-1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedSource(SourceParameters):
-    """Source or receiver with its pose in space; the translation of ``pose`` is in metres."""
+    """Source or receiver with its pose in the scene.
+
+    The translation of ``pose`` is in metres.
+    """
 
     name: str = ""
     medium: Any = None
-    """Mitsuba medium (fog) around the receiver; None without fog."""
+    """Mitsuba medium (fog) around the receiver, or None without fog."""
     reach: float = 0.0
-    """Largest coordinate of the source and of the flat surfaces that touch it, in m; see
-    `surfaces`.
+    """Largest coordinate of the source and of the flat surfaces that touch it, in m.
+
+    This coordinate determines the height at which rays start and end; see the module `surfaces`.
     """
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources and their Stokes vectors; the light is their sum weighted by |U|^2."""
+        """Scalar sources, each with a Stokes vector.
+
+        The Stokes vector of the light is the sum of the Stokes vectors of all scalar sources,
+        weighted by their irradiances |U|^2.
+        """
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Return the mirror image in the plane of points p with ``normal`` . p = ``offset`` [m]."""
+        """Return the mirror image of the source in the plane ``normal . p = offset``, in m."""
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
@@ -60,40 +68,40 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return the image after several mirrors, in the order of the reflections."""
+        """Return the image of the source after several mirrors, in the order of reflection."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
         return image
 
     def points(self, positions: Floats) -> Floats:
-        """Convert positions (n, 2) in the source's plane to points (n, 3) in space, in m."""
+        """Convert positions in the source's plane to points in space, in m, shape (n, 3)."""
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
     def touching(self, scene: mi.Scene) -> PlacedSource:
-        """Return a copy whose ``reach`` includes surfaces of a scene that touch the source."""
+        """Return a copy whose ``reach`` includes the surfaces of a scene that touch the source."""
         return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
     def centre(self) -> Floats:
-        """Centre (3,) of the source's bounds, in m."""
+        """Centre of the bounding box of the source in m, shape (3,)."""
         result: Floats = self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0)[None])[0]
         return result
 
     @property
     def normal(self) -> Floats:
-        """Unit normal (3,) on the side of the source that radiates or receives."""
+        """Unit normal on the side of the source that radiates or receives, shape (3,)."""
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Return the direction cosines along x and y from the centre to a point (3,) in m."""
+        """Return the direction cosines along x and y from the source's centre to a point in m."""
         away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
-        """Return the pose (4, 4) of another source or receiver in the frame of this one, in m."""
+        """Return the pose of another source in the frame of this source, translation in m."""
         result = np.eye(4)
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
@@ -101,7 +109,7 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
-    """Return the source with the field u(-x, y)."""
+    """Return the mirror image of a source, with the field u(-x, y)."""
 
     def image(element: SourceElement) -> SourceElement:
         outline: Any = element.outline
@@ -123,13 +131,13 @@ def _mirrored(source: SceneSource) -> SceneSource:
 
 
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:
-    """Return a wigner emitter with its pose; ``number`` is its name if it has no id."""
+    """Return a ``wigner`` emitter with its pose; ``number`` replaces a missing id in its name."""
     name = emitter.get_shape().id() or f"emitter {number}"
     return replace(_placed(emitter, name), power=_single(emitter.power, emitter.spec.power))
 
 
 def placed_receiver(sensor: Any, number: int) -> PlacedSource:
-    """Return a wigner receiver with its pose; ``number`` is its name if it has no id."""
+    """Return a ``wigner_receiver`` with its pose; ``number`` replaces a missing id in its name."""
     placed = _placed(sensor, sensor.id() or f"receiver {number}")
     return replace(placed, medium=sensor.get_medium())
 
@@ -137,7 +145,7 @@ def placed_receiver(sensor: Any, number: int) -> PlacedSource:
 def check_match(
     emitter: PlacedSource, receiver: PlacedSource, bandwidth: float | None = None
 ) -> None:
-    """Raise SceneError if the band or the scene unit of a receiver and an emitter do not match."""
+    """Raise SceneError unless the frequency bands and scene units of two sources match."""
     ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
     frequencies = [SPEED_OF_LIGHT / end.wavelength for end in (emitter, receiver)]
     difference = abs(frequencies[0] - frequencies[1])
@@ -176,7 +184,7 @@ def _single(value: Any, known: float) -> float:
 
 
 def check_obliquity(link: str, first: str, second: str) -> None:
-    """Raise SceneError unless both ends of a link have the same boundary condition."""
+    """Raise SceneError unless emitter and receiver have the same boundary condition."""
     if first != second:
         raise SceneError(
             f"{link}: the obliquity must be the same at both ends, got {first!r} and {second!r}; "
@@ -191,16 +199,16 @@ def check_obliquity(link: str, first: str, second: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """The parts of an emitter and of a receiver that lie in front of each other's planes."""
+    """The parts of an emitter and of a receiver that are in front of each other's planes."""
 
     emitter: PlacedSource
     receiver: PlacedSource
     fraction: float
-    """Product of the fractions of int |u|^2 in both parts; 1 if nothing is cut off."""
+    """Product of the fractions of the integral of |u|^2 in both parts; 1 for complete sources."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts of two sources that face each other; None if there are none."""
+    """Return the parts of two sources that face each other, or None if no parts do."""
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)
@@ -220,7 +228,7 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 
 def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
-    """Return the part of a source in z = 0 with ``normal`` . x > ``least``."""
+    """Return the part of a source where ``normal . x > least``, in the coordinates of its plane."""
     form = normal_form(source).in_plane
     parts = [_cut(element.outline, normal, least) for element in form.elements]
     pairs = list(zip(form.elements, parts, strict=True))
@@ -231,7 +239,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part of an outline with ``normal`` . x > ``least``, or the outline if uncut."""
+    """Return the part of an outline where ``normal . x > least``."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

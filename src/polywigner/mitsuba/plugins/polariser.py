@@ -1,12 +1,12 @@
-"""Polarisation of sources and receivers, as Mueller matrices of Mitsuba's polarised variants.
+"""Polarisation of sources and receivers in Mitsuba's polarised variants.
 
 Mitsuba describes light that travels along d by four Stokes parameters, which refer to the axes b =
 stokes_basis(d) and d x b. A source emits a column vector of Stokes parameters, and a receiver
-weights the parameters by a row vector. Polarisations of this package refer to the axes of Ludwig's
-third definition; this module converts between both.
+weights the parameters by a row vector. Polarisations in this package refer to the axes of Ludwig's
+third definition. This module converts between both kinds of axes.
 
 The default polarisation of a source or receiver is along its y axis. Unpolarised sources and
-receivers treat all polarisations equally; see :func:`spectrum` of `samplers`.
+receivers treat all polarisations equally; see :func:`spectrum` in the module `samplers`.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ if TYPE_CHECKING:
 _FULL = "_polarized"
 
 DEFAULT_POLARISATION = "y"
-"""Polarisation of sources and receivers that specify none: along their y axes."""
+"""Default polarisation of sources and receivers, along their y axes."""
 
 
 def is_polarised(variant: str | None = None) -> bool:
-    """Return whether a variant (by default the current one) supports polarised light."""
+    """Return whether a variant, by default the current variant, supports polarised light."""
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
 def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceParameters:
-    """Return parameters with the default polarisation if the scene specifies none.
+    """Add the default polarisation to parameters that do not specify a polarisation.
 
-    Raises SceneError for a polarisation in an unpolarised variant.
+    Raises SceneError if the parameters specify a polarisation in an unpolarised variant.
     """
     if is_polarised(variant):
         if spec.states_polarisation:
@@ -69,16 +69,17 @@ def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceP
 def polarisation_summary(
     ends: Sequence[PlacedSource], interferes: bool, requested: Complex | None = None
 ) -> str:
-    """Return the polarisations that a result includes, as text.
+    """Describe the polarisations of a result in a sentence.
 
     Parameters
     ----------
     ends : sequence of PlacedSource
         Emitters and receivers.
     interferes : bool
-        Whether amplitudes add instead of powers.
+        Whether amplitudes are added instead of powers.
     requested : complex array, shape (2,), optional
-        Jones vector of ends without a polarisation. Default: along their y axes.
+        Jones vector of emitters and receivers whose polarisation the scene does not specify.
+        Default: along their y axes.
 
     Returns
     -------
@@ -98,7 +99,7 @@ def polarisation_summary(
     return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
-# Number of the last channels of an image, which contain four Stokes parameters of three colours.
+# Number of channels at the end of an image that contain four Stokes parameters of three colours.
 _CHANNELS = 12
 
 
@@ -113,15 +114,16 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
     Returns
     -------
     float array, shape (4, height, width)
-        S0 is the radiance, and negative where the radiance is. S1 is the horizontal less the
-        vertical part, S2 the part at 45 degrees less the part at -45 degrees, S3 the left-handed
-        less the right-handed part (IEEE), as the camera sees them. The direction of 45 degrees is
-        from the camera's right upwards.
+        Stokes parameters S0 to S3. S0 is the radiance, which can be negative. S1 is the
+        horizontally polarised radiance minus the vertically polarised radiance. S2 is the radiance
+        polarised at 45 degrees minus the radiance polarised at -45 degrees. S3 is the left-handed
+        radiance minus the right-handed radiance (IEEE). Directions are as seen by the camera, with
+        45 degrees between right and up.
 
     Raises
     ------
     ArgumentError
-        For an image with other channels.
+        If the image has no channels with Stokes parameters.
     """
     values = checked_array(image, "image", 3)
     count = values.shape[-1] - _CHANNELS
@@ -135,7 +137,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 
 
 class Polariser:
-    """Converter from weights of a source or a receiver to spectra of one variant."""
+    """Converter from scalar values of a source or receiver to polarised spectra of one variant."""
 
     def __init__(self, m: Any, polarisation: Complex | None) -> None:
         self._m, self._is_plain = m, polarisation is None
@@ -146,7 +148,7 @@ class Polariser:
     def sent(
         self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
-        """Return the Stokes vector (a column) of radiance that leaves a source in a direction."""
+        """Return the Stokes vector of the radiance that leaves a source, as a column."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
@@ -156,7 +158,7 @@ class Polariser:
         return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
     def received(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
-        """Return half the Stokes row by which a receiver weights radiance from a direction."""
+        """Return half the row vector by which a receiver weights Stokes parameters."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
@@ -166,7 +168,7 @@ class Polariser:
 
     def _stokes(self, value: Drjit, active: Drjit) -> list[Drjit]:
         value = dr.select(active, value, 0.0)
-        # Without a common Stokes vector, the value itself has four components.
+        # Without a common Stokes vector, ``value`` has four components.
         if self._stokes_vector is None:
             return [value[k] for k in range(4)]
         return [value * number for number in self._stokes_vector]
@@ -181,14 +183,14 @@ def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
 
 
 _End = tuple[Frame, Drjit]
-"""Frame of an antenna, and the direction of a path in the scene."""
+"""End of a path: frame of the antenna, and direction of the path in the scene."""
 
 
 def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
-    """Convert a path's Mueller matrix from Mitsuba's axes to Ludwig's axes of both antennas.
+    """Convert the Mueller matrix of a path from Mitsuba's axes to Ludwig's axes.
 
-    ``arrives`` and ``leaves`` are the ends of the path at the receiver and at the source;
-    ``leaves`` is None for unpolarised light, which does not depend on the axes.
+    The path starts at the antenna of a source (``leaves``) and ends at the antenna of a receiver
+    (``arrives``). ``leaves`` is None for unpolarised light, which does not depend on the axes.
     """
     ends = []
     for end, sign in ((arrives, -1.0), (leaves, 1.0)):
@@ -205,7 +207,7 @@ def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) 
 def axis_rotation(
     m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f
 ) -> tuple[Drjit, Drjit]:
-    """Return cosine and sine of twice the angle from Ludwig's x axis to Mitsuba's axis."""
+    """Return cosine and sine of twice the angle from Ludwig's x axis to Mitsuba's first axis."""
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)
     x, y = (dr.dot(basis, frame.to_scene(m.Vector3f(*axis))) for axis in axes)

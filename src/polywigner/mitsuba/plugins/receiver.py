@@ -1,18 +1,21 @@
-"""The ``wigner_receiver`` sensor: the power that a coherent aperture receives in a scene.
+"""The ``wigner_receiver`` sensor, which measures the power that a coherent aperture receives.
 
-A radiance L at the receiver's plane contributes, in the receiver's frame, the power
+In the receiver's frame, the radiance L at the points x of the receiver and from the directions s
+contributes the power
 
     P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
 
-with N the power that the field u of the receiver would radiate, or int |u|^2. By reciprocity, this
-power is also an integral over points y of surfaces at the distance r from x,
+where W is the Wigner function of the field u that the receiver would transmit, g is the obliquity
+factor, and N is the power that this field would radiate, or the integral of |u|^2. By reciprocity,
+the same power is also an integral over points y of surfaces at the distance r from x,
 
-    P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
+    P = (lambda^2/N) int r^2 |U(y)|^2 L ds                                   (estimator ``exact``)
 
-with U the field that the receiver would transmit to y. Rays that meet no surface have the weight of
-a distant point, the far pattern. docs/received_power.md describes the limits.
+averaged over points x with the density |u|^2, where U is the field that the receiver would transmit
+to y. The weight of rays that hit no surface is the far-field pattern. The limits of both estimators
+are described in docs/received_power.md.
 
-Positions are relative to the centre of the source; see module `emitter`.
+Positions are relative to the centre of the receiver; see the module `emitter`.
 """
 
 from __future__ import annotations
@@ -56,7 +59,7 @@ from polywigner.source.obliquities import DEFAULT
 
 
 def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, active: Drjit) -> Drjit:
-    """Return the distance along a ray to the first surface other than ``null``, or ``far``."""
+    """Return the distance along a ray to the first surface that is not null, or ``far``."""
     direction = m.Vector3f(ray.d)
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
@@ -66,7 +69,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         length, is_null = dr.select(is_hit, surface.t, far), False
         bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
         if bsdf is not None:
-            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # BSDFs with masks have additional flags.
+            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # BSDFs with masks have more flags.
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
         step = length + _step(m, start + direction * length)
         length = dr.select(is_null, step, length)
@@ -80,19 +83,19 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
 
 
 def _step(m: Any, point: mi.Point3f) -> Drjit:
-    """Return the distance behind a surface at which Mitsuba starts the next ray."""
+    """Return the distance from a surface at which Mitsuba starts a ray."""
     return (1.0 + largest(point)) * float(m.math.RayEpsilon)
 
 
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
-    """Return the unit vector of the angles (alpha, psi), in front of the receiver."""
+    """Convert the angles (alpha, psi) to a unit vector in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
 def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
-    """Return angles (alpha, psi) uniform in a pixel's solid angle, and that solid angle."""
+    """Map a film position to angles (alpha, psi), uniform in the solid angle of its pixel."""
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
     row = dr.floor(point.y)
@@ -109,18 +112,18 @@ def _root(value: Drjit) -> Drjit:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
-# Cosine that represents the horizon. Its square is still a normal number of float32.
+# Cosine that represents the horizon. Its square is a normal number in float32.
 _GRAZING = 1e-9
-# Distance of the point that represents a direction, relative to the larger of R^2/wavelength and R,
+# Distance of a point that represents a direction, relative to the larger of R^2/wavelength and R,
 # where R is the largest coordinate of the receiver.
 _FAR = 1e4
-# Largest number of surfaces through which a ray of a receiver with diffraction passes before it
-# starts. At each surface, half of the rays pass.
+# Largest number of surfaces that the start of a ray may pass, for receivers with diffraction. Half
+# of the rays pass each surface.
 _MOST_PASSED = 4
 
 
 class WignerReceiver(VariantPlugin):
-    """Sensor whose film contains received power in W; see docs/received_power.md."""
+    """Sensor whose film contains received power in W (docs/received_power.md)."""
 
     film: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -133,8 +136,8 @@ class WignerReceiver(VariantPlugin):
         self.base.__init__(self, props)
         self.m_needs_sample_3 = True
         self.spec = spec
-        self.scene: Any = None  # The scene is set during a render; see `scene_known`.
-        self.fineness = 1  # Number of film pixels along each side of a pixel of the map.
+        self.scene: Any = None  # `scene_known` sets it during renders.
+        self.fineness = 1  # Factor by which the film is refined along each axis.
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
@@ -152,16 +155,17 @@ class WignerReceiver(VariantPlugin):
         self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
     def stand_at(self, reach: float) -> None:
-        """Set ``reach``, the largest coordinate of the receiver and of flat surfaces that touch it.
+        """Set the largest coordinate of the receiver and of the flat surfaces that touch it.
 
-        Rays start slightly in front of the receiver, which may lie on a surface.
+        This coordinate determines the height at which rays start in front of the receiver, which
+        may lie on a surface.
         """
         self._lift = opaque(self.m, ROUNDING * reach)
 
     # ---- parameters ----------------------------------------------------------------------
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Register film, sampler and the rigid pose as parameters."""
+        """Register the film, the sampler and the rigid pose as parameters."""
         self.base.traverse(self, callback)
         callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
 
@@ -197,7 +201,10 @@ class WignerReceiver(VariantPlugin):
     def ray_along(
         self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """Return a ray, its weight in W per radiance and solid angle, and its spectral weight."""
+        """Return a ray, its weight, and its weight as a spectrum.
+
+        The product of the weight, a radiance and a solid angle is a power in W.
+        """
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
         ray.time = time
@@ -219,7 +226,7 @@ class WignerReceiver(VariantPlugin):
         return ray, weight, colours
 
     def _film_angles(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Return the angles (alpha, psi) of a film sample, and the solid angle of its pixel."""
+        """Map a film sample to angles (alpha, psi); return the solid angle of its pixel as well."""
         film, fine = self.film(), self.fineness
         width, height = (int(n) // fine for n in film.size())
         if width * height == 1:
@@ -234,20 +241,20 @@ class WignerReceiver(VariantPlugin):
 
     @property
     def lift(self) -> mi.Vector3f:
-        """Vector from a point on the receiver to the start of its ray."""
+        """Vector from a point on the receiver to the start of a ray in front of it."""
         return self._frame.axes[2] * self._lift
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Move the start of a ray behind a random number of surfaces on its path.
+        """Move the start of a ray behind a random number of the surfaces on its path.
 
-        Radiation from behind these surfaces diffracts at their edges. Returns the factor of the
-        ray's weight.
+        Radiation from behind a surface reaches the receiver by diffraction at the edges of the
+        surface. The function returns a factor by which the weight of the ray must be multiplied.
         """
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            # Only rays that have passed through no surface receive radiation of the sky.
+            # Only rays that have not passed a surface receive radiation from the sky.
             if number:
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
@@ -271,9 +278,9 @@ class WignerReceiver(VariantPlugin):
     def _end(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
-        """Return the point at which a ray meets a surface, or a far point, and its distance."""
+        """Return the point where a ray hits a surface, or a far point, and its distance."""
         distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
-        if self.spec.diffraction:  # Rays of a receiver with diffraction may start behind surfaces.
+        if self.spec.diffraction:  # With diffraction, rays may start behind surfaces.
             end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
             point = self.m.Point3f(end)
             return point, dr.norm(point - self.m.Point3f(x.x, x.y, 0.0))
@@ -302,7 +309,7 @@ def _check_film(values: dict[str, Any]) -> None:
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Sensor:
-    """Return the sensor for the parameters of a ``wigner_receiver`` element."""
+    """Create the sensor for the parameters of a ``wigner_receiver``."""
     values = values_of(props)
     spec = checked_parameters(values, RECEIVER, variant)
     _check_film(values)
@@ -310,7 +317,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Sensor:
 
 
 def receiver_class(variant: str) -> type[WignerReceiver]:
-    """Return the class of the sensor for a variant of Mitsuba; the same class on every call."""
+    """Return the class of the sensor for a variant of Mitsuba."""
     return variant_class(WignerReceiver, "Sensor", variant)
 
 
@@ -333,7 +340,7 @@ def receiver(
     diffraction: bool = False,
     polarisation: Any = None,
 ) -> dict[str, Any]:
-    """Return a coherent aperture or array that receives, as an entry for ``mi.load_dict``.
+    """Return a receiving aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
     Parameters
     ----------
@@ -347,42 +354,47 @@ def receiver(
     obliquity : str, default "rayleigh-sommerfeld-1"
         Diffraction integral of the field that the receiver would transmit.
     estimator : str, default "exact"
-        ``exact``: the weight of a ray is the exact irradiance, never negative, that the receiver
-        would cause on the surface that the ray meets. ``wigner``: the weight is the signed radiance
-        that the receiver would transmit; docs/received_power.md.
+        Method that computes the weight of a ray (docs/received_power.md). ``exact``: the exact
+        irradiance that the receiver would cause at the point where the ray hits a surface, which is
+        never negative. ``wigner``: the signed radiance that the receiver would transmit along the
+        ray.
     film : (int, int) or mapping, optional
-        (n, m): a map of n x m pixels over the direction cosines along the receiver's x and y, from
-        -1 to 1. The sum of the pixels is the received power in W. A mapping is the entry of a film
-        with a box filter. Default: one pixel, which contains the received power.
+        Size (n, m) of a map of received power over direction. The map has n x m pixels, over the
+        direction cosines from -1 to 1 along the receiver's x and y axes. The sum of all pixels is
+        the received power in W. A mapping is the dictionary entry of a film with a box filter.
+        Default: one pixel, which contains the received power.
     bandwidth, temperature, noise_figure : float or str, optional
-        Parameters of the receiver's noise in Hz, K and dB, or strings such as "1 GHz", "290 K" and
-        "3 dB". They do not change the received power.
+        Noise parameters of the receiver in Hz, K and dB, or strings such as "1 GHz", "290 K" and "3
+        dB". These parameters do not change the received power.
     scene_unit : float, default 1.0
         Length of one unit of the scene, and of the translation of ``to_world``, in metres.
     normalise : str, default "radiated"
-        ``radiated``: the gain is the directivity, so any receiver receives lambda^2 L from a sky of
-        radiance L. ``aperture``: the power is relative to int |u|^2, and lower by the evanescent
-        fraction; docs/received_power.md.
+        Definition of the antenna gain (docs/received_power.md). ``radiated``: the gain is the
+        directivity, so any receiver receives the power lambda^2 L from a sky of radiance L.
+        ``aperture``: the gain is relative to the integral of |u|^2, and is lower by the fraction of
+        the power in evanescent waves.
     diffraction : bool, default False
-        With the estimator ``exact``: incoming radiation diffracts at the edges of the scene's
-        opaque surfaces; docs/shadows.md.
+        Whether the edges of opaque surfaces in the scene diffract incoming radiation
+        (docs/shadows.md). Requires the estimator ``exact``.
     polarisation : str or array_like, optional
         Polarisation of the wave that the receiver would transmit, as in
-        :func:`polywigner.mitsuba.aperture`. The receiver takes up all power of a matched wave, none
-        of the crossed wave, and half of unpolarised radiation. "unpolarised": it takes up all
-        polarisations. Default: "y"; docs/polarisation.md.
+        :func:`polywigner.mitsuba.aperture`. The receiver absorbs all power of a wave with this
+        polarisation, no power of a wave with the orthogonal polarisation, and half the power of
+        unpolarised radiation. With "unpolarised", it absorbs all polarisations. Default: "y"
+        (docs/polarisation.md).
 
     Returns
     -------
     dict
-        The entry, with the sampler ``multijitter``. It contains a key of :func:`register_source`,
-        so only the process that made the entry can load it. Render it with
-        :func:`polywigner.mitsuba.render`, which passes the scene to the estimator ``exact``.
+        Dictionary entry of the sensor, with the sampler ``multijitter``. It contains a key of
+        :func:`register_source`, so only the process that created the entry can load it. Render the
+        scene with :func:`polywigner.mitsuba.render`, which passes the scene to the estimator
+        ``exact``.
 
     Raises
     ------
     ArgumentError, GeometryError, QuantityError, SceneError
-        If an argument is unusable.
+        If an argument is invalid.
     """
     entry = scene_entry(
         RECEIVER,
@@ -416,7 +428,7 @@ def film_of(width: int, height: int) -> dict[str, Any]:
 
 
 def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the entry of a film, from an entry or from numbers of pixels."""
+    """Return the dictionary entry of a film, from such an entry or from numbers of pixels."""
     if isinstance(film, Mapping):
         return dict(film)
     pixels = np.array((1, 1) if film is None else film)

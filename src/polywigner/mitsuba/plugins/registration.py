@@ -1,7 +1,7 @@
-"""Registration of plugins for each variant of Mitsuba, of their errors, and of sources in memory.
+"""Registration of plugins, of their errors, and of sources in memory.
 
 The methods of a plugin are in a class at module level, such as ``WignerEmitter``. Mitsuba has a
-base class for each variant, and `variant_class` combines a base class with the methods.
+different base class for each variant. `variant_class` combines this base class with the methods.
 """
 
 from __future__ import annotations
@@ -32,34 +32,34 @@ _Build = Callable[[str, mi.Properties], mi.Object]
 # scene loader finds the original exception in this list. The list has several entries, because
 # loaders may run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
-# Mitsuba traces each kernel through all emitters and shapes in memory. Unfinished objects of
-# another thread would cause wrong values without an error.
+# Each kernel of Mitsuba contains all emitters and shapes in memory. Unfinished objects of another
+# thread would cause wrong values without an error.
 _scene_lock = threading.RLock()
 _plugins: dict[tuple[str, str], _Build] = {}
 
 
 class VariantPlugin:
-    """Base class of the methods of a plugin; `variant_class` sets the attributes."""
+    """Base class for the methods of a plugin. `variant_class` sets its attributes."""
 
     m: Any
     """Mitsuba module of the variant."""
     jit: bool
     """Whether the variant compiles kernels."""
     base: Any
-    """Class of the variant that the plugin extends."""
+    """Class of Mitsuba that the plugin extends."""
 
 
 @cache
 def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Logic]:
-    """Return the class of a plugin for one variant; the same class on every call.
+    """Return the class of a plugin for one variant.
 
-    The methods are copied, because a Python class cannot have a class of Mitsuba and another class
-    as bases.
+    Every call with the same arguments returns the same class. The methods are copied, because a
+    Python class cannot inherit from both a class of Mitsuba and another class.
 
     Parameters
     ----------
     logic : type
-        `VariantPlugin` with the methods.
+        Subclass of `VariantPlugin` that contains the methods.
     base : str or type
         Name of Mitsuba's base class, such as "Emitter", or a class of the variant.
     variant : str
@@ -84,11 +84,12 @@ def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Lo
 
 @contextmanager
 def exclusive() -> Iterator[None]:
-    """Block other threads from loading or rendering scenes with this package.
+    """Prevent other threads from loading or rendering scenes with this package.
 
-    Mitsuba cannot load a scene in one thread while another thread renders. Functions of this
-    package that use scenes wait for each other. In programs with several threads, use this context
-    around direct calls of Mitsuba, such as ``mi.load_dict`` and ``mi.render``.
+    Mitsuba cannot load a scene in one thread while another thread renders. Therefore only one
+    thread at a time runs functions of this package that use scenes. In programs with several
+    threads, use this context manager around direct calls of Mitsuba, such as ``mi.load_dict`` and
+    ``mi.render``.
 
     Examples
     --------
@@ -101,30 +102,34 @@ def exclusive() -> Iterator[None]:
 
 
 one_at_a_time = exclusive()
-"""Decorator of functions that wait until no other thread uses a scene."""
+"""Decorator for functions that only one thread at a time may run, because they use scenes."""
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin, created by ``build(variant, properties)``, to those of :func:`register`."""
+    """Add a plugin to the plugins that :func:`register` registers.
+
+    The plugin is created by ``build``, a function of the variant and of Mitsuba's properties.
+    """
     _plugins[kind, name] = build
 
 
 def register() -> None:
-    """Register the plugins for every Mitsuba variant, including variants that are set later."""
+    """Register all plugins for every Mitsuba variant, including variants that are set later."""
     mi.detail.add_variant_callback(_on_variant_change)
     if mi.variant() is not None:
         _on_variant_change(None, mi.variant())
 
 
 def original_error(error: BaseException) -> PolywignerError | None:
-    """Return the error of this package that caused an error of Mitsuba's loader, or None."""
+    """Return the error of this package that caused an error of Mitsuba's scene loader, or None."""
     text = str(error)
     return next((cause for cause in reversed(_recent_errors) if str(cause) in text), None)
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
-    # In every variant, Mitsuba looks up the kind of a plugin in scalar_rgb. Without an entry in
-    # scalar_rgb, Mitsuba would treat two equal shapes as one shared object and fail to load them.
+    # In every variant, Mitsuba looks up the kind of a plugin in scalar_rgb. Without registration
+    # for scalar_rgb, Mitsuba would treat two equal shapes as one shared object and fail to load
+    # them.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
@@ -137,13 +142,13 @@ def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
             return build(variant, props)
     except PolywignerError as error:
         _recent_errors.append(error)
-        # The traceback is removed, because Mitsuba prints it before the message, and the frames of
-        # this package do not help users.
+        # The traceback is removed, because Mitsuba prints it before the message, and the traceback
+        # does not help users.
         raise error.with_traceback(None) from None
 
 
 def nested_properties(name: str, props: mi.Properties) -> mi.Properties:
-    """Return properties of a plugin with the id and the nested objects of other properties."""
+    """Return the properties of a plugin, with the id and the nested objects of ``props``."""
     inner = mi.Properties(name)
     inner.set_id(props.id())
     for key, value in dict(props.objects()).items():
@@ -152,12 +157,12 @@ def nested_properties(name: str, props: mi.Properties) -> mi.Properties:
 
 
 def set_mesh(mesh: mi.Mesh, **values: Any) -> None:
-    """Set parameters of a mesh, such as ``faces`` and ``vertex_positions``, from NumPy arrays."""
+    """Set parameters of a mesh, such as ``faces`` and ``vertex_positions``, to NumPy arrays."""
     params = mi.traverse(mesh)
     for name, value in values.items():
         # Values are passed as lists in all variants, because Dr.Jit does not copy NumPy arrays.
-        # Otherwise the alignment of the arrays would become part of kernels, and the process would
-        # crash if a scene were freed during a recording.
+        # With NumPy arrays, kernels would depend on the memory alignment, and the process would
+        # crash if a scene were freed while Dr.Jit records a kernel.
         params[name] = value.ravel().tolist()
     params.update()
 
@@ -166,7 +171,7 @@ STL = "stl"
 
 
 def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Return the mesh of an STL file with flat faces, with coordinates in units of the scene."""
+    """Return the mesh of an STL file with flat faces, in scene units."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)
@@ -178,7 +183,7 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
             f"expected finite triangles in {path}, got no triangles, NaN or inf; export the file "
             "again"
         )
-    # The triangles of mirrored bodies are reversed, so that their normals point outwards.
+    # The triangles of mirrored bodies are reversed, so that all normals point outwards.
     if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
     name, sizes = props.id() or STL, (len(vertices), len(triangles))
@@ -194,8 +199,8 @@ add_plugin("shape", STL, _build_stl)
 
 KEY_PREFIX = "memory:"
 
-# Largest number of registered sources. An optimiser may create thousands of apertures, but a scene
-# needs its key only while Mitsuba loads it.
+# Largest number of registered sources. An optimiser may create thousands of apertures, but the key
+# of a source is required only while Mitsuba loads the scene.
 _CAPACITY = 1024
 
 _sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
@@ -203,23 +208,23 @@ _lock = threading.Lock()
 
 
 def register_source(source: Aperture | Array | Wavefront) -> str:
-    """Register a source in memory, and return its key for scenes.
+    """Register a source in memory, and return a key that scenes can contain.
 
     Parameters
     ----------
     source : Aperture, Array or Wavefront
-        The source. Equal sources share one key. The last 1024 sources are cached.
+        Source to register. Equal sources share one key. Only the last 1024 sources are kept.
 
     Returns
     -------
     str
-        The value of the parameter ``source`` (or ``aperture``) of a ``wigner`` shape, in a
-        dictionary or in XML.
+        Key, which is a value of the parameter ``source`` (or ``aperture``) of a ``wigner`` shape,
+        in a dictionary or in XML.
 
     Raises
     ------
     SceneError
-        For any other object.
+        If ``source`` is an object of another type.
     """
     if not isinstance(source, Aperture | Array | Wavefront):
         raise unsuitable_source(source)
@@ -233,12 +238,12 @@ def register_source(source: Aperture | Array | Wavefront) -> str:
 
 
 def is_key(name: str) -> bool:
-    """Return whether a value of ``aperture`` or ``source`` is a key instead of a file name."""
+    """Return whether a value of the parameter ``source`` is a key instead of a file name."""
     return name.startswith(KEY_PREFIX)
 
 
 def registered_source(key: str) -> Aperture | Array | Wavefront:
-    """Return the source with a key; raise SceneError for an unknown key."""
+    """Return the source that belongs to a key; raise SceneError for an unknown key."""
     with _lock:
         source = _sources.get(key)
     if source is None:

@@ -1,7 +1,7 @@
 """Samplers of positions and directions for the arrays of one variant, and the frame of a source.
 
-Directions have the coordinates (alpha, psi): alpha is the direction cosine along x, and psi is the
-angle in rad about the x axis, zero along the normal.
+Directions are specified by two coordinates (alpha, psi). Alpha is the direction cosine along x, and
+psi is the angle in rad about the x axis, which is zero along the normal.
 """
 
 from __future__ import annotations
@@ -28,28 +28,29 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.mixtures import SceneSource
 
 
-# Elements with a non-uniform field are divided into pieces with a constant weight: at most this
-# number of strips across an element, and of pieces of all elements.
+# Largest number of strips across an element, and largest number of pieces of all elements. Elements
+# with a non-uniform field are divided into pieces with a constant weight.
 _STRIPS, _PIECES = 32, 1 << 16
-# Number of points per lobe of the table of directions. A lobe is wavelength/size wide in direction
-# cosines.
+# Number of points per lobe in the table of directions. The width of a lobe in direction cosines is
+# wavelength/size.
 _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
-# Largest number of samples along each side of a cell of the table of directions. The cell contains
-# the mean of the samples, which includes beams narrower than a cell.
+# Largest number of samples along each side of a cell in the table of directions. The table contains
+# the mean of the samples, so that beams narrower than a cell are included.
 _MOST_WITHIN = 4
-# Fractions of the samples that are drawn from three densities: the far-field pattern, for distant
-# surfaces; its square root, for W and near surfaces; and a uniform density.
+# Fractions of the samples that are drawn from three densities. The densities are the far-field
+# pattern, for distant surfaces, its square root, for the Wigner function and near surfaces, and a
+# uniform density.
 _FRACTIONS = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number of the variant ``m`` that is not a literal: new values do not recompile."""
+    """Return a number whose value is not compiled into kernels, so that kernels can be reused."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
 def single(number: Any, name: str) -> float:
-    """Return a single finite number; raise SceneError for anything else."""
+    """Return a value as a finite number; raise SceneError unless it is a single finite number."""
     values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
     if values.size != 1 or not np.isfinite(values).all():
         raise SceneError(f"expected {name} as a single finite number, got {values.tolist()}")
@@ -57,8 +58,8 @@ def single(number: Any, name: str) -> float:
 
 
 def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
-    """Return a sampler of positions with density |u|^2, in units of ``unit`` metres."""
-    elements = normal_form(source).in_plane.elements  # A curved wave does not change |u|.
+    """Return a sampler of positions on a source, with the density |u|^2, in scene units."""
+    elements = normal_form(source).in_plane.elements  # Curved waves do not change |u|.
     pieces = _PIECES // len(elements)
     tables, weights = [], []
     for element in elements:
@@ -73,7 +74,7 @@ def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
 
 
 class Positions:
-    """Sampler of positions in trapezoids: uniform, or with a weight for each trapezoid."""
+    """Sampler of positions in trapezoids, with a constant density in each trapezoid."""
 
     def __init__(self, m: Any, cells: Trapezoids, weights: Floats | None = None) -> None:
         self._m, self._ops = m, ops_for(m.Float)
@@ -86,12 +87,12 @@ class Positions:
         """Density of uniform samples per area."""
 
     def sample(self, sample: mi.Point2f) -> mi.Point2f:
-        """Return a position for a uniform point of the unit square."""
+        """Map a uniformly distributed point of the unit square to a position."""
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
             index, u = self._choice.sample_reuse(sample.x)
-            # In narrow cells, rounding errors can move the remaining part of the sample out of [0,
-            # 1].
+            # In narrow trapezoids, rounding errors can move the remaining part of the sample out of
+            # [0, 1].
             u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         if dr.is_jit_v(m.Float):
             row = [dr.gather(m.Float, column, index) for column in self._columns]
@@ -101,7 +102,7 @@ class Positions:
 
 
 class Directions:
-    """Sampler of (alpha, psi) from a density that is bilinear between the points of a grid."""
+    """Sampler of directions (alpha, psi) with a density that is interpolated on a grid."""
 
     def __init__(self, m: Any, values: Floats, sides: Floats) -> None:
         self._m = m
@@ -111,7 +112,7 @@ class Directions:
         self._inverse_area = 1.0 / float(np.prod(sides))
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Return angles for a uniform point of the unit square, and their density."""
+        """Map uniform points of the unit square to angles; return the angles and their density."""
         point, density = self._warp.sample(sample)
         return self._m.Point2f(point * self._size + self._low), density * self._inverse_area
 
@@ -129,16 +130,19 @@ def directions_of(
     bounds: Sequence[float],
     wavelength: float,
 ) -> Directions:
-    """Return a sampler of (alpha, psi) from the far-field pattern g |F|^2 and a uniform density.
+    """Return a sampler of directions (alpha, psi) for a source.
+
+    The density is a mixture of the far-field pattern g |F|^2, its square root and a uniform
+    density.
 
     Parameters
     ----------
     m : module
         Variant of Mitsuba.
     terms : sequence of (source, Forms)
-        Terms of the radiance from `emissions`.
+        Terms of the radiance of the source, from `emissions`.
     bounds : sequence of float, shape (4,)
-        Bounds of the source in metres.
+        Bounding box of the source in metres.
     wavelength : float
         Wavelength in metres.
 
@@ -149,8 +153,8 @@ def directions_of(
     low, high = np.reshape(bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
-    # The counts are powers of two, because each new size is a literal that causes the render kernel
-    # to be recompiled.
+    # The counts are powers of two, because each new size is a literal, for which the render kernel
+    # is recompiled.
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
@@ -168,7 +172,10 @@ def _mean_pattern(
     counts: npt.NDArray[np.int_],
     within: int,
 ) -> Floats:
-    """Return g |F|^2 on a grid, averaged over ``within`` x ``within`` points around each node."""
+    """Return the far-field pattern g |F|^2 on a grid of directions.
+
+    The pattern is averaged over ``within`` x ``within`` points around each node of the grid.
+    """
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total = np.zeros(1)
@@ -187,7 +194,7 @@ def _mean_pattern(
 
 
 class Frame:
-    """Frame of a source with its origin at the centre, for the arrays of one variant."""
+    """Frame of a source with the origin at its centre, for the arrays of one variant."""
 
     def __init__(self, m: Any, to_world: mi.Transform4f, centre: Floats) -> None:
         matrix = to_world.matrix
@@ -196,7 +203,8 @@ class Frame:
         self._m = m
         self.axes = columns[:3]
         self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-        # The frame is opaque, because a new literal would cause the render kernel to be recompiled.
+        # The frame is made opaque to Dr.Jit, because the render kernel is recompiled for each new
+        # literal.
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
@@ -216,10 +224,10 @@ class Frame:
 
 
 def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
-    """Return a spectrum with the same value in each channel or at each sampled wavelength."""
+    """Return a spectrum with ``value`` in each channel or at each sampled wavelength."""
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
 def times_stokes(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
-    """Return a value times a Stokes vector, or the scalar value if ``stokes`` is None."""
+    """Multiply a value by a Stokes vector; return the value unchanged if ``stokes`` is None."""
     return value if stokes is None else m.Vector4f(*stokes) * value

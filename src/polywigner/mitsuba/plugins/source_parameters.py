@@ -62,7 +62,7 @@ EMITTER, RECEIVER = "wigner", "wigner_receiver"
 ESTIMATORS = ("wigner", "exact")
 RECEIVER_ESTIMATOR = "exact"
 UNPOLARISED = "unpolarised"
-"""Value of ``polarisation`` for unpolarised light, and for receivers of all polarisations."""
+"""Value of ``polarisation`` for unpolarised light and for receivers of all polarisations."""
 
 
 # ---- checked parameters --------------------------------------------------------------------------
@@ -73,50 +73,53 @@ class SourceParameters:
     """Checked parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor, in SI units."""
 
     source: Any
-    """Aperture or Array in coherent light, or a Wavefront with a curved wave."""
+    """Coherent source: an Aperture, an Array, or a Wavefront with a curved wave."""
     wavelength: float
     norm: float
-    """Power in W of the unscaled field (|u|^2 in W/m^2), as ``normalise`` defines it."""
+    """Power of the unscaled field with |u|^2 in W/m^2, in W, as defined by ``normalise``."""
     pose: Floats
-    """Pose (4, 4), read-only; the translation is in scene units."""
+    """Read-only pose, shape (4, 4). The translation is in scene units."""
     obliquity: str
     estimator: str
     scene_unit: float
     """Length of one unit of the scene in metres."""
     support: Aperture
-    """Region of the plane in which W of the source is not zero, in m."""
+    """Region of the source plane where the Wigner function is not zero, in m."""
     mixture: Mixture
-    """Coherence width and bandwidth of the transmitted field."""
+    """Coherence width and bandwidth of the source."""
     normalise: str = NORMALISATIONS[0]
-    """Definition of ``norm``: "radiated" power, or int |u|^2 over the "aperture"."""
+    """Definition of ``norm``: "radiated" power, or the integral of |u|^2 over the "aperture"."""
     power: float = 1.0
-    """Radiated power in W; 1 for a receiver, whose power comes from the scene."""
+    """Radiated power in W. It is 1 for receivers, which do not radiate."""
     diffraction: bool = False
-    """Whether shadows of the scene's surfaces are computed with diffraction."""
+    """Whether shadows of surfaces in the scene are computed with diffraction."""
     visible: bool = True
-    """Whether rays meet the surface of the source."""
+    """Whether rays can hit the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
     """Bandwidth in Hz, temperature in K and noise figure in dB of a receiver, by name."""
     polarisation: Complex | None = None
-    """Unit Jones vector along the source's x and y, shape (2,), or one for each element, shape
-    (n, 2); None: unpolarised."""
+    """Unit Jones vector along the source's x and y axes, or None for unpolarised light.
+
+    The Jones vector has the shape (2,). For n elements with different polarisations, there is one
+    vector for each element, shape (n, 2).
+    """
     states_polarisation: bool = False
     """Whether the scene specifies ``polarisation``, including "unpolarised"."""
 
     @property
     def at_origin(self) -> SceneSource:
-        """Source moved to its centre, where single precision resolves positions best."""
+        """Source with its centre at the origin, where single precision resolves positions best."""
         moved: SceneSource = normal_form(self.source).moved(-self.support.centre).public
         return moved
 
     @property
     def centre(self) -> Floats:
-        """Centre (2,) of the radiating region in the source's frame, in units of the scene."""
+        """Centre of the radiating region in the source's frame, in scene units, shape (2,)."""
         return self.support.centre / self.scene_unit
 
     @property
     def outline(self) -> Aperture:
-        """Radiating region relative to its centre, in units of the scene."""
+        """Radiating region relative to its centre, in scene units."""
         return self.support.moved(-self.support.centre).scaled(1 / self.scene_unit)
 
     @property
@@ -125,13 +128,17 @@ class SourceParameters:
         return self.polarisation is not None and self.polarisation.ndim == 2
 
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
-        """Return scalar sources with Stokes vectors, whose sum weighted by |U|^2 is the light."""
+        """Divide a polarised source into scalar sources, each with a Stokes vector.
+
+        The Stokes vector of the light is the sum of the Stokes vectors of all scalar sources,
+        weighted by their irradiances |U|^2.
+        """
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
 
     def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
-        """Return the power in W of the unscaled field at a wavelength; see `norm_of`."""
+        """Return the power of the unscaled field at a wavelength in W; see `norm_of`."""
         return math.fsum(
             norm_of(part, wavelength, self.obliquity, self.mixture, normalise or self.normalise)
             for part, stokes in self.fields_of(self.source)
@@ -141,14 +148,14 @@ class SourceParameters:
     def reach_in(self, scene: mi.Scene, pose: Floats) -> float:
         """Return the largest coordinate of the source and of the flat surfaces that touch it.
 
-        The result is in units of the scene; the translation of ``pose`` is in metres.
+        The largest coordinate is in scene units, but the translation of ``pose`` is in metres.
         """
         low, high = np.reshape(self.source.bounds, (2, 2))
         corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
         return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / self.scene_unit)
 
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
-        """Return these parameters with another source."""
+        """Return a copy of these parameters with another source."""
         spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
@@ -163,17 +170,17 @@ PARAMETERS = (
     *("power", "aperture_power", "obliquity", "estimator", "diffraction"),
     *("scene_unit", "visible", "bandwidth"),
 )
-"""Names of the ``wigner`` shape's parameters; ``docs/plugin.md`` explains them."""
+"""Names of the parameters of a ``wigner`` shape (docs/plugin.md)."""
 RECEIVER_PARAMETERS = (
     *_COMMON,
     *("obliquity", "estimator", "diffraction", "scene_unit", "normalise"),
     *NOISE_PARSERS,
 )
-"""Names of the parameters of ``wigner_receiver`` (docs/received_power.md)."""
+"""Names of the parameters of a ``wigner_receiver`` (docs/received_power.md)."""
 
 
 def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
-    """Return the checked parameters of a ``wigner`` shape or of a ``wigner_receiver`` sensor.
+    """Read and check the parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor.
 
     Parameters
     ----------
@@ -189,7 +196,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     Raises
     ------
     SceneError
-        For unknown names and unusable values.
+        If a parameter is unknown or has an invalid value.
     PolywignerError
         If a source file cannot be read.
     """
@@ -247,7 +254,7 @@ def _power(element: _SceneValues, spec: SourceParameters) -> float:
 
 
 def _parse_unit(value: str | float) -> float:
-    """Return a unit such as "mm", "0.1 m" or 1e-3 in metres."""
+    """Convert a unit such as "mm", "0.1 m" or 1e-3 to metres."""
     is_name = isinstance(value, str) and value.strip()[:1].isalpha()
     return parse_length(f"1 {value}" if is_name else value)
 
@@ -261,11 +268,11 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
     "aperture_power": parse_power,
     **NOISE_PARSERS,
 }
-"""Functions that convert the numeric parameters of an entry to SI units, by name."""
+"""Functions that convert numeric parameters to SI units, by the name of the parameter."""
 
 
 def _number(name: str, value: Any, element: str) -> float:
-    """Return the number of a parameter in SI units; raise SceneError for other values."""
+    """Convert a numeric parameter to SI units; raise SceneError for other values."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
         raise SceneError(f"expected {name} as a number or a string, got {type(value).__name__}")
     try:
@@ -277,9 +284,9 @@ def _number(name: str, value: Any, element: str) -> float:
 def scene_entry(
     plugin: str, source: Any, to_world: Any, polarisation: Any, **values: Any
 ) -> dict[str, Any]:
-    """Return the arguments of a Python call as an entry of a dictionary for ``mi.load_dict``.
+    """Create an entry of a dictionary for ``mi.load_dict`` from the arguments of a Python call.
 
-    The entry does not contain values that are None.
+    Arguments that are None are omitted.
     """
     kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
     source = source if isinstance(source, kinds) else Aperture(source)
@@ -304,20 +311,20 @@ def scene_entry(
 
 
 def values_of(props: mi.Properties) -> dict[str, Any]:
-    """Return the parameters of Mitsuba's ``Properties``."""
+    """Return the parameters in Mitsuba's ``Properties`` as a dictionary."""
     return {name: props[name] for name in props.keys()}  # noqa: SIM118 (not a dict)
 
 
 @dataclass(frozen=True)
 class _SceneValues:
-    """Parameters of an element of a scene."""
+    """Parameters of a scene element, from Mitsuba or from Python."""
 
     values: Mapping[str, Any]
     element: str
     """Name of the element in error messages, such as "wigner shape"."""
 
     def check_names(self, known: tuple[str, ...]) -> None:
-        """Raise SceneError for an unknown parameter; nested objects may have any name."""
+        """Raise SceneError for unknown parameters; nested objects may have any name."""
         for name, value in self.values.items():
             is_nested = isinstance(value, mi.Object | Mapping) or name == "type"
             if not is_nested and name not in known:
@@ -327,9 +334,10 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return one of the known names, by default the first.
+        """Return the value of a parameter that is one of the names ``known``.
 
-        ``kind`` describes the name in messages, such as "an estimator".
+        The default is the first of the known names. ``kind`` describes the parameter in error
+        messages, such as "an estimator".
         """
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
@@ -343,7 +351,7 @@ class _SceneValues:
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
-        """Return the source from a file or from memory, without taper, copies and steering."""
+        """Load the source from a file or from memory, without taper, copies and steering."""
         names = [name for name in ("aperture", "source") if name in self.values]
         if len(names) == 2:
             raise SceneError(
@@ -369,7 +377,7 @@ class _SceneValues:
         return read_aperture(path, self.text("unit", "mm"), self.number("tolerance"), layers, joins)
 
     def wavelength(self) -> float:
-        """Return the wavelength in metres from ``frequency`` or ``wavelength``."""
+        """Return the wavelength in metres from the parameter ``frequency`` or ``wavelength``."""
         frequency, wavelength = self.number("frequency"), self.number("wavelength")
         if frequency is not None and wavelength is None:
             return wavelength_of(frequency)
@@ -382,7 +390,11 @@ class _SceneValues:
         )
 
     def polarisation(self, source: SceneSource) -> Complex | None:
-        """Return a unit Jones vector (2,), or (n, 2) for an array; None for unpolarised light."""
+        """Return a unit Jones vector, or None for unpolarised light.
+
+        The Jones vector has the shape (2,). For an Array whose n elements have different
+        polarisations, there is one vector for each element, shape (n, 2).
+        """
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
@@ -392,12 +404,12 @@ class _SceneValues:
             raise SceneError(str(error)) from None
 
     def pose(self) -> Floats:
-        """Return the pose as a read-only (4, 4) matrix."""
+        """Return the pose as a read-only matrix, shape (4, 4)."""
         transform = self.values.get("to_world")
         return rigid_pose(np.eye(4) if transform is None else transform.matrix)
 
     def number(self, name: str) -> float | None:
-        """Return a numeric parameter in SI units; None if it is missing."""
+        """Return a numeric parameter in SI units, or None if it is missing."""
         if name not in self.values:
             return None
         return _number(name, self.values[name], self.element)
@@ -409,7 +421,7 @@ class _SceneValues:
         return bool(value)
 
     def text(self, name: str, default: str | None) -> str:
-        """Return a string; raise SceneError if it is missing and has no default."""
+        """Return a text parameter; raise SceneError if it is missing and has no default."""
         value = self.values.get(name, default)
         if value is None and name not in self.values:
             raise SceneError(
@@ -430,7 +442,7 @@ class _SceneValues:
 
 
 def rigid_pose(matrix: Any) -> Floats:
-    """Return a read-only (4, 4) pose, from a matrix of NumPy or of any variant of Mitsuba."""
+    """Convert a matrix of NumPy or of any variant of Mitsuba to a read-only pose, shape (4, 4)."""
     try:
         values = np.array(matrix)
         # In compiled variants, the matrix has an additional last axis of length 1.
@@ -440,10 +452,10 @@ def rigid_pose(matrix: Any) -> Floats:
 
 
 def pose_of(plugin: Any) -> Floats:
-    """Return the pose (4, 4) of a source or receiver in its scene; the translation is in metres."""
+    """Return the pose of a source or receiver in its scene, with the translation in metres."""
     spec = plugin.spec
     matrix = np.array(matrix_of(plugin.to_world))
-    # The pose is known in double precision, unless a user has changed the transform.
+    # The pose is available in double precision unless a user has changed the transform.
     same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit
@@ -451,5 +463,5 @@ def pose_of(plugin: Any) -> Floats:
 
 
 def reach_of(scene: mi.Scene, plugin: Any) -> float:
-    """Return the ``reach`` of a source or receiver in its scene; see :meth:`reach_in`."""
+    """Return the largest coordinate of a source or receiver in its scene; see :meth:`reach_in`."""
     return float(plugin.spec.reach_in(scene, pose_of(plugin)))

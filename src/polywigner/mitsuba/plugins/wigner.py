@@ -1,6 +1,6 @@
-"""The estimator ``wigner``: the Wigner function of a source, traced into render kernels.
+"""The estimator ``wigner``, which evaluates the Wigner function of a source in render kernels.
 
-`TracedSource` computes the same function with derivatives with respect to vertices and weights.
+`TracedSource` evaluates the same function with derivatives with respect to vertices and weights.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-# Odd constants for hashing, whose multiples differ in all bits. The first constant is 2^32 over the
-# golden ratio.
+# Odd constants for hashing, whose multiples differ in all bits. The first constant is 2^32 divided
+# by the golden ratio.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
 
@@ -51,16 +51,16 @@ Point = tuple[Drjit, Drjit]
 
 
 class Wave(NamedTuple):
-    """Wavelength and tilt of a sample's wave."""
+    """Wavelength and tilt of the wave of a sample."""
 
     inverse: Drjit
     """Inverse wavelength in 1/m."""
     tilt: Drjit | None
-    """Spatial frequency of the tilt along x and y in 1/m; None for coherent light."""
+    """Spatial frequency of the tilt along x and y in 1/m, or None for coherent light."""
 
 
 class DrawnWaves:
-    """Sampler of waves of partially coherent or broadband sources, for the arrays of a variant."""
+    """Sampler of the waves of partially coherent or broadband sources, for one variant."""
 
     def __init__(self, m: Any, mixture: Mixture) -> None:
         self._m, self._jit, self._mixture = m, dr.is_jit_v(m.Float), mixture
@@ -68,7 +68,11 @@ class DrawnWaves:
         self._tilt = opaque(m, 1 / (2 * math.pi * mixture.coherence_width))
 
     def wave(self, inverse: Drjit, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wave of the sample at x for a receiver at a point or direction ``end``."""
+        """Return a random wavelength and tilt for a sample.
+
+        A sample starts at the position x on the source and ends at the point or direction ``end``.
+        The random numbers are a hash of x and ``end``.
+        """
         if self._mixture.is_plain:
             return Wave(inverse, None)
         start, end = self._hash(x.x, x.y), self._hash(end.x, end.y, end.z)
@@ -99,7 +103,7 @@ def _uniform(word: Drjit) -> Drjit:
 
 
 class _Term(NamedTuple):
-    """Term h W of the radiance: obliquity factor times Wigner function."""
+    """Term of the radiance, which is an obliquity factor h times a Wigner function W."""
 
     source: SceneSource
     forms: Forms
@@ -107,11 +111,14 @@ class _Term(NamedTuple):
     stokes: Stokes | None
     kernel: Kernel
     tables: Any
-    """Tables of the flat source for the kernel."""
+    """Tables of the flat source, from which the kernel evaluates W."""
 
 
 class WignerRadiance:
-    """Sum of h W over the terms of a source (:func:`emissions`), for the arrays of a variant."""
+    """Wigner radiance of a source as a sum of terms, for the arrays of one variant.
+
+    Each term from :func:`emissions` is an obliquity factor h times a Wigner function W.
+    """
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
@@ -130,10 +137,12 @@ class WignerRadiance:
     def at(
         self, x: Drjit, direction: Drjit, wave: Wave, wigner: Callable[..., Drjit] | None = None
     ) -> Drjit:
-        """Return the sum of h W in m^2 in the source's frame; zero for directions to the back.
+        """Return the Wigner radiance times the square of the wavelength, in m^2.
 
-        The result has four components if elements have different polarisations. ``wigner`` is a
-        function of operations and four coordinates that replaces the W of each term.
+        This quantity is the sum of h W over all terms, and zero for directions to the back. ``x``
+        and ``direction`` are in the source's frame. For elements with different polarisations, the
+        radiance has four Stokes components. ``wigner`` is a function of operations and four
+        coordinates that replaces the Wigner function W of each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -155,7 +164,7 @@ class WignerRadiance:
         return dr.select(front, density, 0.0)
 
     def _sheared(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
-        """Return a spatial frequency relative to the local frequency of a curved wave."""
+        """Return a spatial frequency minus the local spatial frequency of a curved wave."""
         if self._wave is None:
             return frequency
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
@@ -169,10 +178,11 @@ class WignerRadiance:
     def integral(
         self, direction: Drjit, wave: Wave, intensity: Callable[..., Drjit] | None = None
     ) -> Drjit:
-        """Return the integral of h W over positions in m^4, which is the sum of h |F|^2.
+        """Return the integral of :meth:`at` over all positions, in m^4.
 
-        ``intensity`` is a function of operations and two frequencies that replaces the |F|^2 of
-        each term.
+        The integral is the sum of ``h |F|^2`` over all terms, where h is the obliquity factor and F
+        the Fourier transform of a term's source. ``intensity`` is a function of operations and two
+        frequencies that replaces the |F|^2 of each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -189,13 +199,13 @@ class WignerRadiance:
 
 
 def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:
-    """Return the spatial frequencies along x and y of a tilted wave in a direction."""
+    """Return the spatial frequencies along x and y at which a wave radiates in a direction."""
     x, y = direction.x * wave.inverse, direction.y * wave.inverse
     return (x, y) if wave.tilt is None else (x - wave.tilt.x, y - wave.tilt.y)
 
 
 class WignerEstimator:
-    """Estimator of irradiance and ray weights from the radiance of random points of the source."""
+    """Estimator that computes irradiance and ray weights from the radiance of random points."""
 
     needs_distance = False
     is_constant = False
@@ -205,15 +215,15 @@ class WignerEstimator:
     ) -> None:
         self._radiance = radiance
         self.draw = radiance.positions.sample
-        """Return a position for a uniform point of the unit square."""
+        """Function that maps a random point of the unit square to a position on the source."""
         self.density: float | None = radiance.positions.density
-        """Density of the positions per area."""
+        """Probability density of the positions per area."""
         self._inverse = opaque(m, 1.0 / wavelength)
         self._scale = opaque(m, spec.scene_unit**2 / spec.norm)
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
-        """Raise SceneError if the waves of a mixture have different obliquity factors."""
+        """Raise SceneError if the waves of a source have different obliquity factors."""
         mixture = spec.mixture
         oblique = (
             mixture.coherence_width < math.inf
@@ -227,7 +237,11 @@ class WignerEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return L cos/r^2 at the point ``it``, divided by the density of samples."""
+        """Return the contribution of the position x to the irradiance at the point ``it``.
+
+        The contribution is ``L cos/r^2`` divided by the density of positions, where L is the
+        radiance, cos the cosine at the source, and r the distance.
+        """
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
         return value / (distance * distance * self.density)
@@ -235,23 +249,28 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return h W cos/N, divided by the density of samples, both in units of the scene."""
+        """Return the weight of a ray of a receiver.
+
+        The weight is ``h W cos/N`` divided by the density of positions. Here h is the obliquity
+        factor, W the Wigner function, cos the cosine of the polar angle, and N the power of the
+        unscaled field. The weight and the density are in scene units.
+        """
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
 
-# Overlaps of elements below this fraction of the total area are rounding errors.
+# Overlaps of elements are rounding errors below this fraction of the total area.
 _OVERLAP = 1e-9
 # Largest number of pairs of edges of a source with derivatives. Each pair adds code to the render
-# kernel and takes 7 ms to compile. With 9,000 pairs the compiler fails.
+# kernel, which takes 7 ms to compile. With 9,000 pairs the compiler fails.
 _MOST_CUTS = 4096
 
 
 class TracedSource:
     """Vertices and weights of a source as differentiable parameters of a scene.
 
-    Both are None in scalar variants, and for sources with non-uniform fields, overlapping elements,
-    several polarisations or too many edges.
+    Vertices and weights are None in scalar variants, and for sources with non-uniform fields,
+    overlapping elements, several polarisations or too many edges.
     """
 
     def __init__(self, m: Any, spec: SourceParameters) -> None:
@@ -287,7 +306,7 @@ class TracedSource:
             known = _pairs(source.weights).astype(np.float32)
             pairs = self._values("weights", self.weights, len(known))
             if not np.array_equal(pairs, known):
-                # If the weights are a tensor, the array keeps its lattice.
+                # With weights in a tensor, the Array keeps its lattice.
                 weights = self._m.TensorXf(pairs)
                 source, has_changed = differentiable_source(source, weights=weights).source, True
         return source if has_changed else None
@@ -302,7 +321,7 @@ class TracedSource:
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:
-        """Return W, with derivatives, of the source moved to its centre."""
+        """Return the Wigner function of the centred source, with derivatives."""
         frame = self._tables.frame
         x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
         fields = None
@@ -315,7 +334,7 @@ class TracedSource:
         return value
 
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
-        """Return |F|^2, with derivatives, of the source moved to its centre."""
+        """Return |F|^2 of the centred source, with derivatives."""
         code = DrjitOperations(ops.float_type, most_as_code=math.inf)
         corners = iter(self._centred())
         weights = None if self.weights is None else self._gathered(self.weights)
@@ -329,7 +348,7 @@ class TracedSource:
         return total.real * total.real + total.imag * total.imag
 
     def _gathered(self, flat: Drjit) -> list[Point]:
-        """Return the numbers of a flat array as pairs."""
+        """Return the numbers of a flat array as a list of pairs."""
         m = self._m
         numbers = [dr.gather(m.Float, flat, m.UInt32(k)) for k in range(dr.width(flat))]
         return list(zip(numbers[::2], numbers[1::2], strict=True))

@@ -1,1 +1,1 @@
-"""Received power sorted by range, clouds of scatterers, and data cubes of radars."""
+"""Received power as a function of range, clouds of scatterers, and data cubes of radars."""

@@ -23,7 +23,7 @@ from polywigner.propagation.stores import write_netcdf
 from polywigner.source import Array
 from polywigner.transforms.xarray_arguments import arrays_of
 
-# Number of scatterers that are computed at once. The responses of all elements to this many
+# Number of scatterers that are processed together. The responses of all elements to these
 # scatterers take tens of megabytes.
 _CHUNK = 1 << 16
 # Relative tolerance of the fields at the scatterers.
@@ -38,29 +38,32 @@ def element_responses(
 ) -> Complex:
     """Return the complex response of each element of a receiving array to each scatterer.
 
-    The response is e_kn = lambda U_k(y_n)/sqrt(N_k). U_k is the exact field
-    (docs/received_power.md, (RX8)) that element k would transmit to the position y_n, with the
-    obliquity of the cloud's receiver. N_k is the power that the element would radiate, or int
-    abs(u_k)^2, according to the receiver's ``normalise``. By reciprocity, the element receives the
-    power intensity_n abs(e_kn)^2. The product of sqrt(intensity_n) e_kn and a complex random number
-    of variance 1 is a sample of its amplitude (speckle). The phase exp(+ikR) is for the path from
-    the first surface to the element.
+    The response of element k to scatterer n is ``e_kn = lambda U_k(y_n)/sqrt(N_k)``. U_k is the
+    exact field (docs/received_power.md, (RX8)) that the element would transmit to the position y_n,
+    with the obliquity of the cloud's receiver. N_k is the power that the element would radiate, or
+    the integral of abs(u_k)^2 over the element, according to the ``normalise`` of the receiver.
+
+    By reciprocity, the element receives the power ``intensity_n abs(e_kn)^2``. For a random
+    amplitude of the element (speckle), multiply ``sqrt(intensity_n) e_kn`` by a complex random
+    number of variance 1. The response contains the phase exp(+ikR) of the path of length R from the
+    scatterer to the element.
 
     Parameters
     ----------
     cloud : xarray.Dataset
         Cloud of :func:`scatterers`.
     elements : Array, Aperture or sequence of Aperture
-        Elements with their illuminations; the weights of an Array are not used.
+        Elements with their illumination. The weights of an Array are ignored.
     to_world : array_like, shape (4, 4), optional
-        Pose of the plane of the elements, translation in m. Default: the pose of the cloud's
-        receiver.
+        Pose of the plane of the elements, with the translation in m. Default: the pose of the
+        cloud's receiver.
 
     Returns
     -------
     ndarray of complex, shape (elements, scatterers)
-        Responses in m: the squared modulus times W/sr is a power in W. The response is zero for
-        scatterers behind the plane, and in directions of zero obliquity.
+        Responses in m. The squared modulus of a response times a radiant intensity in W/sr is a
+        power in W. The response is zero for scatterers behind the plane of the elements, and in
+        directions of zero obliquity.
 
     Raises
     ------
@@ -84,25 +87,25 @@ def covariance(
 ) -> Complex:
     """Return the covariance matrix of the signals of an array's elements, for each range gate.
 
-    R_kl = sum_n intensity_n e_kn conj(e_ln), with the responses e of :func:`element_responses`.
-    This is the mean of a_k conj(a_l) over samples a of speckle. R_kk is the power in W that element
-    k receives. An array of equal elements with weights w receives w^T R conj(w) / sum(abs(w)^2).
-
-    Use the cloud of a receiver whose source is like one element, because the scatterers then sample
-    the beam of an element.
+    The covariance of the elements k and l is ``R_kl = sum_n intensity_n e_kn conj(e_ln)``, with the
+    responses e of :func:`element_responses` to the scatterers n. It is the mean of
+    ``a_k conj(a_l)`` over random amplitudes a of the elements (speckle). R_kk is the power in W
+    that element k receives. An array of equal elements with the weights w receives the power
+    ``w^T R conj(w) / sum(abs(w)^2)``. The cloud should belong to a receiver whose source is similar
+    to one element, because the scatterers then sample the beam of an element.
 
     Parameters
     ----------
     cloud, elements, to_world
         As in :func:`element_responses`.
     ranges : array_like, shape (gates + 1,), optional
-        Ascending edges of range gates in m; range is half of ``path_length``. Default: a single
-        gate for the entire cloud.
+        Ascending edges of range gates in m, where range is half of ``path_length``. Default: a
+        single gate for the entire cloud.
 
     Returns
     -------
     ndarray of complex, shape (elements, elements) or (gates, elements, elements)
-        Hermitian matrix in W; with ``ranges``, a matrix for each gate.
+        Hermitian matrix in W. With ``ranges``, there is one matrix for each gate.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def covariance(
     if ranges is not None:
         edges = checked_ranges(ranges)
         count = len(edges) - 1
-        # The last gate includes both of its edges.
+        # Both edges of the last gate belong to the gate.
         half = np.asarray(cloud["path_length"].values) / 2
         gates = np.searchsorted(edges, half, side="right") - 1
         gates[half == edges[-1]] = count - 1
@@ -154,7 +157,7 @@ def _responses(
 
 
 def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
-    """Return the responses (ends, scatterers) of placed sources or receivers."""
+    """Return the responses of placed sources or receivers, shape (ends, scatterers)."""
     positions, _, attrs = _checked(cloud)
     rows = []
     for end in ends:

@@ -1,9 +1,9 @@
-"""Data cubes of radars: samples of receivers by emitter, repetition and time in a scene.
+"""Data cubes of radars, which contain samples by receiver, emitter, repetition and time.
 
-The signal is the sum (RC1) over coherent paths (line of sight, specular reflections, bodies), with
-their complex couplings over the band, plus the same sum over a cloud of scatterers. The amplitude
-of a scatterer is the square root of its power times a random complex factor of variance 1
-(speckle).
+The signal is the sum (RC1) over coherent paths and over a cloud of scatterers. Coherent paths are
+the line of sight, specular reflections and echoes of bodies, with their complex couplings at all
+frequencies of the band. The amplitude of a scatterer is the square root of its power times a random
+complex factor of variance 1 (speckle).
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ if TYPE_CHECKING:
 
 Velocities = dict[str, Floats]
 
-# Relative error of the sums over scatterers.
+# Relative error of the sums over scatterers, computed by non-uniform FFTs.
 _OF_SUMS = 1e-7
-# Largest increase of a delay during the repetitions of a block, times the bandwidth. The phase that
-# is expanded in a series is then at most 2 rad.
+# Largest increase of a delay during the repetitions that are computed together, times the
+# bandwidth. The phase that is expanded in a series is then at most 2 rad.
 _MOST_CYCLES = 1.25
-# Largest motion of a scatterer within a repetition, in range bins. The relative error of sums is
-# then 5e-5.
+# Largest motion of a scatterer within a repetition, in range bins. The relative error of the sums
+# over scatterers is then 5e-5.
 _MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
-# Size in bytes of the largest signal that is computed at once; larger signals are lazy.
+# Size in bytes of the largest signal that is computed immediately. Larger signals are dask arrays.
 _MOST_BYTES = 1 << 30
 # Relative rounding error of frequencies.
 _ROUNDING = 1e-9
-# Distance from a surface at which rays start, relative to the distance of the emitter.
+# Distance from a surface at which shadow rays start, relative to the distance of the emitter.
 _CLOSE = 1e-3
 
 
@@ -65,34 +65,35 @@ class _Radar:
     waveform: FMCW
     emitters: list[PlacedSource]
     receivers: list[list[PlacedSource]]
-    """For each receiver of the scene: the receiver itself, or its elements."""
+    """List for each receiver of the scene, which contains the receiver itself or its elements."""
     noise_power: Floats
-    """Noise power of a sample in W for each receiver of the scene; NaN without a temperature."""
+    """Noise power per sample in W of each receiver, or NaN for receivers without a temperature."""
     chirp_times: Floats
-    """Times (emitter, chirp + 1) in s at which repetitions start."""
+    """Times in s at which repetitions start, shape (emitter, chirp + 1)."""
     frequency: float
     """Frequency of the scene in Hz."""
 
     @property
     def period(self) -> float:
-        """Time in s between two repetitions of an emitter."""
+        """Time in s from one repetition of an emitter to its next repetition."""
         return float(self.chirp_times[0, 1] - self.chirp_times[0, 0])
 
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Scatterers of a receiver of the scene, which are the same for all of its elements."""
+    """Scatterers in the field of view of a receiver, which all elements of the receiver share."""
 
     responses: Complex
-    """Responses (element, scatterer); their product with ``emitted`` is in sqrt(W)."""
+    """Responses of the receiver's elements in m, shape (element, scatterer)."""
     emitted: Complex
-    """Square roots (emitter, scatterer) of intensities, with phases."""
+    """Square roots of scattered radiant intensities, with phases, shape (emitter, scatterer)."""
     delays: Floats
-    """Delays (emitter, scatterer) in s at the time 0."""
+    """Delays of paths via the scatterers at the time 0, in s, shape (emitter, scatterer)."""
     rates: Floats
-    """Rates (scatterer,) at which delays increase, in s/s."""
+    """Rates at which the delays increase, in s/s, shape (scatterer,)."""
     excess: Floats
-    """Delays (element, scatterer) in s relative to the mean over the elements."""
+    """Delays at each element in s, relative to the mean over elements, shape (element, scatterer).
+    """
 
 
 @one_at_a_time
@@ -114,17 +115,19 @@ def radar_cube(
 ) -> xarray.Dataset:
     """Return the samples that the receivers of a radar record in a scene.
 
-    The samples are a sum of three parts. Coherent paths are the line of sight (leakage), specular
-    paths via flat mirrors, and echoes of conducting bodies, with their complex couplings over the
-    band. Scattered fields are speckle, with the exact response of each receiving element. The third
-    part is thermal noise. The delay of a path changes from sample to sample, so objects migrate
-    through range bins. See (RC1) and docs/radar.md.
+    The signal is the sum of coherent paths, scattered fields and thermal noise (docs/radar.md,
+    (RC1)). Coherent paths are the line of sight (leakage), specular paths via flat mirrors, and
+    echoes of conducting bodies, with their complex couplings at all frequencies of the band.
+    Scattered fields have random amplitudes (speckle), and the exact response of each receiving
+    element. The delay of each path changes from sample to sample, so moving objects migrate through
+    range bins.
 
     Parameters
     ----------
     scene : mi.Scene
-        Scene with ``wigner`` shapes and ``wigner_receiver`` sensors, all with the same frequency
-        within the waveform's band. Load it with :func:`load_scene`, which keeps the ids of shapes.
+        Scene with ``wigner`` shapes and ``wigner_receiver`` sensors. All of them must have the same
+        frequency, which must lie in the band of the waveform. Load the scene with
+        :func:`load_scene`, which keeps the ids of shapes.
     waveform : polywigner.radar.FMCW or str
         Waveform, or a string as in :func:`polywigner.radar.parse_waveform`.
     velocities : mapping of str to array_like, shape (3,), optional
@@ -134,41 +137,46 @@ def radar_cube(
     reflections : int, default 2
         Maximum number of specular reflections per path, 0 to 3.
     elements : bool, default False
-        Whether to record each element of a receiver whose source is a :class:`polywigner.Array`,
-        without the weights of the array. The elements of the receiver "rx" are "rx[0]", "rx[1]",
-        ...
+        Whether to record each element of an array separately. This applies to receivers whose
+        source is a :class:`polywigner.Array`, whose weights are then ignored. The elements of the
+        receiver "rx" are named "rx[0]", "rx[1]", ...
     points : int, default 20000
         Largest number of scatterers of each receiver; 0 omits scattered fields.
     rays : int, optional
-        Number of rays from each receiver, as in :func:`scatterers`. More rays show smaller objects.
+        Number of rays from each receiver, as in :func:`scatterers`. With more rays, smaller objects
+        appear in the data.
     draws : int, default 1
         Number of draws of speckle and noise.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     noise : bool, default True
-        Whether to add thermal noise k T B F to the samples of receivers with a temperature. B is
-        the sampling rate.
+        Whether to add thermal noise to the samples of receivers with a temperature. The noise power
+        is k T B F, where B is the sampling rate, T the temperature and F the noise figure.
     multiplexing : {"time", "none"}
         ``time``: the emitters transmit one after the other, repetition by repetition. ``none``: all
         emitters start their repetitions together, and receivers separate them perfectly.
     polarisation : str or array_like, optional
-        Polarisation of ends without a polarisation in the scene, as in :func:`channel`.
+        Polarisation of emitters and receivers whose polarisation is not specified in the scene, as
+        in :func:`channel`.
 
     Returns
     -------
     xarray.Dataset
-        ``signal`` (draw, receiver, emitter, chirp, sample), complex, in sqrt(W): the mean of its
-        squared modulus is the received power. ``noise_power`` (receiver) in W per sample.
-        ``receiver_position`` and ``emitter_position`` in m in the frame of the first receiver.
-        ``start_time`` (emitter) of the first repetition in s. Coordinates: names of receivers and
-        emitters. Attributes: those of the waveform, ``period`` in s between repetitions of an
-        emitter, ``seed``, ``scattered_points``, and ``notes`` on effects that are not included.
+        ``signal`` contains the complex samples in sqrt(W), with the dimensions (draw, receiver,
+        emitter, chirp, sample). The mean of its squared modulus is the received power.
+        ``noise_power`` is the noise power per sample of each receiver in W. ``receiver_position``
+        and ``emitter_position`` are in m, in the frame of the first receiver. ``start_time`` is the
+        time of the first repetition of each emitter in s. The coordinates are the names of
+        receivers and emitters. The attributes are the parameters of the waveform, the ``period`` in
+        s from one repetition of an emitter to the next, ``seed``, ``scattered_points``, and
+        ``notes`` about effects that are not included.
 
     Raises
     ------
     SceneError
-        If the scene has no emitter or receiver, several frequencies, a frequency outside of the
-        band, partially coherent sources, or scatterers of negative power.
+        If the scene has no emitter or no receiver, if their frequencies differ or are outside the
+        band of the waveform, or if there are partially coherent sources or scatterers with negative
+        power.
     ArgumentError, QuantityError
         If another argument is out of range, or an id is unknown.
     """
@@ -212,7 +220,7 @@ def radar_cube(
 def _lazy(
     block: Callable[[int, int], Complex], elements: list[int], draws: int, shape: tuple[int, ...]
 ) -> Any:
-    """Return the signal as a dask array with a chunk for each draw and receiver of the scene."""
+    """Return the signal as a dask array with one chunk for each draw and receiver."""
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
     delayed = require("dask", "datasets").delayed(block, pure=False)
     rows = [
@@ -263,7 +271,7 @@ def _samples(
     with_noise: bool,
     seed: tuple[int, int, int],
 ) -> Complex:
-    """Return the samples (element, emitter, chirp, sample) of a receiver in one draw."""
+    """Return the samples of one receiver in one draw, shape (element, emitter, chirp, sample)."""
     wave, random = radar.waveform, np.random.default_rng(seed)
     spectra = np.zeros((len(links), len(radar.emitters), wave.chirps, wave.samples), np.complex128)
     for k, of_element in enumerate(links):
@@ -286,18 +294,21 @@ def _samples(
 
 
 class _Link(NamedTuple):
-    """Coherent paths between an emitter and a receiver, or an element of a receiver."""
+    """Coherent paths between an emitter and a receiver or an element of a receiver."""
 
     amplitudes: Complex
-    """Amplitudes (path, sample) in sqrt(W)."""
+    """Amplitude of each path in sqrt(W), shape (path, sample)."""
     rates: Floats
-    """Rates (path,) at which delays increase, in s/s."""
+    """Rates at which the delays of paths increase, in s/s, shape (path,)."""
 
 
 def _coherent(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
-    """Return links, nested by receiver of the scene, element and emitter, and notes."""
+    """Return the coherent paths of all links, and notes about effects that are not included.
+
+    The paths are in nested lists over receivers, elements of a receiver, and emitters.
+    """
     wave = radar.waveform
     chains, echoes, notes = routes_in(
         scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
@@ -309,7 +320,8 @@ def _coherent(
         paths, of_link = paths_between(
             scene, emitter, receiver, routes, options.polarisation, shortest
         )
-        # The notes of a receiver are those of its first element.
+        # All elements of a receiver have the same notes, so only the notes of the first element are
+        # kept.
         if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
         h = amplitudes_of(paths, wave.frequencies, options.tolerance)
@@ -347,7 +359,7 @@ def _owner(name: str) -> str:
 def _moving_image(
     end: PlacedSource, velocity: Floats, chain: Chain, speeds: Velocities
 ) -> tuple[Floats, Floats]:
-    """Return the centre of an end's image in mirrors, and the velocity of the image in m/s."""
+    """Return the position of an emitter's or receiver's mirror image, and its velocity in m/s."""
     for mirror in chain:
         moved = speeds.get(mirror.name, np.zeros(3))
         velocity = velocity - 2 * ((velocity - moved) @ mirror.normal) * mirror.normal
@@ -374,7 +386,7 @@ def _cloud(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers of a receiver of the scene; None if there are none."""
+    """Return the scatterers in the field of view of a receiver; None if there are no scatterers."""
     receivers = radar.receivers[number]
     others = {_owner(each[0].name) for each in radar.receivers if each is not receivers}
     outside = others | {body.name for body in options.bodies}
@@ -401,10 +413,10 @@ def _cloud(
 
 
 def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
-    """Return responses, and excess lengths in m, both with the axes (receiver, scatterer).
+    """Return the responses of receivers to scatterers, and relative path lengths in m.
 
-    The square of a response is the received power over the intensity. For a receiver that is not
-    divided into elements, it is the ratio of the cloud's power and intensity.
+    The squared modulus of a response is the received power divided by the radiant intensity. If a
+    receiver is not divided into elements, this ratio is taken from the cloud.
     """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
@@ -423,12 +435,13 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
 def _sending(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
 ) -> tuple[Complex, Floats]:
-    """Return square roots of intensities, and path lengths in m, with axes (emitter, scatterer).
+    """Return the square roots of scattered intensities for each emitter, and path lengths in m.
 
-    The same scatterers of single reflections are used for all emitters, so that the signals of the
-    emitters are coherent. A scatterer with the intensity I may be sampled for any of the emitters,
-    whose irradiances at the scatterer are E_j. Its intensity for emitter j is I E_j / sum_i E_i,
-    and the sum of these intensities over scatterers is unbiased.
+    Scatterers on paths with a single reflection are used for all emitters, so that the signals of
+    the emitters are coherent. The radiant intensity I of such a scatterer is divided among the
+    emitters in proportion to their irradiances at the scatterer. For emitter j with the irradiance
+    E_j it is ``I E_j / sum_i E_i``, and the sum of these intensities over all scatterers is
+    unbiased.
     """
     intensity, paths = cloud["intensity"].values, cloud["path_length"].values
     names = cloud["emitter"].values
@@ -458,7 +471,7 @@ def _sending(
 
 
 def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
-    """Return which points (n, 3) in m have a line of sight to the centre of an emitter."""
+    """Return a mask of the points that have a line of sight to the centre of an emitter."""
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _CLOSE) / unit).astype(np.float32)
     start = ((position + _CLOSE * offset) / unit).astype(np.float32)
@@ -468,7 +481,7 @@ def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
 
 
 def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
-    """Return the sum (RC1) over scatterers with the axes (element, chirp, sample).
+    """Return the signal of all scatterers, (RC1), shape (element, chirp, sample).
 
     If no scatterer moves, all chirps are equal, and the axis ``chirp`` has the length 1.
     """
@@ -495,15 +508,18 @@ def _frame(
     chosen: NDArray[np.bool_],
     starts: Floats,
 ) -> Complex:
-    """Return the sum (RC1) over the ``chosen`` scatterers for successive repetitions.
+    """Return the signal of the ``chosen`` scatterers for successive repetitions, (RC1).
 
-    The numbers m and n of repetition and sample are counted from the centre of the frame. The phase
-    of a scatterer is a constant, plus terms that are linear in m and n, plus two small terms. A
-    non-uniform FFT sums waves with linear phases, and :func:`_series` expands the small terms:
+    The repetition number m and the sample number n are counted from the centre of the frame. The
+    phase of a scatterer is the sum of a constant, terms that are linear in m and n, and two small
+    terms. A non-uniform FFT sums the waves with linear phases, and :func:`_series` expands the
+    small terms:
 
-    - r n df (m T + n dt) for a delay that grows at the rate r, the motion through range bins
-    - (f_n - f_0) d for an element with the excess delay d, because the phase of the element's
-      response is for the frequency f_0 of the scene
+    - the motion through range bins, r n df (m T + n dt), for a delay that increases at the rate r,
+      the frequency step df, the repetition time T and the time step dt
+    - the delay d of an element relative to the other elements, (f_n - f_0) d, because the phase of
+      the element's response is computed at the frequency f_0 of the scene, and f_n is the frequency
+      of sample n
     """
     wave = radar.waveform
     rates, delays = cloud.rates[chosen], cloud.delays[emitter, chosen]
@@ -532,10 +548,11 @@ def _frame(
 
 
 def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
-    """Return a plan of sums over points of terms times exp(2 pi i (slopes . numbers)).
+    """Return a non-uniform FFT that sums waves with linear phases over scatterers.
 
-    The plan converts terms (count, points) to sums (count, ...). Along each axis of ``shape``, the
-    numbers start at ``-(size // 2)``.
+    The FFT maps terms of shape (count, points) to sums of shape ``(count, *shape)``. The phase of a
+    wave is ``2 pi (slopes . numbers)``, where the numbers along each axis of ``shape`` start at
+    ``-(size // 2)``.
     """
     finufft = require("finufft", "radar", "scattered fields are summed with")
     plan = finufft.Plan(1, tuple(shape), count, _OF_SUMS, 1, nthreads=1)
@@ -544,7 +561,10 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
-    """Yield pairs of arrays; the sum of their products is exp(2 pi i amounts along)."""
+    """Yield the terms of a series for ``exp(2 pi i amounts along)``.
+
+    Each term is a pair of factors, one for ``amounts`` and one for ``along``.
+    """
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))

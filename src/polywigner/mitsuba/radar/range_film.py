@@ -1,4 +1,4 @@
-"""A film that sorts light by path length, and a sensor that uses this film."""
+"""A film that sorts the received power by path length, and a sensor that uses this film."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
-"""Integrators that support receivers and cameras; ``transient_nlos_path`` requires a special
-sensor.
+"""Names of the integrators of mitransient that support receivers and cameras.
+
+``transient_nlos_path`` is missing, because it requires a special sensor.
 """
 
 _PYTHON_CLASSES = ("TransientPath", "TransientPRBVolpathIntegrator")
 
-# Integrators of mitransient that trace the same paths as Mitsuba's integrators, by the class names
-# of the latter.
+# Integrators of mitransient that trace the same paths as Mitsuba's integrators. The keys are the
+# class names of Mitsuba's integrators.
 _COUNTERPARTS = {
     "PathIntegrator": _PATH,
     "DirectIntegrator": _PATH,
@@ -52,8 +53,8 @@ _COUNTERPARTS = {
     "VolpathMisIntegratorImpl": _VOLUME,
     "PRBVolpathIntegrator": _VOLUME,
 }
-# Value of ``max_depth`` that corresponds to Mitsuba's `direct`, which has no such parameter: paths
-# via at most one surface.
+# Value of ``max_depth`` for paths via at most one surface, which Mitsuba's `direct` traces.
+# `direct` has no such parameter.
 _DEPTH_OF_DIRECT = 2
 
 
@@ -67,7 +68,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
         if films is not None and issubclass(films.TransientHDRFilm, mi.Film):
             return loaded
         for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
-            del sys.modules[name]  # The module was imported for another variant.
+            del sys.modules[name]  # This module was imported for another variant.
     # mitransient sets this variable on import, which would change the variant of child processes.
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
@@ -78,7 +79,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
 
 
 def check_is_compiled(purpose: str) -> None:
-    """Raise EngineError for scalar variants, which trace one ray at a time."""
+    """Raise EngineError for scalar variants of Mitsuba, which trace one ray at a time."""
     variant = mi.variant()
     if variant is None or variant.startswith("scalar"):
         raise EngineError(
@@ -93,10 +94,10 @@ def is_transient(integrator: Any) -> bool:
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
-    """Return an integrator that measures the path lengths of another integrator."""
+    """Return an integrator that traces the paths of another one and measures their lengths."""
     require_transients()
     checked_scene(scene)
-    # Mitsuba places infinite lights on a sphere, so the lengths of their paths have no meaning.
+    # Mitsuba places infinitely distant lights on a sphere, so their path lengths have no meaning.
     for emitter in scene.emitters():
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
@@ -153,17 +154,19 @@ def _counterpart(integrator: Any) -> mi.Integrator:
         raise translate_error(error) from None
 
 
-# Largest number of bins of all pixels together. In float64, this many bins take 2 GiB.
+# Largest product of the numbers of bins and pixels. The film then takes 2 GiB in float64.
 _MOST_SUMS = 2**28
 
 
 def sorted_by_range(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render a sensor by path length: (height, width, bins + 2), in the unit of the sensor.
+    """Render a sensor by path length, in the unit of the sensor.
 
-    ``edges`` are the edges of bins in scene units. The first value of a pixel is for shorter paths,
-    the last value for longer paths. All pixels of a receiver are added to a single pixel.
+    The result has the shape (height, width, bins + 2). ``edges`` contains the edges of the bins in
+    scene units. The first value of a pixel is the sum over paths that are shorter than all bins,
+    and the last value the sum over paths that are longer than all bins. All pixels of a receiver
+    are added to a single pixel.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -200,7 +203,10 @@ def _rendered(
 
 
 def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
-    """Return a sensor with the rays of another sensor, and a film by range with finer pixels."""
+    """Return a sensor with the rays of another sensor, and a film by range.
+
+    The film by range has ``factor`` times as many pixels along each axis as the other sensor.
+    """
     size, window, offset = film_sizes(sensor, factor)
     check_sums(window, edges)
     about = mi.Properties("range_film")
@@ -226,7 +232,10 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
 
 
 class RangeFilm(VariantPlugin):
-    """Film that sums the power of bins, and of shorter and longer paths, in double precision."""
+    """Film that sums power by path length in double precision.
+
+    Paths that are shorter or longer than all bins have separate sums.
+    """
 
     crop_size: Callable[[], Any]
     """Method of Mitsuba's base class."""
@@ -239,7 +248,7 @@ class RangeFilm(VariantPlugin):
         self._count = len(edges)
         self._sums: Drjit = None
         self.start_distance: Drjit = 0.0
-        """Length of each path before the start of its ray."""
+        """Length of each path from the sensor to the start of its ray, in scene units."""
 
     def prepare_transient_(self, aovs: Any) -> int:
         size = self.crop_size()
@@ -272,7 +281,7 @@ class RangeFilm(VariantPlugin):
         return None, self._sums
 
     def sums(self) -> Floats:
-        """Return the sums (height, width, bins + 2)."""
+        """Return the power in each bin of each pixel, shape (height, width, bins + 2)."""
         return np.array(self._sums, dtype=np.float64).reshape(self._shape)
 
 
@@ -316,7 +325,10 @@ class RangeSensor(VariantPlugin):
         return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
-        """Return the distance of a ray's start from the sensor: the near clip, or the lift."""
+        """Return the distance from the sensor to the start of a ray, in scene units.
+
+        Rays of a camera start at its near clip, and rays of a receiver slightly in front of it.
+        """
         if is_receiver(self._sensor):
             return dr.dot(self._sensor.lift, ray.d)
         if self._sensor.class_name() not in CAMERAS:

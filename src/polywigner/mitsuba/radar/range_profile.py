@@ -1,4 +1,4 @@
-"""Received power and radiance by range, which is half the length of the path from a source."""
+"""Received power and radiance by range, which is half the length of a path from a source."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest number of range bins. In 16 batches, this many bins take 0.1 GB for each light and
-# receiver, and a few times as much during the computation.
+# Largest number of range bins. In 16 batches, these bins take 0.1 GB for each light and receiver,
+# and a few times this amount during the computation.
 _MOST_BINS = 2**20
 
 
@@ -72,29 +72,30 @@ def range_profile(
 ) -> xarray.Dataset:
     """Return the received power of the receivers of a scene by range, with its standard error.
 
-    Range is half the length of the path from a source to a receiver, in m. In glass, lengths are
+    Range is half the length of a path from a source to a receiver, in m. Path lengths in glass are
     multiplied by the refractive index. The power is the sum of direct light and scattered light, as
-    in :func:`polywigner.mitsuba.received_power`. Needs mitransient (extra ``radar``). See
-    docs/range.md.
+    in :func:`polywigner.mitsuba.received_power`. The function requires mitransient, part of the
+    extra ``radar``. See docs/range.md.
 
     Parameters
     ----------
     scene : mi.Scene
         Scene of a compiled variant with ``wigner_receiver`` sensors and lights.
     ranges : array_like, shape (n + 1,)
-        Ascending edges of n bins in m, zero or more; up to 2^20 bins.
+        Ascending edges of n range bins in m, at least zero. At most 2^20 bins are allowed.
     spp : int, optional
-        Number of samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default:
-        the value of the sensor.
+        Number of samples for each emitter. It is rounded up to a multiple of 16, because the
+        samples are divided into 16 batches. Default: the value of the sensor.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     receiver : int or str, optional
-        Id of the sensor, or its number among the sorted ids of receivers, from 0. Default: all.
+        Id of the receiver, or its index in the sorted list of receiver ids. Default: all receivers.
     integrator : str or mi.Integrator, optional
-        ``transient_path`` for surfaces, ``transient_prbvolpath`` for surfaces and fog, or an
-        integrator of Mitsuba with the same paths, whose depths are used: path, direct or prb;
-        volpath, volpathmis or prbvolpath. Default: the scene's integrator, or else the default of
-        :func:`polywigner.mitsuba.render`.
+        Integrator of mitransient: ``transient_path`` for surfaces, or ``transient_prbvolpath`` for
+        surfaces and fog. An integrator of Mitsuba is replaced by the first one if it is path,
+        direct or prb, and by the second one if it is volpath, volpathmis or prbvolpath, with the
+        same depths. Default: the integrator of the scene, or the default of
+        :func:`polywigner.mitsuba.render` if the scene has no integrator.
     reflections, tolerance
         Options of direct light, as in :func:`polywigner.mitsuba.received_power`.
     bandwidth, temperature, noise_figure
@@ -104,27 +105,30 @@ def range_profile(
     polarisation, bodies
         With ``coherent``, as in :func:`polywigner.mitsuba.received_power`.
     progress : callable, optional
-        Function that is called after each render with the number of finished renders and the number
-        of all renders.
+        Function that is called after each render with the number of finished renders and the total
+        number of renders.
 
     Returns
     -------
     xarray.Dataset
-        Dataset with the following variables. A single receiver has no dimension ``receiver``.
+        Dataset with the following variables. The result for a single receiver has no dimension
+        ``receiver``.
 
-        - ``power`` (receiver, range) in W: power of each bin, the sum of ``direct_power`` and
-          ``scattered_power``; ``standard_error`` (receiver, range) in W
-        - ``emitter_power`` (receiver, emitter, range) in W
-        - ``before`` and ``after`` (receiver) in W: power from ranges below and above all bins
-        - ``direct``, ``scattered`` and ``scattered_error`` (receiver) in W: of all ranges
-        - ``path_power`` in W and ``path_range`` in m (receiver, emitter, path): of each path of
-          direct light; zero and NaN for an emitter without this path
-        - ``mirrors`` (path): the id of a light that is not a coherent source, and the names of
-          mirrors and bodies, joined by ", "
-        - ``noise_power`` in W, and ``resolution`` c/(2 bandwidth) in m (receiver); NaN if the
-          temperature or the bandwidth is unknown
+        - ``power`` (receiver, range): power in each bin in W, the sum of ``direct_power`` and
+          ``scattered_power``; ``standard_error`` (receiver, range): standard error of ``power`` in
+          W
+        - ``emitter_power`` (receiver, emitter, range): power from each emitter in W
+        - ``before`` and ``after`` (receiver): power in W from ranges below and above all bins
+        - ``direct``, ``scattered`` and ``scattered_error`` (receiver): direct power, scattered
+          power and standard error of the scattered power in W, summed over all ranges
+        - ``path_power`` and ``path_range`` (receiver, emitter, path): power in W and range in m of
+          each path of direct light, or zero and NaN if an emitter does not have this path
+        - ``mirrors`` (path): names of the mirrors and bodies on the path, joined by ", ", after the
+          id of the light if it is not a coherent source
+        - ``noise_power`` and ``resolution`` (receiver): noise power in W and range resolution c/(2
+          bandwidth) in m, or NaN if the temperature or the bandwidth is unknown
 
-        Coordinates: ``range``, the centres of bins, and ``range_edge``, in m.
+        The coordinates are the centres ``range`` and the edges ``range_edge`` of the bins in m.
 
     Raises
     ------
@@ -135,9 +139,9 @@ def range_profile(
     ArgumentError
         If the edges do not ascend, or if another argument is out of range.
     SceneError
-        As in :func:`polywigner.mitsuba.received_power`; if the integrator does not measure lengths
-        of paths, a light is at infinity, or the receiver is in fog; or if fog is heterogeneous,
-        where mitransient underestimates lengths.
+        If the integrator does not measure path lengths, if a light is infinitely far away, if the
+        receiver is in fog, or if fog is heterogeneous, because mitransient underestimates path
+        lengths in heterogeneous fog. Also as in :func:`polywigner.mitsuba.received_power`.
     """
     edges = checked_ranges(ranges)
     require_transients()
@@ -153,7 +157,7 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Return the received power of the receivers with these indices, and the power by range."""
+    """Return the received power of the receivers ``numbers``, and their power by range."""
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
 
@@ -207,9 +211,10 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
 
 
 def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
-    """Return the direct power in W, (bins + 2,): below all bins, in each bin, and above all bins.
+    """Return the direct power by range in W, shape (bins + 2,).
 
-    In each bin, the amplitudes of paths that interfere add.
+    The first value is the power from ranges below all bins, and the last value the power from
+    ranges above all bins. The amplitudes of paths that interfere are added within each bin.
     """
     result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
     for path in paths:
@@ -225,9 +230,10 @@ Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
 
 
 def _bins_of(by_light: Floats, direct: Floats) -> Values:
-    """Return variables of bins, from scattered power (receivers, lights, batches, values) in W.
+    """Return the variables of the dataset that contain power by range.
 
-    ``direct`` is the direct power (receivers, lights, values) in W.
+    ``by_light`` is the scattered power in W, shape (receivers, lights, batches, values), and
+    ``direct`` the direct power in W, shape (receivers, lights, values).
     """
     each = by_light.sum(axis=1)
     scattered, error = each.mean(axis=1), standard_error(each, axis=1)
@@ -272,7 +278,7 @@ def _noise_of(powers: list[ReceivedPower]) -> Values:
 
 
 def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
-    """Return labels of paths, and their powers and ranges (receivers, lights, paths)."""
+    """Return the labels of direct paths, and variables with their powers and ranges."""
     labels: dict[str, int] = {}
     entries = []
     for (i, lights), j in product(enumerate(links), range(len(links[0]))):
@@ -301,7 +307,7 @@ def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
 
 Progress = Callable[[int, int], None]
 
-# Number of renders whose mean is an image. Progress is reported after each render.
+# Number of renders that are averaged to obtain an image. Progress is reported after each render.
 _PARTS = 4
 
 
@@ -318,14 +324,15 @@ def range_frames(
 ) -> xarray.Dataset:
     """Render the radiance of a camera by range, one frame for each bin.
 
-    Range is half the length of the path from a point on a source to the camera, as in
-    :func:`range_profile`; the length includes the distance to the camera's near clip. Sources are
-    visible, as in :func:`polywigner.mitsuba.render`. The film has a box filter. See docs/range.md.
+    Range is half the length of a path from a point on a source to the camera, as in
+    :func:`range_profile`. The path length includes the distance from the camera to its near clip.
+    Sources are visible, as in :func:`polywigner.mitsuba.render`. The film has a box filter. See
+    docs/range.md.
 
     Parameters
     ----------
     scene : mi.Scene
-        Scene of a compiled variant, whose camera specifies size, crop and sampler.
+        Scene of a compiled variant. The camera specifies the image size, the crop and the sampler.
     ranges : array_like, shape (n + 1,)
         Ascending edges of n bins in m, zero or more.
     spp : int, optional
@@ -343,9 +350,10 @@ def range_frames(
     Returns
     -------
     xarray.Dataset
-        ``radiance`` (range, row, column) in W m^-2 sr^-1. ``before`` and ``after`` (row, column):
-        radiance from ranges below and above all bins. The sum of all three is the luminance of the
-        image. Coordinates ``range`` and ``range_edge`` in m.
+        ``radiance`` with the dimensions (range, row, column) in W m^-2 sr^-1. ``before`` and
+        ``after``, with the dimensions (row, column), are the radiance from ranges below and above
+        all bins. The sum over all ranges is the luminance of the image. The coordinates are
+        ``range`` and ``range_edge`` in m.
 
     Raises
     ------

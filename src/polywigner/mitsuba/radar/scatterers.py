@@ -43,13 +43,13 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Number of rays that are traced at once; each ray takes a few hundred bytes.
+# Number of rays that are traced together. Each ray takes a few hundred bytes.
 _WAVEFRONT = 2**17
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Events of paths with their powers and intensities."""
+    """Scattering events on paths to a receiver, with their powers and radiant intensities."""
 
     events: Events
     power: Floats
@@ -57,17 +57,18 @@ class Cloud:
     intensity: Floats
     """Radiant intensity towards the receiver in W/sr."""
     standard_error: float
-    """Standard error of the sum of powers in W."""
+    """Standard error of the sum of all powers in W."""
 
     def thinned(self, count: int, rng: np.random.Generator, for_elements: bool) -> Cloud:
-        """Select at most ``count`` events at random, with values scaled to represent all events.
+        """Select at most ``count`` events at random, so that their sums represent all events.
 
-        The probability of an event is proportional to its power and at most 1. Its values are
-        divided by the probability. With ``for_elements``, the probability is proportional to the
-        mean of two fractions, of the total power and of the total intensity: then the signals of
-        array elements do not depend on a few events in the nulls of the array. Systematic sampling
-        of events sorted by path length preserves the distribution of lengths. Source: W. G. Madow,
-        Ann. Math. Stat. 20 (1949) 333.
+        The probability of an event is proportional to its power and at most 1. The power and the
+        intensity of a selected event are divided by its probability. With ``for_elements``, the
+        probability is proportional to the mean of the event's fraction of the total power and its
+        fraction of the total intensity. Otherwise the signals of array elements would depend on a
+        few events in the nulls of the array. Systematic sampling of events sorted by path length
+        preserves the distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949)
+        333.
         """
         if len(self.power) <= count:
             return self
@@ -92,7 +93,10 @@ def cloud_of(
     rng: np.random.Generator,
     motion: Motion | None,
 ) -> Cloud:
-    """Return the events of ``count`` rays, or slightly more, in a scene with hidden sources."""
+    """Trace rays from a receiver, and return their scattering events.
+
+    At least ``count`` rays are traced. Sources must be hidden in the scene.
+    """
     size = -(-count // BATCHES)
     parts = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
     sums = [float(power.sum()) for _, power, _ in parts]
@@ -108,10 +112,13 @@ def cloud_of(
 def _batch(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
 ) -> tuple[Events, Floats, Floats]:
-    """Return the events of a batch, with powers and intensities whose sums estimate the totals."""
+    """Return the events of one batch of rays, with their powers and radiant intensities.
+
+    The sums over all events are unbiased estimates of the received power and of the intensity.
+    """
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    # The seventh dimension is not used, but without it the clouds of all seeds would change.
+    # The seventh dimension is not used, but without it every seed would give a different cloud.
     draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
@@ -129,7 +136,10 @@ def _batch(
 
 
 def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
-    """Return paths from a receiver, weights in W per radiance and solid angle, and solid angles."""
+    """Return random paths from a receiver, with weights and solid angles.
+
+    The received power in W is the product of the weight, the solid angle in sr and a radiance.
+    """
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
     ray, watts, weight = sensor.ray_along(angles, 0.0, others.x, position)
@@ -141,11 +151,11 @@ def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
-    """Return probabilities of sum ``count``, proportional to a measure but at most 1."""
+    """Return probabilities with the sum ``count``, proportional to ``measure`` but at most 1."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
-    # If the probability of the k largest values is 1, the sum of the other probabilities is count -
-    # k.
+    # If the k largest values have the probability 1, the remaining probabilities must have the sum
+    # count - k.
     certain = np.arange(count)
     remainder = sums[len(sums) - 1 - certain]
     scale = (count - certain) / np.where(remainder > 0.0, remainder, 1.0)
@@ -154,7 +164,10 @@ def _probabilities(measure: Floats, count: int) -> Floats:
 
 
 def _thinning_error(power: Floats, probabilities: Floats) -> float:
-    """Return the standard error in W of sums over selected events, by Hajek's approximation."""
+    """Return the standard error in W that the random selection of events causes.
+
+    The standard error of the total power is computed by Hajek's approximation.
+    """
     missing = 1.0 - probabilities
     if not missing.any():
         return 0.0
@@ -167,7 +180,8 @@ _RAYS = 4
 _FEWEST_RAYS = 4096
 # Speed in m/s below which the Doppler shift is proportional to the speed, with an error below 1e-3.
 _FASTEST = 1e5
-# Largest number of scatterers, and of rays. The events of this many rays take one or two gigabytes.
+# Largest number of scatterers, and largest number of rays. The events of these rays take one or two
+# gigabytes.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -184,29 +198,32 @@ def scatterers(
     receiver: int | str | None = None,
     rays: int | None = None,
 ) -> xarray.Dataset:
-    """Return a cloud of scatterers: points with power, path length and velocity at a receiver.
+    """Return a cloud of scatterers, which represents the scattered field at a receiver.
 
-    Rays leave the receiver and are scattered from surface to surface, and a light is sampled at
-    each surface. Each sampled light results in a scatterer at the first surface of the path.
-    ``count`` scatterers are selected at random, with probabilities proportional to power, so the
-    sum over the cloud is an unbiased estimate of ``received_power(...).scattered``. Line-of-sight
-    radiation of coherent sources is not included. See docs/scatterers.md.
+    A scatterer is a point on a surface with a received power, a path length and a velocity. Rays
+    from the receiver are scattered from surface to surface, and one light is sampled at each
+    surface. Each sampled light results in a scatterer at the first surface of the ray's path. From
+    these scatterers, ``count`` scatterers are selected at random, with probabilities proportional
+    to their power. The total power of the cloud is an unbiased estimate of
+    ``received_power(...).scattered``. Line-of-sight radiation of coherent sources is not included.
+    See docs/scatterers.md.
 
     Parameters
     ----------
     scene : mi.Scene
         Scene of a compiled variant with a ``wigner_receiver`` sensor and lights, without fog.
     count : int
-        Largest number of scatterers; fewer if fewer paths reach a light.
+        Largest number of scatterers. The cloud contains fewer scatterers if fewer paths reach a
+        light.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     velocities : mapping of str to array_like, shape (3,), optional
-        Velocities in m/s of shapes, emitters and the receiver, by id. Default: zero. Load the scene
-        with :func:`load_scene`, which keeps ids; ``mi.load_dict`` merges meshes of equal BSDFs into
-        a mesh without an id.
+        Velocities of shapes, emitters and the receiver in m/s. The keys are ids in the scene.
+        Default: zero. Load the scene with :func:`load_scene`, which keeps ids. ``mi.load_dict``
+        merges meshes with equal BSDFs into one mesh without an id.
     max_depth : int, optional
-        Longest path as in Mitsuba's integrators: 2 for a single reflection, -1 for no limit.
-        Default: the value of the scene's integrator.
+        Maximum depth of paths, as in Mitsuba's integrators: 2 for a single reflection, -1 for no
+        limit. Default: the value of the scene's integrator.
     receiver : int or str, optional
         As in :func:`received_power`.
     rays : int, optional
@@ -215,20 +232,20 @@ def scatterers(
     Returns
     -------
     xarray.Dataset
-        Dataset over ``scatterer`` with
+        Dataset with the dimension ``scatterer`` and the following variables:
 
-        - ``position``, ``normal`` (scatterer, axis): position in m and normal of the first surface;
-          the normal is on the receiver's side
+        - ``position`` and ``normal`` (scatterer, axis): position in m, and unit normal of the first
+          surface on the side of the receiver
         - ``power``: received power in W; the estimator ``wigner`` can make it negative
         - ``intensity``: radiant intensity in W/sr towards the receiver, for
           :func:`element_responses`
-        - ``path_length`` in m, from the emitter via all surfaces to the receiver; the range is half
-          of it. It is infinite for the light of an environment
-        - ``bounces``: number of surfaces on the path; 0 for a light in view of the receiver
+        - ``path_length``: length in m of the path from the emitter via all surfaces to the
+          receiver, which is twice the range, and infinite for light from an environment
+        - ``bounces``: number of surfaces on the path, 0 for a light that the receiver sees directly
         - ``shape``, ``emitter``: ids of the first surface and of the light
-        - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface in m/s, and
-          ``path_rate``, the rate in m/s at which the path grows: minus the Doppler shift times the
-          wavelength
+        - ``velocity`` (scatterer, axis) and ``path_rate``, if ``velocities`` is specified: velocity
+          of the first surface in m/s, and the rate in m/s at which the path length increases, which
+          is minus the Doppler shift times the wavelength
 
         Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
         obliquity, normalise, estimator, rays, seed, and ``standard_error`` of the sum of powers in
@@ -237,8 +254,8 @@ def scatterers(
     Raises
     ------
     SceneError
-        If the scene has no receiver, no light or fog, if an emitter differs in wavelength,
-        obliquity or scene unit, or if a radiance is infinite.
+        If the scene has no receiver, has no light or contains fog, if an emitter differs in
+        wavelength, obliquity or scene unit, or if a radiance is infinite.
     ArgumentError
         If ``scene`` is not a scene, if there are several receivers and none is chosen, if an id is
         unknown, or if another argument is out of range.
@@ -295,7 +312,10 @@ def scatterers(
 
 @dataclass(frozen=True)
 class _Names:
-    """Ids of shapes and lights, by the numbers that events contain."""
+    """Ids of the shapes and lights of a scene.
+
+    The keys are the numbers of shapes and lights in Mitsuba's registry, which events contain.
+    """
 
     shapes: dict[int, str]
     lights: dict[int, str]
@@ -319,7 +339,7 @@ class _Names:
         return cls(shapes, lights, receiver)
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
-        """Return velocities in scene units by number; raise ArgumentError for unknown ids."""
+        """Convert velocities of objects to scene units; raise ArgumentError for unknown ids."""
         speeds = {name: speed / unit for name, speed in checked_velocities(velocities).items()}
         names = {*self.shapes.values(), *self.lights.values(), self.receiver}
         for name in speeds:
@@ -341,7 +361,7 @@ def _number(kind: str, thing: Any) -> int:
 
 
 def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
-    """Return velocities (3,) in m/s by id; raise ArgumentError for other values."""
+    """Check a mapping from ids to velocities in m/s; return the velocities as arrays."""
     if not isinstance(velocities, Mapping):
         raise ArgumentError(
             f"expected velocities as a mapping from ids to (vx, vy, vz), got {velocities!r}"

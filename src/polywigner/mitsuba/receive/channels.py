@@ -1,12 +1,12 @@
-"""Complex amplitudes and delays of the paths between two ends, via flat mirrors and bodies.
+"""Complex amplitudes and delays of paths between emitters and receivers.
 
-`paths_between` returns the paths, and `amplitudes_of` their amplitudes at frequencies. The
+`paths_between` returns the paths, and `amplitudes_of` their amplitudes at given frequencies. The
 amplitude of a path is a product of three factors. The first factor is the coupling b of the
 emitter's image with the receiver (docs/links.md, (RX1)). The second factor is the polarisation
-factor e_r . E: E is a unit field of the emitter that mirrors reflect along the central path, and
-e_r is the receiver's unit vector. The third factor is the mean over rays of the square root of the
-transmission of obstacles, masks and fog. With diffraction, the ratio b/b_0 over the edges of
-obstacles replaces this mean.
+factor e_r . E, where E is a unit field of the emitter after all reflections along the central path,
+and e_r is the polarisation vector of the receiver. The third factor is the transmission of
+obstacles, masks and fog: the square root of the transmitted power, averaged over rays. With
+diffraction, the third factor is the ratio b/b_0 of the couplings with and without obstacles.
 """
 
 from __future__ import annotations
@@ -68,11 +68,10 @@ if TYPE_CHECKING:
     import xarray
 
 _MOST_FREQUENCIES = 1 << 16
-# Numbers of Chebyshev nodes that are tried in turn. Each rule contains the nodes of the rule before
-# it.
+# Numbers of Chebyshev nodes that are tried in turn. Each set of nodes contains the previous set.
 _RULES = (5, 9, 17, 33, 65)
-# Fraction of the power below which a note reports that the default polarisations of both ends do
-# not match.
+# Received fraction of the power below which a note reports that the default polarisations of
+# emitter and receiver do not match.
 _MATCHED = 0.99
 
 
@@ -87,13 +86,13 @@ def channel(
     tolerance: float = 1e-6,
     progress: Callable[[int, int], None] | None = None,
 ) -> xarray.Dataset:
-    """Return complex amplitudes h and delays between all emitters and receivers of a scene.
+    """Return the complex channel between all emitters and receivers of a scene.
 
-    h is the sum over the line of sight and the specular paths via flat mirrors, with exact near
-    fields of images (docs/channel.md). \\|h\\|^2 is the ratio of received and transmitted power.
-    The parameter ``normalise`` of the plugins defines both powers. By default they are radiated
-    powers, so in the far field Friis' formula holds with directivities. Waves are
-    exp(i k r - i omega t). Scattered light is not included.
+    The channel coefficient h is the sum of the amplitudes of the line of sight and of all specular
+    paths via flat mirrors, with exact near fields (docs/channel.md). \\|h\\|^2 is the ratio of
+    received to transmitted power. The parameter ``normalise`` of the plugins defines both powers.
+    By default they are radiated powers, so in the far field Friis' formula holds with
+    directivities. Waves have the phase exp(i k r - i omega t). Scattered light is not included.
 
     Parameters
     ----------
@@ -105,35 +104,39 @@ def channel(
     reflections : int, default 2
         Maximum number of specular reflections per path, 0 to 3.
     polarisation : str or array_like, optional
-        Polarisation of ends without a polarisation in the scene: "x", "y", "45 deg", "right", ...
-        or a Jones vector in the x and y axes of each end. Default: "y"; in unpolarised variants
-        the line-of-sight path then counts as matched (docs/polarisation.md).
+        Polarisation of emitters and receivers whose polarisation is not specified in the scene. It
+        is "x", "y", "45 deg", "right", ... or a Jones vector in the x and y axes of the emitter or
+        receiver. Default: "y". In unpolarised variants, the line-of-sight path then has no
+        polarisation loss (docs/polarisation.md).
     bodies : mapping, optional
-        Perfect conductors by name, as in :func:`polywigner.rcs`, in the frame of the scene and in
-        m. Each value is a body, or a pair of a body and the number of reflections on it, 1 to 3,
-        such as ``{"corner": (plates, 3)}``. Their echoes are additional paths (docs/channel.md). Do
-        not add the bodies to the scene.
+        Perfect conductors by name, whose echoes are additional paths (docs/channel.md). Each value
+        is a body as in :func:`polywigner.rcs`, with positions in m in the frame of the scene. For
+        two or three reflections between its faces, the value is a pair of the body and the number
+        of reflections, such as ``{"corner": (plates, 3)}``. Do not add the bodies to the scene.
     tolerance : float, default 1e-6
         Tolerance of couplings, as in :func:`polywigner.coupling`.
     progress : callable, optional
-        Function that is called after each pair of ends with the number of finished pairs and the
-        number of all pairs.
+        Function that is called after each pair of an emitter and a receiver, with the number of
+        finished pairs and the total number of pairs.
 
     Returns
     -------
     xarray.Dataset
-        ``h`` (frequency, receiver, emitter), complex. ``amplitude`` (frequency, receiver, emitter,
-        path), complex, of each path. ``delay`` (receiver, emitter, path) in s between the centres
-        of both ends. ``mirrors`` (path): names of shapes and bodies in the order of their
-        reflections, joined by ", ". If a path does not exist for a pair of ends, its amplitude is
-        zero and its delay NaN. ``attrs["polarisation"]``: polarisations of the ends.
-        ``attrs["notes"]``: effects that are not included.
+        ``h`` is the complex channel coefficient, with the dimensions (frequency, receiver,
+        emitter). ``amplitude`` is the complex amplitude of each path, with the dimensions
+        (frequency, receiver, emitter, path). ``delay``, with the dimensions (receiver, emitter,
+        path), is the delay in s from the centre of the emitter to the centre of the receiver.
+        ``mirrors`` contains the names of the shapes and bodies of each path in the order of
+        reflection, joined by ", ". If a path does not exist for an emitter and a receiver, its
+        amplitude is zero and its delay is NaN. The attribute ``polarisation`` describes the
+        polarisations of emitters and receivers, and ``notes`` lists effects that are not included.
 
     Raises
     ------
     SceneError
-        If the scene has no emitter or receiver, several scene units or obliquities, partially
-        coherent sources, a mirror whose reflection has no phase, or too many paths.
+        If the scene has no emitter or no receiver, if these differ in scene unit or obliquity, or
+        if there are partially coherent sources, a mirror whose reflection has no defined phase, or
+        too many paths.
     ArgumentError, QuantityError
         If another argument is out of range.
     """
@@ -169,7 +172,7 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Return frequencies (n,) in Hz from numbers or strings; raise ArgumentError otherwise."""
+    """Return frequencies in Hz from numbers or strings; raise ArgumentError for other values."""
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
@@ -184,45 +187,47 @@ def checked_frequencies(frequencies: Any) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class CoherentPath:
-    """Path between two ends, with all factors of its amplitude except the couplings."""
+    """Path from an emitter to a receiver, with the factors of its amplitude."""
 
     route: Route
     """Mirrors and body along the path."""
     distance: float
-    """Length in m between the centres of both ends along the path."""
+    """Length of the path between the centres of emitter and receiver in m."""
     transmission: float
-    """Mean over rays of the square root of the transmitted fraction of the power."""
+    """Square root of the transmitted fraction of the power, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """For each pair of polarised parts: the factor e_r . E, and the parts of the emitter's image
-    and of the receiver that face each other.
-    """
+    """Polarisation factor ``e_r . E`` of each pair of polarised parts of emitter and receiver."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
-    """Function of the wavelength in m that returns the ratio b/b_0 of couplings with and without
-    obstacles; None: rays only.
+    """Effect of diffraction, or None without diffraction.
+
+    This function of the wavelength in m returns the ratio b/b_0 of the couplings with and without
+    obstacles.
     """
     echo: Callable[[float], complex] | None = None
-    """Function of the wavelength in m that returns the coupling b of a body, which replaces the
-    links; None: no body.
+    """Echo of a body, or None for paths without a body.
+
+    This function of the wavelength in m returns the coupling by reflection from the body, which
+    replaces the couplings of ``links``.
     """
 
     def transmission_at(self, wavelength: float) -> complex:
-        """Return the amplitude transmission at a wavelength in m, with diffraction."""
+        """Return the amplitude transmission of obstacles at a wavelength in m, with diffraction."""
         return self.transmission * (1.0 if self.edges is None else self.edges(wavelength))
 
 
 @dataclass(frozen=True, eq=False)
 class NormalisedSource:
-    """A placed source with normalised power, and its parts by polarisation."""
+    """An emitter or receiver with normalised power, divided into parts by polarisation."""
 
     source: PlacedSource
     parts: tuple[tuple[PlacedSource, Complex], ...]
-    """Parts of the source with one polarisation each, and their Jones vectors (2,)."""
+    """Parts of the source, each with a single polarisation, and their Jones vectors."""
     is_polarised: bool = True
-    """False if neither the scene nor the caller specifies a polarisation."""
+    """Whether the scene or the caller specifies a polarisation."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the square root of the power of a part over the power of the source."""
+        """Return the square root of a part's fraction of the source's power."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -260,7 +265,9 @@ def paths_between(
     polarisation: Any,
     shortest: float,
 ) -> tuple[list[CoherentPath], list[str]]:
-    """Return the paths that transmit power in a scene with hidden sources, and notes.
+    """Return the paths along which power is transmitted, and notes about excluded effects.
+
+    The sources of ``scene`` must be hidden.
 
     ``shortest`` is the shortest wavelength in m, which determines the obstacles that diffract.
     """
@@ -269,7 +276,7 @@ def paths_between(
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    # Legs are cached, because several paths contain the same leg.
+    # Segments of paths are cached, because several paths contain the same segment.
     leg_to = cache(partial(_leg_to, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
@@ -298,7 +305,8 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # For unpolarised ends, the amplitude of the line-of-sight path is the scalar coupling.
+    # If neither emitter nor receiver is polarised, the amplitude of the line-of-sight path is the
+    # scalar coupling.
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
@@ -314,7 +322,7 @@ def _path(
 def _polarised(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return e_r . E from the Jones vectors of both ends, without a complex conjugate."""
+    """Return the polarisation factor e_r . E from the Jones vectors of emitter and receiver."""
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
@@ -333,9 +341,10 @@ def _edges(
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
-    """Return the path from an end to a body's centre via mirrors, and its amplitude transmission.
+    """Return the path from an emitter or receiver via mirrors to the centre of a body.
 
-    The result is None if part of the body lies in the plane of the end or behind it.
+    The amplitude transmission of the path is returned as well. If part of the body is not in front
+    of the emitter or receiver, the result is None.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
@@ -350,7 +359,10 @@ def _leg_to(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path via a body. By reciprocity, both ends transmit towards the body."""
+    """Return the path via a body.
+
+    By reciprocity, the path is computed as if both emitter and receiver transmitted to the body.
+    """
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
@@ -378,7 +390,7 @@ def _echo_path(
 def _echo(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return the coupling b of a body, summed over the polarised parts of both ends."""
+    """Return the coupling by reflection from a body, summed over all polarised parts."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -401,7 +413,7 @@ def _echo(
 
 
 def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
-    """Return the amplitudes (n, paths) at frequencies (n,) in Hz."""
+    """Return the complex amplitudes of paths at frequencies in Hz, shape (n, paths)."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
     delays = np.array([path.distance for path in paths]) / SPEED_OF_LIGHT
@@ -415,10 +427,11 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
 
 
 def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
-    """Return a smooth function (n, k) at frequencies (n,), by interpolation if that saves calls.
+    """Evaluate a smooth function at n frequencies, by interpolation if that saves calls.
 
-    The number of Chebyshev nodes is doubled until the polynomial predicts the values at the next
-    nodes to ``tolerance`` of the largest value. ``compute`` returns the values (k,) at a frequency.
+    ``compute`` returns the k values of the function at one frequency. The number of Chebyshev nodes
+    is doubled until the interpolating polynomial predicts the values at the next nodes with an
+    error below ``tolerance`` times the largest value.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _RULES[-1] - 1
@@ -442,7 +455,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Return values at frequencies (n,) of the polynomial through values at Chebyshev nodes."""
+    """Evaluate the polynomial through ``values`` at Chebyshev nodes."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)
@@ -454,7 +467,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the amplitudes (paths,) at a frequency in Hz, without the phases of the delays."""
+    """Return the complex amplitudes of paths, without the phases of their delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -473,7 +486,7 @@ def _without_delays(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
-    """Return the couplings b (links,), with a single call for each pair of sources."""
+    """Return the couplings of pairs of sources that face each other."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
@@ -491,8 +504,7 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
     return values
 
 
-# ---- results
-# --------------------------------------------------------------------------------------
+# ---- results -------------------------------------------------------------------------------------
 
 
 def _dataset(

@@ -1,15 +1,16 @@
-"""Direct light at a receiver: line-of-sight paths, and specular paths via flat mirrors.
+"""Direct light at a receiver, along the line of sight and along specular paths.
 
-Rays from a receiver cannot meet point, spot, projector and directional lights. The power that is
-received from a light of radiant intensity I at the point y, and from a plane wave of irradiance E
-from the direction s, is
+Rays from a receiver cannot meet point, spot, projector and directional lights, so their power is
+computed by a formula. The received power P from a light of radiant intensity I at the point y, and
+from a plane wave of irradiance E from the direction s, is
 
     P = (lambda^2/N) |U(y)|^2 I                   P = (g |F(s)|^2/N) E = D(s) lambda^2/(4 pi) E
 
-U is the field that the receiver would transmit to y, F its spectrum, N the power that the receiver
-would radiate, and D its directivity. This is (RX8) at a point. A mirror produces an image of the
-light. The transmission is the mean over rays from positions on the receiver, drawn with the density
-|u|^2.
+where U is the field that the receiver would transmit to y, F is the Fourier transform of its source
+field u, g is the obliquity factor, N is the power that the receiver would radiate, and D is its
+directivity. These formulas are (RX8) at a point. A mirror produces an image of the light. The
+transmission of obstacles is averaged over rays from positions on the receiver, drawn with the
+density |u|^2.
 """
 
 from __future__ import annotations
@@ -53,16 +54,19 @@ from polywigner.source.polarisation import Stokes
 
 
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
-    """Return received over radiated power in free space, in the receiver's normalisation."""
+    """Return the ratio of received to radiated power in free space.
+
+    The radiated power is defined by the parameter ``normalise`` of the receiver.
+    """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
     check_obliquity(link, emitter.obliquity, receiver.obliquity)
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     total = 0.0
-    # For some obliquities, coupling() and norm_of() scale u differently. The ratio of radiated
-    # powers does not depend on this scale. The waves of a mixture need a common scale, which is int
-    # |u|^2.
+    # For some obliquities, coupling() and norm_of() scale the source field u differently. The ratio
+    # of radiated powers does not depend on this scale. The waves of a mixture need a common scale,
+    # which is the integral of |u|^2.
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
     try:
@@ -85,7 +89,7 @@ class DirectLight:
     paths: tuple[DirectPath, ...] = ()
     notes: tuple[str, ...] = ()
     interfering: float | None = None
-    """Power in W of all paths if their amplitudes add; None if their powers add."""
+    """Power in W of all paths if their amplitudes are added, or None if their powers are added."""
 
     @property
     def power(self) -> float:
@@ -96,7 +100,7 @@ class DirectLight:
 
 
 Term = tuple[float, Stokes, Stokes]
-"""|b|^2 of a pair of fields, and the Stokes parameters at the emitter and at the receiver."""
+"""Coupling |b|^2 of a polarised field of the emitter and a polarised field of the receiver."""
 
 
 def direct_light(
@@ -106,7 +110,7 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Return the paths that transmit power in a scene with hidden sources."""
+    """Return the direct paths from an emitter to a receiver in a scene with hidden sources."""
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
@@ -140,11 +144,11 @@ def direct_light(
 
 
 def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return |b|^2 in free space for each pair of fields of both ends."""
+    """Return the coupling |b|^2 in free space for each pair of polarised fields."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
-        assert parts is not None  # open_path has checked that both ends face each other.
+        assert parts is not None  # open_path has checked that both sources face each other.
         terms.append((free_space_coupling(parts, tolerance), stokes_sent, stokes_taken))
     return terms
 
@@ -152,7 +156,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
 def _received(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the sum of |b|^2, and the received fraction of the transmitted power."""
+    """Return the sum of all couplings |b|^2, and the fraction of power in matched polarisation."""
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -161,14 +165,14 @@ def _received(
         for b_squared, sent, taken in terms
     )
     passed = total * float(transmission[0, 0])
-    # The power between crossed polarisations is a rounding error, which may be negative.
+    # The power received in a crossed polarisation is a rounding error, which may be negative.
     return total, max(received / passed, 0.0) if passed > 0 else 0.0
 
 
 # ---- point, spot, projector and directional lights -----------------------------------------------
 
-# Distance of the point that represents a direction, relative to the far-field distance or to the
-# size of the receiver.
+# Distance of a point that represents the direction to a directional light, relative to the
+# far-field distance or to the size of the receiver.
 _FAR = 1e6
 _TOLERANCE = 1e-6
 
@@ -182,7 +186,7 @@ class DeltaLight(NamedTuple):
 
 
 def delta_lights(scene: Any) -> list[DeltaLight]:
-    """Return the lights of a scene that rays cannot meet, except coherent sources."""
+    """Return the point, spot, projector and directional lights of a scene."""
     lights = []
     for number, emitter in enumerate(sorted_emitters(scene)):
         flags, name = emitter.flags(), emitter.id() or f"light {number}"
@@ -213,7 +217,7 @@ def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> 
 
 
 def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
-    """Return the paths from delta lights to a receiver, along the line of sight or via mirrors."""
+    """Return the paths from point, spot, projector and directional lights to a receiver."""
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
@@ -259,9 +263,9 @@ def _delta_path(
 def _starts(
     scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Chain
 ) -> tuple[Floats, Floats]:
-    """Return points (n, 3) in m where rays to ``end`` start, and the image (3,) of the light.
+    """Return the points where rays from a light to ``end`` start, and the light's mirror image.
 
-    The image of a directional light is represented by a point 1 m from the receiver's centre.
+    The image of a directional light is represented by a point 1 m from the centre of the receiver.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
@@ -278,7 +282,7 @@ def _starts(
 
 
 def _row(point: Drjit) -> Floats:
-    """Return the coordinates (3,) of a point, or of the first point of an array of points."""
+    """Return the coordinates of a point, or of the first point of an array of points."""
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
@@ -291,7 +295,7 @@ def _image(points: Floats, chain: Chain) -> Floats:
 def _sampled(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
-    """Return a sample of the light from a point in scene units, and its irradiance there."""
+    """Sample a light from a point in scene units; return the sample and the irradiance there."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths
@@ -300,10 +304,10 @@ def _sampled(
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Return the radiant intensity (n,) in W/sr of a light towards points in scene units.
+    """Return the radiant intensity of a light towards points in scene units, in W/sr.
 
-    For directional lights, the result is the irradiance in W/m^2. Both are the luminance of all
-    colours, as in films with one channel.
+    For directional lights, the irradiance in W/m^2 is returned instead. Spectra are converted to
+    luminance, as in films with one channel.
     """
     total: Any = 0.0
     white = 0.0
@@ -322,7 +326,10 @@ _SETS = 24
 
 
 def _colours() -> list[Drjit]:
-    """Return sets of wavelengths in nm; one empty set in variants without wavelengths."""
+    """Return sets of wavelengths in nm that represent a spectrum.
+
+    For variants without wavelengths, there is one empty set of wavelengths.
+    """
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
     if not count:
@@ -333,9 +340,10 @@ def _colours() -> list[Drjit]:
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return the effective area in m^2 for each field, which replaces |b|^2.
+    """Return the effective area in m^2 of a receiver for each of its polarised fields.
 
-    The area is the received power over 4 pi times the radiant intensity, or over the irradiance.
+    The area is the received power divided by 4 pi times the radiant intensity of a light, or by the
+    irradiance of a plane wave. The effective area replaces the coupling |b|^2.
     """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)

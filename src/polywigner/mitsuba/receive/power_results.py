@@ -1,4 +1,4 @@
-"""Results and options of received power: contributions in W, standard errors, noise."""
+"""Results and options of received power, with contributions, standard errors and noise."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OTHER_LIGHTS = "other lights"
 
 
 def dbm_of(watts: float) -> float | None:
-    """Return a power in dBm; None for zero and for negative powers, which noise can cause."""
+    """Return a power in dBm, or None unless it is positive; noise can cause negative powers."""
     return 10 * math.log10(watts / 1e-3) if watts > 0 else None
 
 
@@ -44,25 +44,26 @@ class DirectPath:
     """Line-of-sight or specular path from an emitter to a receiver."""
 
     mirrors: tuple[str, ...]
-    """Names of shapes and bodies in the order of the reflections; empty for the line of sight."""
+    """Names of shapes and bodies in the order of reflection; empty for the line of sight."""
     power: float
     """Received power in W."""
     coupling: float
-    """Ratio |b|^2 of received and emitted power in free space."""
+    """Ratio |b|^2 of received to emitted power in free space."""
     transmission: float
-    """Fraction of the power that obstacles and mirrors transmit, as a mean over rays."""
+    """Fraction of the power that obstacles and mirrors transmit, averaged over rays."""
     arrives_from: tuple[float, float]
-    """Direction cosines to the centre of the emitter or of its image, in the receiver's frame."""
+    """Direction cosines from the receiver to the emitter or its image, in the receiver's frame."""
     polarisation: float = 1.0
-    """Fraction of the transmitted power in the receiver's polarisation."""
+    """Fraction of the incident power that is in the receiver's polarisation."""
     amplitude: complex | None = None
     """Complex amplitude of the path if paths interfere, otherwise None."""
     length: float = math.nan
-    """Length in m between the centres of both ends; infinite for a directional light."""
+    """Length of the path from emitter to receiver in m; infinite for a directional light."""
     light: str = ""
-    """Id of the point, spot, projector or directional light; empty for other emitters. With an id,
-    ``coupling`` is the received power over 4 pi times the radiant intensity, or over the
-    irradiance, in m^2.
+    """Id of a point, spot, projector or directional light; empty for other emitters.
+
+    If this id is not empty, ``coupling`` is an effective area in m^2: the received power divided by
+    4 pi times the radiant intensity, or by the irradiance of a directional light.
     """
 
 
@@ -72,9 +73,9 @@ class Contribution:
 
     name: str
     direct: float
-    """Power in W of line-of-sight and specular paths; only their transmission is sampled."""
+    """Power received along the line of sight and specular paths in W."""
     scattered: float
-    """Power in W scattered by surfaces and fog."""
+    """Power scattered by surfaces and fog in W."""
     standard_error: float
     """Standard error of ``scattered`` in W."""
     paths: tuple[DirectPath, ...] = ()
@@ -87,9 +88,10 @@ class Contribution:
 
 @dataclass(frozen=True)
 class ReceivedPower:
-    """Power at one receiver of a scene; ``float()`` returns it in W.
+    """Power received by one receiver of a scene.
 
-    Direct paths of one emitter interfere with ``coherent=True``; otherwise powers add.
+    ``float()`` returns the power in W. With ``coherent=True``, the direct paths of one emitter
+    interfere. Otherwise their powers are added.
     """
 
     receiver: str
@@ -97,7 +99,10 @@ class ReceivedPower:
     """Wavelength in m."""
     contributions: tuple[Contribution, ...]
     standard_error: float
-    """Standard error in W of ``scattered``; direct light has no sampling noise."""
+    """Standard error of ``scattered`` in W.
+
+    Direct light has no sampling noise.
+    """
     samples: int
     """Number of samples of scattered light for each emitter."""
     seed: int
@@ -106,20 +111,20 @@ class ReceivedPower:
     temperature: float | None = None
     """Noise temperature in K."""
     noise_figure: float | None = None
-    """Noise figure in dB; None stands for 0."""
+    """Noise figure in dB, where None counts as 0."""
     notes: tuple[str, ...] = ()
-    """Effects in this scene that are not included, as sentences."""
+    """Sentences about effects in this scene that are not included."""
     polarisation: str = ""
-    """Polarisations in the result, with the names of the ends that have them."""
+    """Polarisations of the result, with the names of the emitters and receivers."""
 
     @property
     def direct(self) -> float:
-        """Power in W of line-of-sight and specular paths."""
+        """Power received along the line of sight and specular paths in W."""
         return math.fsum(part.direct for part in self.contributions)
 
     @property
     def scattered(self) -> float:
-        """Power in W scattered by surfaces and fog; may be negative (estimator ``wigner``)."""
+        """Scattered power in W, which can be negative with the estimator ``wigner``."""
         return math.fsum(part.scattered for part in self.contributions)
 
     @property
@@ -129,7 +134,7 @@ class ReceivedPower:
 
     @property
     def dbm(self) -> float | None:
-        """Power in dBm; None for zero or less."""
+        """Power in dBm, or None if the power is not positive."""
         return dbm_of(self.power)
 
     @property
@@ -139,7 +144,7 @@ class ReceivedPower:
 
     @property
     def snr(self) -> float | None:
-        """Signal-to-noise ratio as a ratio of powers, not in dB; None without noise."""
+        """Ratio of signal power to noise power (not in dB), or None without noise."""
         noise = self.noise_power
         return None if noise is None else self.power / noise
 
@@ -147,7 +152,7 @@ class ReceivedPower:
         return self.power
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as numbers and strings, for JSON."""
+        """Return all values as numbers and strings, which JSON supports."""
         return {
             "receiver": self.receiver,
             "wavelength_m": self.wavelength,
@@ -212,9 +217,9 @@ class ReceivedPower:
 def noise_power_of(
     bandwidth: float | None, temperature: float | None, noise_figure: float | None
 ) -> float | None:
-    """Return the noise power k T B F in W; None without a temperature and a bandwidth.
+    """Return the noise power k T B F in W, or None without a temperature and a bandwidth.
 
-    The bandwidth is in Hz, the temperature in K and the noise figure in dB.
+    The bandwidth B is in Hz, the temperature T in K and the noise figure in dB.
     """
     if temperature is None or bandwidth is None:
         return None
@@ -249,7 +254,7 @@ class ReceiveOptions:
     """Checked arguments of :func:`polywigner.mitsuba.received_power`."""
 
     spp: int | None = None
-    """Number of samples; None: the value of the scene."""
+    """Number of samples, or None for the value of the scene."""
     seed: int = 0
     integrator: Any = None
     reflections: int = 0
@@ -258,11 +263,11 @@ class ReceiveOptions:
     temperature: float | str | None = None
     noise_figure: float | str | None = None
     coherent: bool = False
-    """Whether paths of one emitter interfere."""
+    """Whether the direct paths of one emitter interfere."""
     polarisation: Any = None
-    """Jones vector of ends without a polarisation; None: the default."""
+    """Jones vector of emitters and receivers whose polarisation the scene does not specify."""
     bodies: Any = None
-    """Conducting bodies; a tuple of :class:`Body` after the check."""
+    """Conducting bodies, which the check converts to a tuple of :class:`Body`."""
 
     def __post_init__(self) -> None:
         is_coherent = checked_flag(self.coherent, "coherent")
@@ -283,7 +288,10 @@ class ReceiveOptions:
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Return the noise parameters of a receiver, with those of these options replaced."""
+        """Return the noise parameters of a receiver.
+
+        Noise parameters in these options replace the parameters of the receiver.
+        """
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
         noise = {n: spec.noise[n] if value is None else value for n, value in noise.items()}
         power = noise_power_of(**noise)
@@ -300,7 +308,11 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset of variables: array, dimensions, unit ("" for text) and meaning of each."""
+    """Create a dataset with units and descriptions.
+
+    Each variable in ``values`` consists of an array, its dimensions, its unit (empty for text) and
+    its description.
+    """
     from polywigner import __version__
 
     return labelled_arrays(

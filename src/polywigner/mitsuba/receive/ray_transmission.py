@@ -1,10 +1,11 @@
 """Transmission of power and polarisation along paths, computed with rays through a scene.
 
-Rays run from the receiver to the emitter. Null surfaces, fog, masks and thin panes transmit them,
-and the flat mirrors of the path reflect them.
+Rays are traced from the receiver to the emitter. Null surfaces, fog, masks and thin panes transmit
+the rays, and the flat mirrors of the path reflect them.
 
-Mitsuba's ``thindielectric`` computes 2R/(1 + R), the sum of all internal reflections in power, from
-the mean R of the reflectances of both polarisations. Here it is computed for each polarisation.
+The reflectance of a thin pane is 2R/(1 + R), the sum of the powers of all internal reflections,
+where R is the reflectance of one surface. Mitsuba's ``thindielectric`` uses the mean R of both
+polarisations. In this module, the reflectance is computed for each polarisation.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
 from polywigner.numerics import Floats
 
-# Largest number of null surfaces on a path. A path through more surfaces counts as blocked.
+# Largest number of null surfaces on a path. Paths through more null surfaces count as blocked.
 _MOST_PASSED = 64
 # Number of points between two surfaces at which the density of fog is sampled.
 _IN_FOG = 32
-# Largest difference in rad between two directions of a reflection that count as equal.
+# Largest angle in rad between two directions of reflection that count as equal.
 _SAME_DIRECTION = 1e-3
 # Wavelengths in nm at which spectral variants are sampled.
 _COLOURS = (450.0, 520.0, 590.0, 660.0)
@@ -40,9 +41,11 @@ _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 
 
 def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
-    """Yield arrays (n, 2) or (n, 3) as Mitsuba's points: all at once, or one by one if scalar.
+    """Convert NumPy arrays of shape (n, 2) or (n, 3) to points of Mitsuba.
 
-    The coordinates are copied from lists, because kernels depend on the alignment of NumPy memory.
+    Compiled variants get all points in one batch, and scalar variants one point in each batch. The
+    coordinates are copied from lists, because kernels would depend on the memory alignment of NumPy
+    arrays.
     """
     kinds = [{2: mi.Point2f, 3: mi.Point3f}[array.shape[1]] for array in arrays]
     if dr.is_jit_v(mi.Float):
@@ -54,33 +57,36 @@ def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
 
 
 def joined(values: Iterable[Drjit]) -> Floats:
-    """Return the numbers of several batches as one array (n,)."""
+    """Join the numbers of several batches to one NumPy array."""
     return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
 
 
 class Plane(NamedTuple):
-    """Plane of a mirror, in units of the scene."""
+    """Plane of a flat mirror, in scene units."""
 
     shape: Any
     normal: Drjit
     offset: float
     rounding: float
-    """Largest distance of a hit on the mirror from its plane."""
+    """Largest distance between the plane and hits on the mirror, due to rounding errors."""
     surfaces: tuple[Surface, Surface] | None
-    """Surfaces for waves from the side of the normal and from behind; None: use Mitsuba's BSDF."""
+    """Optical surfaces for waves that arrive on the front and on the back of the mirror.
+
+    Without these surfaces, the reflectance of Mitsuba's BSDF is used.
+    """
 
 
 class Transmission(NamedTuple):
     """Transmission of rays along a path."""
 
     fraction: Drjit
-    """Transmitted fraction of the power; a Mueller matrix in Mitsuba's axes for polarised rays."""
+    """Transmitted fraction of the power; for polarised rays, Mueller matrices in Mitsuba's axes."""
     first: Drjit
-    """Direction of a ray at the first point."""
+    """Direction of each ray at the first point."""
     last: Drjit
-    """Direction of a ray towards the last point."""
+    """Direction of each ray towards the last point."""
     panes: list[list[Drjit]]
-    """Fields after the thin panes of each leg, for incident fields along x, y and z."""
+    """Fields behind the thin panes of each segment, for incident fields along x, y and z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,20 +98,20 @@ class _Pane:
     masks: list[Any]
 
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
-        """Return the transmittances of fields normal to the plane of incidence and in it.
+        """Return the transmittances of a pane for s and p polarisation.
 
-        ``total`` is the transmittance of the BSDF in Mitsuba.
+        The unpolarised transmittance of the pane's BSDF in Mitsuba is ``total``.
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
         mean, across, along = _on_host(self._without_masks, cosine)
-        # The factor accounts for the texture, and for the fraction of the surface that the masks do
-        # not remove.
+        # The factor accounts for the texture, and for the fraction of the surface that the masks
+        # leave.
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
 
     def _without_masks(self, cosine: Floats) -> list[Floats]:
-        """Return three transmittances: Mitsuba's, and for fields normal to the plane and in it."""
+        """Return the transmittance of the glass in Mitsuba, and for s and p polarisation."""
         fields = self.surface.coefficients(cosine)
         mean = 1.0 - self.surface.reflectance_in_mitsuba(cosine)
         return [mean, *(1.0 - np.abs(field) ** 2 for field in fields)]
@@ -121,8 +127,8 @@ class RayTracer:
     polarised : bool
         Whether to return Mueller matrices.
     coherent : bool
-        Whether callers apply mirrors and thin panes to field vectors. The transmitted fraction then
-        does not include them.
+        Whether the caller applies the effects of mirrors and thin panes to field vectors. These
+        effects are then excluded from the transmitted fraction.
     """
 
     def __init__(self, scene: Any, polarised: bool, coherent: bool) -> None:
@@ -144,10 +150,10 @@ class RayTracer:
         return self._coherent and bool(self._panes)
 
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
-        """Return the transmission from the last to the first of the points.
+        """Trace rays along paths, and return the transmission from the last to the first point.
 
-        ``medium`` is the fog at the first point. ``planes`` are the planes of the mirrors at all
-        points except the first and the last.
+        ``medium`` is the fog at the first point. ``planes`` contains the planes of the mirrors, one
+        for each point except the first and the last.
         """
         fraction, panes = self._all(), []
         first = direction = dr.normalize(points[1] - points[0])
@@ -173,22 +179,22 @@ class RayTracer:
         return Transmission(fraction, first, direction, panes)
 
     def unobstructed(self, si: Any, point: Any) -> Drjit:
-        """Return the transmission between a point of a light and a surface, without fog."""
+        """Return the transmission between a surface and a point of a light, without fog."""
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._first_surface(si.spawn_ray_to(point), medium)
         return dr.select(it.is_valid(), 0.0, passed)
 
     def _all(self) -> Drjit:
-        """Return full transmission: 1, or the unit Mueller matrix for polarised rays."""
+        """Return the value of full transmission, which is 1 or the unit Mueller matrix."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """Trace rays to the first surface that is not null, or that lies in the plane of a mirror.
+        """Trace rays to the first surface that is a mirror or that is not null.
 
-        Returns the interaction, the transmission up to it, the fog behind it, and the fields after
-        thin panes for incident fields along x, y and z.
+        Returns the surface interaction, the transmission up to the surface, the fog behind it, and
+        the fields behind thin panes for incident fields along x, y and z.
         """
         fraction, moves = self._all(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
@@ -214,7 +220,7 @@ class RayTracer:
     def _passed(
         self, si: Any, d: Any, columns: list[Any], active: Any
     ) -> tuple[Drjit, list[Drjit]]:
-        """Return the transmission of a null surface, and the fields ``columns`` behind it."""
+        """Return the transmission of a null surface, and the fields behind it."""
         passed = si.bsdf().eval_null_transmission(si, active)
         total = _mean(passed, False)
         if self._polarised:
@@ -249,7 +255,7 @@ class RayTracer:
         return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
-        """Return the specular reflectance; zero if a normal map changes the direction."""
+        """Return the specular reflectance, or zero if a normal map changes the direction."""
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
         bsdf = nodes[len(masks)]
@@ -264,8 +270,9 @@ class RayTracer:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
-        # Textures and factors of the BSDF cause the ratio of Mitsuba's reflectance and Fresnel's
-        # reflectance.
+        # Mitsuba's reflectance is the Fresnel reflectance times textures and factors of the BSDF.
+        # The factor ``inverse`` divides by the Fresnel reflectance, so that only these textures and
+        # factors remain.
         inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
         scale = covered * _mean(weight, False) * inverse
         if self._coherent:
@@ -276,9 +283,10 @@ class RayTracer:
 
 
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
-    """Return the inverse reflectance in Mitsuba, and the real coefficients of both polarisations.
+    """Return one over the reflectance in Mitsuba, and the amplitude coefficients for s and p.
 
-    The surface is ``before`` for positive cosines, and ``behind`` for negative cosines.
+    The surface is ``before`` for positive cosines of incidence, and ``behind`` for negative
+    cosines.
     """
 
     def values(surface: Surface) -> list[Floats]:
@@ -291,7 +299,7 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
 
 
 def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
-    """Evaluate a function of NumPy arrays for Mitsuba arrays."""
+    """Evaluate a function of NumPy arrays at values in a Dr.Jit array."""
     results = function(np.array(value, np.float64))
     if dr.is_jit_v(mi.Float):
         return [mi.Float(result.tolist()) for result in results]
@@ -299,7 +307,7 @@ def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drj
 
 
 def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
-    """Return the opacity of nested masks."""
+    """Return the total opacity of nested masks."""
     result: Any = mi.Float(1.0)
     for mask in masks:
         texture = next(child for child in children_of(mask) if isinstance(child, mi.Texture))
@@ -308,7 +316,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _across(normal: Any, direction: Any) -> Drjit:
-    """Return the unit normal of the plane of incidence, which is arbitrary at normal incidence."""
+    """Return the unit normal of the plane of incidence, arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _ALONG
@@ -317,15 +325,16 @@ def _across(normal: Any, direction: Any) -> Drjit:
     )
 
 
-# If |n x k| is below this value, the incidence counts as normal, because of rounding errors of
-# single precision.
+# Incidence counts as normal if the sine of the angle of incidence is below this value, because of
+# rounding errors in single precision.
 _ALONG = 1e-6
 
 
 def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
-    """Return the Mueller matrix in Mitsuba's axes for real s and p amplitudes ``roots``.
+    """Return the Mueller matrix of a reflection or transmission in Mitsuba's axes.
 
-    ``arrives`` and ``leaves`` are directions of travel. The s axis is ``across``.
+    ``roots`` contains the real amplitude coefficients for s and p polarisation. ``across`` is the s
+    axis. ``arrives`` and ``leaves`` are the propagation directions before and after the surface.
     """
     s, p = roots
     mean, difference = (s * s + p * p) / 2, (s * s - p * p) / 2
@@ -337,7 +346,7 @@ def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
 
 
 def _is(pointer: Any, shape: Any) -> Drjit:
-    """Return which rays have met a shape."""
+    """Return a mask of the rays that have hit a shape."""
     return pointer == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
 
 
@@ -362,12 +371,12 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
         scale = dr.opaque(mi.Float, along) if is_jit else along
         interaction.p = ray.o + ray.d * (length * scale)
         depth = depth + medium.get_scattering_coefficients(interaction, is_foggy)[2]
-        dr.eval(depth)  # Each step is evaluated, so that all steps use the same small kernel.
+        dr.eval(depth)  # Separate evaluations let all steps use the same small kernel.
     return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
 
 
 def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
-    """Return the fog behind a surface."""
+    """Return the fog behind a surface, seen along ``direction``."""
     changes = active & si.is_medium_transition()
     if not dr.is_jit_v(mi.Float):
         return si.target_medium(direction) if changes else medium
@@ -375,7 +384,7 @@ def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
 
 
 def _mean(spectrum: Any, polarised: bool) -> Drjit:
-    """Return the mean of a spectrum over colours, as in images and received powers."""
+    """Return the mean of a spectrum over wavelengths or colours, as for received powers."""
     if not polarised:
         return dr.mean(mi.unpolarized_spectrum(spectrum))
     return mueller_matrix(mi, {entry: dr.mean(spectrum[entry]) for entry in np.ndindex(4, 4)})

@@ -1,4 +1,4 @@
-"""Power at the receivers of a scene: exact links, and scattered light from samples."""
+"""Power at the receivers of a scene, from exact direct light and sampled scattered light."""
 
 from __future__ import annotations
 
@@ -65,7 +65,10 @@ _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "Particl
 
 Progress = Callable[[int, int], None]
 Sampled = Callable[[list[Scattering]], Floats]
-"""Function that returns the power in W (receivers, batches, lights, ...) of the batches."""
+"""Function that renders all batches of scattered light.
+
+The function returns powers in W, shape (receivers, batches, lights, ...).
+"""
 
 
 @one_at_a_time
@@ -88,24 +91,25 @@ def received_power(
 ) -> ReceivedPower:
     """Return the power at a receiver of a scene in W, with its standard error.
 
-    Direct light of each emitter, along the line of sight and via flat mirrors, is computed exactly
-    by :func:`polywigner.coupling` of the receiver with the emitter or its images, times the
-    fraction of rays that pass obstacles. Light that surfaces and fog scatter is sampled by the
-    ``wigner_receiver`` sensor. Powers add without interference, unless ``coherent`` is true. See
-    docs/received_power.md.
+    The power is the sum of direct and scattered light (docs/received_power.md). Direct light
+    reaches the receiver along the line of sight and via flat mirrors. It is computed exactly by
+    :func:`polywigner.coupling` of the receiver with the emitter or its mirror images, and
+    multiplied by the fraction of rays that pass obstacles. Light that surfaces and fog scatter is
+    sampled by the ``wigner_receiver`` sensor. Powers are added without interference, unless
+    ``coherent`` is true.
 
     Parameters
     ----------
     scene : mi.Scene
         Scene with a ``wigner_receiver`` sensor and lights.
     spp : int, optional
-        Number of samples of scattered light for each emitter, in 16 batches; rounded up to a
-        multiple of 16. Default: the value of the sensor.
+        Number of samples of scattered light for each emitter. It is rounded up to a multiple of 16,
+        because the samples are divided into 16 batches. Default: the value of the sensor.
     seed : int, default 0
         Seed of the random numbers, zero or more. Direct light does not depend on it.
     receiver : int or str, optional
-        Id of the sensor, or its number among the sorted ids of receivers, from 0. Default: the
-        only receiver.
+        Id of the receiver, or its index in the sorted list of receiver ids. Required if the scene
+        has several receivers.
     integrator : str or mi.Integrator, optional
         Integrator of scattered light, as in :func:`polywigner.mitsuba.render`.
     reflections : int, default 2
@@ -113,29 +117,30 @@ def received_power(
     tolerance : float, default 1e-6
         Tolerance of couplings, as in :func:`polywigner.coupling`.
     bandwidth, temperature, noise_figure : float or str, optional
-        Parameters of the noise k T B F in Hz, K and dB, or strings such as "1 GHz", instead of the
-        receiver's parameters. Without a noise figure, F is 1. The bandwidth also determines which
-        emitters are received.
+        Bandwidth B in Hz, temperature T in K and noise figure F in dB of the noise power k T B F,
+        or strings such as "1 GHz". They replace the parameters of the receiver. Without a noise
+        figure, F is 1. The bandwidth also determines which emitters are received.
     coherent : bool, default False
-        Whether the amplitudes of direct paths of an emitter add, with fringes, as in
-        :func:`polywigner.mitsuba.channel`. The powers of scattered light and of different emitters
-        add.
+        Whether the direct paths of an emitter interfere, so that their amplitudes are added as in
+        :func:`polywigner.mitsuba.channel`. Scattered light and light of different emitters do not
+        interfere.
     polarisation : str or array_like, optional
-        With ``coherent``: polarisation of ends without a polarisation in the scene, default "y", as
-        in :func:`polywigner.mitsuba.channel`. In polarised variants it also applies to scattered
-        power.
+        Polarisation of emitters and receivers whose polarisation is not specified in the scene, as
+        in :func:`polywigner.mitsuba.channel`. Requires ``coherent``. Default: "y". In polarised
+        variants it also applies to scattered power.
     bodies : mapping, optional
-        With ``coherent``: perfect conductors by name, which are added to the scene, as in
-        :func:`polywigner.mitsuba.channel`.
+        Perfect conductors by name, in addition to the shapes of the scene, as in
+        :func:`polywigner.mitsuba.channel`. Requires ``coherent``.
     progress : callable, optional
-        Function that is called after each render with the number of finished renders and the number
-        of all renders.
+        Function that is called after each render with the number of finished renders and the total
+        number of renders.
 
     Returns
     -------
     ReceivedPower
-        ``float()`` or ``.power`` in W, ``.standard_error``, ``.dbm``, ``.direct``, ``.scattered``,
-        ``.contributions`` of each emitter, ``.noise_power``, ``.snr`` and ``.notes``.
+        Received power. ``float()`` and the attribute ``power`` return it in W. Further attributes
+        are ``standard_error``, ``dbm``, ``direct``, ``scattered``, ``contributions`` of each
+        emitter, ``noise_power``, ``snr`` and ``notes``.
 
     Raises
     ------
@@ -181,7 +186,11 @@ def received_powers(
 
 
 def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the index of the chosen receiver; raise ArgumentError unless exactly one matches."""
+    """Return the index of a receiver in a list of receivers.
+
+    A receiver is specified by its id, its index, or None if there is only one receiver. Raises
+    ArgumentError unless exactly one receiver matches.
+    """
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
@@ -198,10 +207,10 @@ def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
 
 
 class Parties(NamedTuple):
-    """Receivers and coherent sources of a scene."""
+    """Selected receivers and all coherent sources of a scene."""
 
     sensors: list[int]
-    """Indices of the receivers among the sensors of the scene."""
+    """Indices of the receivers in the list of sensors of the scene."""
     receivers: list[PlacedSource]
     noises: list[dict[str, Any]]
     """Bandwidth, temperature and noise figure of each receiver."""
@@ -209,13 +218,14 @@ class Parties(NamedTuple):
 
 
 class Received(NamedTuple):
-    """Powers at receivers, and the batches of scattered light."""
+    """Received powers, with the batches of scattered light."""
 
     powers: list[ReceivedPower]
     receivers: list[PlacedSource]
     batches: Floats
-    """Power in W, shape (receivers, batches, lights, values). The values are range bins, or a
-    single sum.
+    """Scattered power in W, shape (receivers, batches, lights, values).
+
+    The last axis contains the power in each range bin, or a single sum over all ranges.
     """
 
 
@@ -226,16 +236,16 @@ def received(
     sample: Sampled,
     edges: Floats | None = None,
 ) -> Received:
-    """Return the power at the receivers with these indices; see :func:`received_power`.
+    """Return the power at several receivers, as in :func:`received_power`.
 
-    ``edges`` are the edges in m of the range bins into which scattered light is sorted; None: one
-    bin.
+    Receivers are specified by their indices ``numbers``. Scattered light is divided into range bins
+    with the edges ``edges`` in m, if specified.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
-        # Direct light is computed first, so that its errors are raised before the slow renders.
+        # Direct light is computed first, so that its errors are raised before slow renders start.
         direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
@@ -247,7 +257,10 @@ def received(
 
 
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
-    """Return the receivers with these indices, and the sources; check their bands and units."""
+    """Return the receivers with the indices ``numbers``, and the sources of a scene.
+
+    Raises SceneError unless the frequency bands and scene units of receivers and sources match.
+    """
     if not scene.emitters():
         raise SceneError("the scene has no emitters; add an emitter")
     sensors = [receivers_of(scene)[number] for number in numbers]
@@ -265,7 +278,7 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return the sampling of the light that is scattered to the sensor with this index."""
+    """Return the settings with which light scattered to a sensor is sampled."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
@@ -280,7 +293,10 @@ def _scattering(
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Return the powers in W (receivers, batches, lights, ...) of all batches, rendered in turn."""
+    """Render all batches of scattered light one after the other.
+
+    Returns powers in W, shape (receivers, batches, lights, ...).
+    """
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
     with slow_bar("renders", total) as advance:
@@ -295,7 +311,10 @@ def _direct(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter and of other lights; sources are hidden."""
+    """Return the direct light of each emitter, and of point lights and directional lights.
+
+    The sources of ``scene`` must be hidden.
+    """
     chains, echoes, notes = routes_in(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
@@ -317,7 +336,7 @@ def _interfering(
     routes: list[Route],
     options: ReceiveOptions,
 ) -> DirectLight:
-    """Return the direct light of an emitter whose paths interfere; sources are hidden."""
+    """Return the direct light of an emitter whose paths interfere; sources must be hidden."""
     wavelength = emitter.wavelength
     paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
@@ -352,7 +371,11 @@ def _result(
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
-    """Return the power at a receiver, from its direct light and its batches in W."""
+    """Return the received power of one receiver.
+
+    The received power is the sum of direct light, ``direct``, and of the average of all batches of
+    scattered power in W, ``scattered``.
+    """
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
@@ -377,13 +400,13 @@ def _result(
     )
 
 
-# Pixels along a side of an arrival map, and samples per pixel: for compiled and for scalar
-# variants. Both take a few seconds.
+# Number of pixels along a side of an arrival map and number of samples per pixel, for compiled
+# variants and for scalar variants. Both maps take a few seconds.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
-    """Return a map (n, n) over directions of the power in W of scattered and incoherent light."""
+    """Return a map of scattered and incoherent power in W by direction of arrival, shape (n, n)."""
     _, original = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER)
@@ -399,25 +422,25 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
             how = {"integrator": integrator, "spp": spp, "seed": seed_of(seed)}
             image = np.array(mi.render(scene, sensor=sensor, **how), dtype=np.float64)
     finally:
-        sensor.scene = None  # No reference to the scene remains, so that its memory can be freed.
+        sensor.scene = None  # The memory of the scene can then be freed.
     return mean_of_colours(image)
 
 
-# Largest number of shapes that are labelled in a map, and smallest fraction of the power of a
-# labelled shape.
+# Largest number of shapes that are labelled in an arrival map, and smallest fraction of the power
+# that comes from a labelled shape.
 _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 
 
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return the mean direction cosines of the shapes that cause most power in a map."""
+    """Return the mean direction cosines of the shapes from which most power of a map arrives."""
     placed = placed_receiver(receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, image.ravel(), 0.0).clip(min=0)
     bright = np.flatnonzero(power)
-    if not len(bright):  # Arrays without elements crash Dr.Jit.
+    if not len(bright):  # Empty arrays crash Dr.Jit.
         return {}
     x, y, power = x[bright], y[bright], power[bright]
     directions = placed.pose[:3, :3] @ [x, y, np.sqrt(1 - x * x - y * y)]
@@ -433,7 +456,7 @@ def shapes_in(
 
 
 def _first_shapes(scene: Any, origin: Floats, directions: Floats) -> NDArray[np.uint32]:
-    """Return the numbers (n,) of the shapes that rays along directions (3, n) meet first."""
+    """Return the number of the shape that each ray from ``origin`` hits first, shape (n,)."""
     start, numbers = mi.Point3f(*origin.tolist()), []
     for (direction,) in point_batches(directions.T):
         hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(direction)))

@@ -1,19 +1,21 @@
 """Power that surfaces and fog scatter to a receiver, with its standard error.
 
-Samples are computed in batches with different seeds. The standard error follows from the spread of
-the batches. Paths do not depend on the power of a source. Therefore, for the same seed, the
-contribution of a source is the render with this source and incoherent lights, minus the render with
-incoherent lights only, sample by sample.
+Samples are computed in batches with different seeds. The standard error is computed from the
+scatter of the batches. The paths of samples do not depend on the power of a source. Therefore the
+contribution of a source is the difference of two renders with the same seed: the first render
+includes the source and all incoherent lights, and the second render only the incoherent lights.
 
-Samples of the receiver's far-field pattern rarely meet shapes that are small or outside the beam. A
-fraction S of the samples is aimed at boxes around such shapes, in the receiver's angles (alpha,
-psi), whose area dalpha dpsi is a solid angle. All samples are weighted by the density of the
-mixture,
+Samples that are drawn from the receiver's far-field pattern rarely hit shapes that are small or
+outside the beam. Therefore a fraction S of the samples is aimed at boxes around such shapes. The
+boxes are rectangles in the receiver's angles (alpha, psi), whose area element dalpha dpsi is a
+solid angle. All samples are weighted with the density of the mixture,
 
     S sum_k p_k [in box k]/Omega_k + (1 - S) p(alpha, psi),
 
-the balance heuristic, which does not change means. Source: E. Veach and L. J. Guibas, "Optimally
-combining sampling techniques for Monte Carlo rendering", SIGGRAPH 1995.
+where p is the density of the far-field pattern, and p_k and Omega_k are the probability and the
+solid angle of box k. These weights (the balance heuristic) do not change the mean. Source: E. Veach
+and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH
+1995.
 """
 
 from __future__ import annotations
@@ -47,22 +49,22 @@ from polywigner.numerics import Floats
 
 # ---- rays towards small shapes -------------------------------------------------------------------
 
-# Fraction S of the samples that are aimed at boxes. Errors outside the boxes increase, because
-# fewer samples remain there: by a factor of 1.07 if errors fall with the square root of the number
-# of samples, and by 1/(1 - S) = 1.14 if they fall with the number of samples, as for stratified
-# samples.
+# Fraction S of the samples that are aimed at boxes. Fewer samples remain for other directions, so
+# errors increase there. They increase by a factor of 1.07 if errors are proportional to one over
+# the square root of the number of samples, and by 1/(1 - S) = 1.14 if they are proportional to one
+# over the number of samples, as for stratified samples.
 _AIMED = 1 / 8
 # Fraction of the aimed samples that is divided equally among all boxes, because range profiles need
 # samples of each box.
 _EQUAL = 0.5
 # Largest number of boxes of a receiver, because each sample is tested against all boxes.
 _MOST_BOXES = 64
-# Separate pieces of a mesh get separate boxes if the mesh has at most this number of pieces and of
-# faces.
+# Largest number of pieces and largest number of faces of a mesh whose separate pieces have separate
+# boxes.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
-# Samples are aimed at a box if at most this fraction of the unaimed samples meets the box.
+# Samples are aimed at a box if at most this fraction of the unaimed samples hits the box.
 _COMMON = 1 / 16
-# Smallest width of a box in rad; single precision hardly resolves smaller angles.
+# Smallest width of a box in rad, because single precision hardly resolves smaller angles.
 _NARROWEST = 1e-5
 # Margin around a box of angles relative to its width, because straight sides of a box in space
 # become curved lines in angles.
@@ -73,7 +75,7 @@ _PROBES = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
-    """Aim samples of receivers at small shapes during the block."""
+    """Aim samples of receivers at small shapes within a ``with`` block."""
     sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
@@ -87,11 +89,11 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
 
 
 def _boxes(shape: Any) -> list[Floats]:
-    """Return the bounds (2, 3) of a shape, or of each piece of a mesh."""
+    """Return the bounding box of a shape, or of each piece of a mesh, each of shape (2, 3)."""
     shape_box = [bounds_of(shape)]
     if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    if "faces" not in mi.traverse(shape):  # Rectangles have no parameter "faces".
+    if "faces" not in mi.traverse(shape):  # Rectangles do not have the parameter "faces".
         return shape_box
     # Meshes with normals contain several copies of a vertex.
     points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
@@ -106,7 +108,7 @@ def _boxes(shape: Any) -> list[Floats]:
 
 
 def _vectors(sensor: Any, boxes: Floats) -> Floats:
-    """Return vectors (n, m, 3), in a receiver's frame, from the receiver to m points of n boxes."""
+    """Return vectors from a receiver to points of boxes in its frame, shape (boxes, points, 3)."""
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     points = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
@@ -120,7 +122,11 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _targets(sensor: Any, boxes: Floats) -> Floats:
-    """Return rows (n, 5) of boxes: smallest and largest (alpha, psi), fraction of aimed samples."""
+    """Return the boxes of angles at which samples of a receiver are aimed, shape (n, 5).
+
+    A box is described by its smallest angles (alpha, psi), its largest angles (alpha, psi), and its
+    fraction of the aimed samples.
+    """
     vectors = _vectors(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
@@ -144,7 +150,7 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
-    """Return the fraction (n,) of the unaimed samples in each box."""
+    """Return the fraction of the unaimed samples in each box, shape (n,)."""
     steps = (np.arange(_PROBES) + 0.5) / _PROBES
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
@@ -155,10 +161,10 @@ def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
 
 
 class AimedDirections:
-    """Sampler of directions in boxes of angles and of other ``directions``, for one variant."""
+    """Sampler of directions that combines boxes of angles with another sampler ``directions``."""
 
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
-        """Store ``rows`` (n, 5): smallest and largest (alpha, psi), and fraction of each box."""
+        """Create the sampler for boxes ``rows``, as returned by :func:`_targets`."""
         self._m, self._jit, self._others = m, dr.is_jit_v(m.Float), directions
         self._ops = ops_for(m.Float)
         low, high, fractions = rows[:, :2], rows[:, 2:4], rows[:, 4]
@@ -176,7 +182,7 @@ class AimedDirections:
             self._columns = [m.Float(column) for column in self._columns]
 
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
-        """Return angles for a uniform point of the unit square, and their density."""
+        """Map uniform points of the unit square to angles; return the angles and their density."""
         m = self._m
         aims = sample.x < _AIMED
         unaimed = dr.select(aims, 0.5, (sample.x - _AIMED) * (1 / (1 - _AIMED)))
@@ -198,12 +204,12 @@ class AimedDirections:
         return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
 
     def _between(self, number: Any, axis: int, u: Any) -> Drjit:
-        """Return an angle in a box; rounding errors cannot move it out of the box."""
+        """Map a random number to an angle that is inside a box despite rounding errors."""
         low, high = self._at(axis, number), self._at(axis + 2, number)
         return dr.clip(low + (high - low) * u, low, high)
 
     def _inside(self, angles: Any, number: Any) -> Drjit:
-        """Return the density of samples in a box at given angles; zero outside the box."""
+        """Return the density of the samples aimed at one box; it is zero outside the box."""
         in_alpha, in_psi = (
             (angle >= self._at(axis, number)) & (angle <= self._at(axis + 2, number))
             for axis, angle in enumerate((angles.x, angles.y))
@@ -216,7 +222,7 @@ class AimedDirections:
         return self._columns[column][number]
 
     def _sum(self, term: Callable[[Any], Any]) -> Drjit:
-        """Return the sum of a term over all boxes, computed by a loop in the kernel."""
+        """Return the sum of ``term`` over all boxes, computed by a loop in the kernel."""
         return self._ops.fold(0, self._count, (0.0,), lambda k, total: (total + term(k),))[0]
 
 
@@ -227,13 +233,13 @@ BATCHES = 16
 
 
 def batches_of(spp: int) -> int:
-    """Return the number of samples in each of 16 batches, for ``spp`` or slightly more in total."""
+    """Return the number of samples per batch if 16 batches contain at least ``spp`` samples."""
     return -(-check_spp(spp) // BATCHES)
 
 
 @dataclass(frozen=True)
 class Scattering:
-    """Sampling of the light that is scattered to a receiver, in a scene with hidden sources."""
+    """Settings with which light scattered to a receiver is sampled."""
 
     sensor: int
     integrator: Any
@@ -241,17 +247,21 @@ class Scattering:
     """Requested total number of samples."""
     seed: int
     edges: tuple[float, ...] | None = None
-    """Edges of range bins, as path lengths in scene units; None: no bins."""
+    """Edges of range bins, as path lengths in scene units, or None without bins."""
 
     @property
     def values(self) -> tuple[int, ...]:
-        """Shape of a light's power in a batch: (), or (bins + 2,) with shorter and longer paths."""
+        """Shape of the power of one light in a batch.
+
+        Without range bins, the power is a single number. With range bins, the power has the shape
+        (bins + 2,), with additional values for shorter and longer paths.
+        """
         return () if self.edges is None else (len(self.edges) + 1,)
 
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """Return the power in W (lights, values) from each of :func:`lights_of` in a batch."""
+        """Render a batch of scattered light; return powers in W, shape (lights, values)."""
         seed, samples = seed_of(self.seed, number), batches_of(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
@@ -274,18 +284,21 @@ class Scattering:
 
 
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
-    """Return the lights of separate renders: None for all incoherent lights, and each source."""
+    """Return the lights for which separate renders are computed.
+
+    The entry None represents all incoherent lights. All other entries are coherent sources.
+    """
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
 
 def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """Return the powers in W of sources (emitters, batches) and of other lights (batches,)."""
+    """Return the powers of each coherent source, and of all incoherent lights, in W."""
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])
     return np.moveaxis(powers[:, 1:] - powers[:, :1], 1, 0), powers[:, 0]
 
 
 def standard_error(batches: Floats, axis: int = 0) -> Floats:
-    """Return the standard error of the mean of batches of equal size."""
+    """Return the standard error of a mean over batches of equal size."""
     return np.std(batches, ddof=1, axis=axis) / math.sqrt(batches.shape[axis])

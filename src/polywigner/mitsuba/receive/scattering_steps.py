@@ -1,4 +1,4 @@
-"""Paths from a receiver through a scene, step by step, and the events that add light."""
+"""Paths from a receiver through a scene, and the events at which lights contribute power."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from polywigner.mitsuba.scenes.surfaces import Reaches
 from polywigner.numerics import Floats
 
 # Number of uniform random numbers per step: two for a light, three for a direction, and one for the
-# random end of a path.
+# random termination of a path.
 _SAMPLES = 6
-# Number of bounces after which paths continue with a probability equal to their throughput, at most
-# _SURVIVORS, as in Mitsuba.
+# Number of bounces after which a path continues with a probability equal to its throughput, but at
+# most _SURVIVORS, as in Mitsuba.
 _ROULETTE = 5
 _SURVIVORS = 0.95
 # Integral over wavelengths, in nm, of the eye's luminosity function, as in Mitsuba's films.
@@ -30,7 +30,7 @@ _MOST_STEPS = 1024
 
 
 def number_of(kind: str, thing: Any) -> Drjit:
-    """Return the number of a "Shape" or an "Emitter" in Mitsuba's arrays; 0 for none."""
+    """Return the number of a "Shape" or an "Emitter" in Mitsuba's registry, or 0 for None."""
     if not dr.is_jit_v(mi.Float):
         return 0 if thing is None else id(thing)
     return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
@@ -38,19 +38,19 @@ def number_of(kind: str, thing: Any) -> Drjit:
 
 @dataclass
 class Paths:
-    """State of paths, as arrays of a compiled variant."""
+    """State of many paths, as arrays of a compiled variant."""
 
     ray: Drjit
     active: Drjit
     throughput: Drjit
-    """Spectrum of the radiance at the receiver over the radiance at the next surface."""
+    """Ratio of the radiance at the receiver to the radiance at the next surface, as a spectrum."""
     bounces: Drjit
     last: Drjit
-    """Surface interaction of the last bounce."""
+    """Surface interaction at the last bounce."""
     density: Drjit
-    """Probability density of the direction per solid angle."""
+    """Probability density of the current direction per solid angle."""
     is_smooth: Drjit
-    """Whether the direction cannot result from sampling a light."""
+    """Whether sampling a light cannot result in the current direction, as after a mirror."""
 
     @classmethod
     def along(cls, ray: Drjit, weight: Drjit, zero: Drjit) -> Paths:
@@ -62,7 +62,7 @@ class Paths:
 
 
 class Steps:
-    """Function that moves all paths by one step, in a scene with hidden coherent sources."""
+    """Function that moves all paths to the next surface; coherent sources must be hidden."""
 
     def __init__(self, scene: Any, most_bounces: int, meets_lights: bool) -> None:
         self._scene, self._most = scene, most_bounces
@@ -72,7 +72,7 @@ class Steps:
         self._reaches = Reaches(scene)
 
     def __call__(self, paths: Paths, samples: list[Drjit]) -> tuple[Paths, dict[str, Drjit]]:
-        """Return paths behind the next surface, and values of the surfaces and lights there."""
+        """Return the paths after the next surface, and properties of the surface and of lights."""
         si = self._scene.ray_intersect(paths.ray, paths.active)
         is_met = paths.active & si.is_valid()
         values = {"is_met": is_met, "t": si.t, "p": si.p, "n": si.n, "d": paths.ray.d}
@@ -85,7 +85,7 @@ class Steps:
         return paths, values
 
     def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the radiance at the receiver from the lights that rays meet, and their numbers."""
+        """Return the numbers of the lights that rays hit, and their radiance at the receiver."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -128,7 +128,7 @@ class Steps:
     def _onwards(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, samples: list[Drjit]
     ) -> tuple[Paths, Drjit]:
-        """Return paths in scattered directions, and whether a surface has scattered them."""
+        """Continue paths in scattered directions; return a mask of the scattered paths as well."""
         direction = mi.Point2f(*samples[1:3])
         sample, weight = bsdf.sample(self._context, si, samples[0], direction, is_met)
         weight = si.to_world_mueller(weight, -sample.wo, si.wi)
@@ -156,7 +156,7 @@ class Steps:
 
 
 def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
-    """Return the luminance of a spectrum, as in films with one channel."""
+    """Return the luminance of a spectrum, as stored by films with one channel."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
@@ -166,7 +166,10 @@ def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
 
 @dataclass(frozen=True)
 class Motion:
-    """Velocities (3,) in scene units per second of shapes and lights, by number."""
+    """Velocities of shapes and lights in scene units per second.
+
+    Objects are identified by their numbers in Mitsuba's registry, which are the keys.
+    """
 
     shapes: dict[int, Floats]
     lights: dict[int, Floats]
@@ -175,24 +178,24 @@ class Motion:
 
 EVENT = np.dtype(
     [
-        ("ray", np.int64),  # number of the ray that left the receiver
+        ("ray", np.int64),  # index of the ray from the receiver
         ("radiance", np.float64),  # radiance along the ray
         ("position", np.float64, 3),  # position on the first surface
         ("normal", np.float64, 3),  # normal of the first surface, on the receiver's side
         ("first_shape", np.int64),  # number of the shape of the first surface
         ("distance", np.float64),  # distance to the first surface
         ("length", np.float64),  # length of the complete path
-        ("rate", np.float64),  # rate of change of the path length, per second
+        ("rate", np.float64),  # rate of change of the path length
         ("bounces", np.int64),
         ("light", np.int64),  # number of the light
     ]
 )
-"""Contribution of a light at the end of a path; lengths are in scene units."""
+"""Data type of an event, the contribution of a light to a path, with lengths in scene units."""
 
 Events = Any
-"""Record array (n,) of `EVENT`."""
+"""Record array of n events, with the fields of `EVENT`."""
 _Step = dict[str, NDArray[Any]]
-"""Values of all rays in a step, by name."""
+"""Properties of all rays after a step, by name."""
 
 
 def events_of(
@@ -204,12 +207,13 @@ def events_of(
     meets_lights: bool,
     motion: Motion | None,
 ) -> Iterator[Events]:
-    """Yield the events of paths, step by step.
+    """Trace paths, and yield the events of each step.
 
-    ``first`` (n, 2) are uniform random numbers for the lights at the first surface.
+    ``first`` contains the uniform random numbers that select lights at the first surface, shape (n,
+    2).
     """
     count, steps = len(first), Steps(scene, most_bounces, meets_lights)
-    state: Events = np.zeros(count, EVENT).view(np.recarray)  # state of the next event of each ray
+    state: Events = np.zeros(count, EVENT).view(np.recarray)  # fields of the next event of each ray
     state.ray = np.arange(count)
     speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (count, 1))
     yield state[:0]
@@ -227,7 +231,7 @@ def events_of(
             here.rate += np.vecdot(velocity - speeds, step["d"])
         yield from _lights(here, step, velocity, motion)
         bounced = step["is_bounce"]
-        # Null surfaces only add to the length of a path.
+        # Null surfaces change only the length of a path.
         state.length = here.length
         here.bounces += 1
         state[bounced] = here[bounced]
@@ -237,7 +241,7 @@ def events_of(
 
 
 def _arrived(here: Events, step: _Step) -> Events:
-    """Move events to the next surface, and set the first surface of paths without a bounce."""
+    """Move events to the next surface, which is the first surface of paths without a bounce."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
@@ -248,7 +252,7 @@ def _arrived(here: Events, step: _Step) -> Events:
 
 
 def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) -> Iterator[Events]:
-    """Yield the events of lights that paths sample or meet in a step."""
+    """Yield the events of the lights that paths sample or hit in one step."""
     is_sampled = step["sampled"] != 0.0
     if is_sampled.any():
         event, sampled = here[is_sampled], {name: value[is_sampled] for name, value in step.items()}
@@ -261,7 +265,8 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
         yield event
     if "met" in step:
         far = step["is_met_far"]
-        # The sky has no position if the receiver sees it directly.
+        # Light from an environment that the receiver sees directly has no position, so it is not an
+        # event.
         met = (step["met"] != 0.0) & ~(far & (here.bounces == 0))
         event = here[met]
         event.radiance, event.light = step["met"][met], step["met_light"][met]
@@ -270,7 +275,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
 
 
 def _column(value: Drjit, count: int) -> NDArray[Any]:
-    """Convert a Mitsuba array to a NumPy array (n,) or (n, 3)."""
+    """Convert a Dr.Jit array to a NumPy array of shape (n,) or (n, 3)."""
     array = np.array(value)
     if array.dtype.kind in "fiu":
         array = array.astype(np.float64 if array.dtype.kind == "f" else np.int64)

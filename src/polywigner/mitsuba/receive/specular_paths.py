@@ -1,4 +1,4 @@
-"""Specular paths between two sources: points, transmission along rays, and edge diffraction."""
+"""Specular paths between an emitter and a receiver, their transmission, and edge diffraction."""
 
 from __future__ import annotations
 
@@ -46,9 +46,10 @@ from polywigner.propagation.shadows import diffracted
 from polywigner.source.polarisation import ludwig_axes
 
 Mesh = tuple[Floats, NDArray[np.intp]]
-"""Corners (n, 3) and triangles (t, 3)."""
+"""Vertices of a mesh, shape (n, 3), and vertex indices of its triangles, shape (t, 3)."""
 
-# Rounding error of the distance of a hit from the plane of its mirror, relative to the coordinates.
+# Rounding error of the distance between a hit and the plane of its mirror, relative to the
+# coordinates.
 _IN_PLANE = 4 * ROUNDING
 
 
@@ -58,28 +59,33 @@ def _ray_count() -> int:
 
 
 class PassingRays(NamedTuple):
-    """Rays from a source to a receiver, reflected by the planes of all mirrors of a path."""
+    """Rays from an emitter via the planes of all mirrors of a path to a receiver."""
 
     points: list[Floats]
-    """Points (n, 3) in m on the receiver, on the mirrors in reverse order, and on the emitter."""
+    """Points on the receiver, on the mirrors in reverse order, and on the emitter, in m."""
     fractions: Floats
-    """Transmission (n, 1, 1) of each ray; in polarised variants, Mueller matrices (n, 4, 4) for the
-    x and y axes of both ends.
+    """Transmission of each ray, shape (n, 1, 1).
+
+    In polarised variants, the transmission is a Mueller matrix for the x and y axes of emitter and
+    receiver, shape (n, 4, 4).
     """
     panes: list[Floats]
-    """Mean matrix (3, 3) by which thin panes multiply the field, for each leg from the emitter."""
+    """Matrices by which thin panes multiply the electric field, averaged over rays.
+
+    Each segment of the path, from the emitter to the receiver, has one matrix of shape (3, 3).
+    """
 
     @property
     def power(self) -> Floats:
-        """Mean transmission (k, k) of all rays, including rays that are blocked."""
+        """Mean transmission of all rays, including blocked rays, shape (k, k)."""
         return np.asarray(self.fractions.sum(axis=0) / _ray_count())
 
     @property
     def amplitude(self) -> float:
-        """Mean over all rays of the square root of the transmission.
+        """Square root of the transmission, averaged over all rays, including blocked rays.
 
-        In a corner of mirrors, each ray reflects off the mirrors in a particular order. Therefore
-        the sum of the means of all orders is the mean of all rays.
+        In a corner of mirrors, each ray is transmitted for only one order of the mirrors. Therefore
+        the sum of this average over all orders is the average for the corner.
         """
         return float(np.sqrt(self.fractions[:, 0, 0]).sum() / _ray_count())
 
@@ -91,16 +97,17 @@ def passing_rays(
     chain: Sequence[Mirror] = (),
     coherent: bool = False,
 ) -> PassingRays:
-    """Trace rays from a source via flat mirrors to a receiver: 4096, or 1024 if scalar.
+    """Trace rays from an emitter via flat mirrors to a receiver.
 
-    ``emitter`` is the source itself, not its image. With ``coherent``, the transmission excludes
-    the effects of mirrors and thin panes on the field, which callers apply to field vectors.
+    The number of rays is 4096, or 1024 in scalar variants. ``emitter`` is the source itself, not
+    its image. With ``coherent``, the transmission excludes the effects of mirrors and thin panes on
+    the field, which the caller applies to field vectors.
     """
     points = _rays_between(emitter, receiver, chain)
     leaves = (points[-2] - points[-1]) @ emitter.normal > 0
     arrives = (points[1] - points[0]) @ receiver.normal > 0
     points = [point[leaves & arrives] for point in points]
-    if not len(points[0]):  # Arrays without elements crash Dr.Jit.
+    if not len(points[0]):  # Empty arrays crash Dr.Jit.
         size = 4 if mi.is_polarized else 1
         return PassingRays(points, np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
     return PassingRays(points, *traced(scene, points, receiver, emitter, chain, coherent))
@@ -109,20 +116,20 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    """Return points of the rays between two sources, as :func:`points_by` does."""
+    """Return the points of random rays between two sources, in the order of :func:`points_by`."""
     start = _points_on(emitter, even_points(_ray_count(), 4)[:, :2])
     return points_by(start, points_on(receiver), chain)
 
 
 def points_on(receiver: PlacedSource) -> Floats:
-    """Return points (n, 3) in m on a receiver, drawn with the density |u|^2."""
+    """Return points on a receiver in m, drawn with the density |u|^2, shape (n, 3)."""
     return _points_on(receiver, even_points(_ray_count(), 4)[:, 2:])
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
-    """Return the points of rays that the planes of all mirrors reflect.
+    """Return the points of specular rays via the planes of mirrors.
 
-    The result contains points (n, 3) at the end, on the mirrors in reverse order, and at the start.
+    The points are at the end, on the mirrors in reverse order, and at the start of each ray.
     """
     images = [start]
     for mirror in chain:
@@ -138,18 +145,22 @@ def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Float
 
 
 class CentralPath(NamedTuple):
-    """Path between the centres of two ends."""
+    """Specular path between the centres of an emitter and a receiver."""
 
     points: Floats
-    """Points (n, 3) in m, from the emitter to the receiver."""
+    """Points of the path from the emitter to the receiver in m, shape (n, 3)."""
     panes: list[Floats]
-    """Matrix (3, 3) by which thin panes multiply the field, for each leg."""
+    """Matrices by which the thin panes of each segment multiply the electric field."""
 
     @classmethod
     def between(
         cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
     ) -> CentralPath:
-        """Return the path between both centres; if mirrors do not reflect it, one of the rays."""
+        """Return the specular path between the centres of two sources.
+
+        If the specular path between the centres misses a mirror, the path of one of the ``rays`` is
+        returned.
+        """
         points = points_by(facing.centre[None], taking.centre[None], chain)
         if not len(points[0]):
             points = rays.points
@@ -157,19 +168,19 @@ class CentralPath(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Length in m."""
+        """Length of the path in m."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     @property
     def transmission(self) -> float:
-        """Amplitude transmission of the thin panes of the first leg for unpolarised light."""
+        """Amplitude transmission of the thin panes on the first segment for unpolarised light."""
         along = self.points[1] - self.points[0]
         along /= np.linalg.norm(along)
         across = self.panes[0] @ (np.eye(3) - np.outer(along, along))
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """Return E (3,) at the end of the path for a Jones vector (2,) at the start."""
+        """Return the electric field at the end of the path for a Jones vector at its start."""
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         field = self.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
@@ -179,18 +190,20 @@ class CentralPath(NamedTuple):
         return np.asarray(field)
 
 
-# Allowed error of |F|^2, relative to its peak, of the points that represent an end.
+# Allowed error of the far-field pattern of the points that represent an emitter or receiver,
+# relative to its peak.
 _OF_POINTS = 1e-6
-# Distance from a mirror at which rays to the mirror start, as a fraction of the leg.
+# Distance from a mirror at which rays start, as a fraction of the length of the segment.
 _CLOSE = 1e-3
-# Half the step of a central difference, in wavelengths. The error of the derivative is 7e-8.
+# Half the step of a central difference, in wavelengths. The relative error of the derivative is
+# 7e-8.
 _STEP = 1e-4
 
 
 def diffracted_ratio(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> complex:
-    """Return the ratio b/b_0 of couplings with and without obstacles; points replace the ends."""
+    """Return the ratio b/b_0 of the couplings with and without obstacles."""
     wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
@@ -219,9 +232,10 @@ def diffracted_ratio(
 def _receiving(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return positions (n, 3), and weights of the incident field at them whose sum is received.
+    """Return positions at which the incident field is received, and their complex weights.
 
-    By reciprocity, a point that radiates as a dipole receives the normal derivative of the field,
+    The received amplitude is the weighted sum of the incident field at the positions. By
+    reciprocity, a point that radiates as a dipole receives the normal derivative of the field,
     which is computed as a difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
@@ -241,7 +255,7 @@ def meeting_rays(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """Return the rays of `passing_rays`, with the reflectance of mirrors but without obstacles."""
+    """Return the rays of `passing_rays` as if there were no obstacles."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
@@ -262,9 +276,10 @@ def meeting_rays(
 def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
-    """Return the obstacles of each leg of a path, mirrored in all later mirrors of the path.
+    """Return the obstacles of each segment of a path after unfolding at the mirrors.
 
-    The obstacles of a leg are the parts of the meshes in front of the mirrors at its ends.
+    The obstacles of a segment are the parts of the meshes in front of the mirrors at its ends. They
+    are reflected at all later mirrors of the path.
     """
     points = points_by(emitter.centre[None], receiver.centre[None], chain)
     if not len(points[0]):
@@ -275,8 +290,8 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # The obstacles of a leg are on the side of a mirror on which the leg starts or
-                # ends.
+                # The obstacles of a segment are on the side of a mirror on which the segment starts
+                # or ends.
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
@@ -314,7 +329,7 @@ def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh
 
 
 def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Floats:
-    """Return quasi-random points (count, dimensions) in the unit cube.
+    """Return quasi-random points in the unit cube, shape (count, dimensions).
 
     Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
     """
@@ -326,7 +341,7 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
 
 
 def _points_on(source: PlacedSource, draws: Floats) -> Floats:
-    """Return points (n, 3) in m on a source, from uniform numbers, with the density |u|^2."""
+    """Map uniform numbers to points on a source with the density |u|^2, in m, shape (n, 3)."""
     cells = cells_with_field(mi, source.source, 1.0)
     batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
@@ -340,7 +355,7 @@ def traced(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> tuple[Floats, list[Floats]]:
-    """Trace rays along points, and return their transmission.
+    """Trace rays along given points, and return their transmission.
 
     Parameters
     ----------
@@ -349,9 +364,9 @@ def traced(
     points : list of ndarray, shape (n, 3)
         Points in m on the receiver, on the mirrors in reverse order, and on the emitter.
     receiver : PlacedSource
-        Rays start slightly in front of its plane.
+        Receiver. Rays start slightly in front of its plane.
     emitter : PlacedSource or None
-        Rays end slightly in front of its plane. None: the last point is not on a plane.
+        Emitter. Rays end slightly in front of its plane. If it is None, rays end at the last point.
     chain : sequence of Mirror
         Mirrors in the order of the reflections.
     coherent : bool, default False
@@ -360,7 +375,8 @@ def traced(
     Returns
     -------
     transmission : ndarray, shape (n, k, k)
-        Transmission of each ray; a Mueller matrix with k = 4 in polarised variants, else k = 1.
+        Transmission of each ray, with k = 1. In polarised variants, it is a Mueller matrix with k =
+        4.
     panes : list of ndarray, shape (3, 3)
         Matrices of thin panes, as in :class:`PassingRays`.
     """
@@ -392,15 +408,15 @@ def traced(
     matrices = np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
-    # Rays run from the receiver to the emitter. Therefore the order of the legs is reversed, and
-    # fields for x, y and z are rows of the matrices instead of columns.
+    # Rays are traced from the receiver to the emitter. Therefore the order of the segments is
+    # reversed, and the fields for x, y and z are rows of the matrices instead of columns.
     mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
     return transmission, list(mean)
 
 
 def _pane_matrices(result: Transmission, legs: int) -> Floats:
-    """Return the fields (n, legs, 3, 3) behind the panes of each leg, as rows."""
-    # Legs are missing if all rays miss a mirror.
+    """Return the fields behind the thin panes of each segment, shape (n, legs, 3, 3)."""
+    # Segments are missing if all rays miss a mirror.
     columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
     parts = [np.array(part, np.float64).reshape(3, -1) for leg in columns for part in leg]
     matrices = np.array(np.broadcast_arrays(*parts)).reshape(legs, 3, 3, -1)
@@ -408,7 +424,7 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
-    """Return the plane of a mirror; ``reach`` is the paths' largest coordinate in scene units."""
+    """Return the plane of a mirror in scene units."""
     rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
@@ -420,7 +436,7 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
 def _between_axes(
     result: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Drjit:
-    """Return the Mueller matrix of paths for the axes of both ends, or of the receiver only."""
+    """Convert Mueller matrices of rays to the axes of the receiver and of the emitter, if given."""
     frames = [
         Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
         for end in (receiver, emitter)
@@ -428,7 +444,7 @@ def _between_axes(
     ]
     first, last = result.first, result.last
     if is_direct and emitter is not None:
-        # The polarisation axes are those of a ray between the centres, as for amplitudes.
+        # All rays use the polarisation axes of the ray between the centres, as for amplitudes.
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
@@ -459,8 +475,8 @@ def open_path(
 ) -> OpenPath | str:
     """Trace rays from an emitter via mirrors to a receiver.
 
-    If no ray arrives, the reason is returned as text. ``meshes`` are obstacles whose edges
-    diffract; rays then only meet the mirrors.
+    If no ray arrives, the reason is returned as text. If ``meshes`` contains obstacles whose edges
+    diffract, the rays meet only the mirrors.
     """
     parts = facing_parts(emitter.image(chain), receiver)
     if parts is None:
@@ -499,7 +515,7 @@ def open_path(
 def obstacles_of(
     scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
 ) -> list[Mesh] | None:
-    """Return the meshes of the obstacles in m; None if neither end includes diffraction."""
+    """Return the meshes of diffracting obstacles in m, or None without diffraction."""
     if not (emitter.diffraction or receiver.diffraction):
         return None
     unit = receiver.scene_unit

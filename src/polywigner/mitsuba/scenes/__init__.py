@@ -1,1 +1,1 @@
-"""Scenes: checking and loading of scene files, surfaces, and rendering of images."""
+"""Checking and loading of scene files, surfaces and mirrors of scenes, and rendering of images."""

@@ -1,4 +1,4 @@
-"""Flat mirrors of a scene, conducting bodies that are added to a scene, and reflected paths."""
+"""Flat mirrors of a scene, conducting bodies, and the paths reflected by both."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
 
 
-# Largest number of planes of a shape of flat mirrors; a shape with more planes counts as curved.
+# Largest number of planes of a shape whose faces are flat mirrors. Shapes with more planes count as
+# curved.
 MOST_FACES = 32
-# Largest number of sequences of mirrors; each takes some milliseconds.
+# Largest number of sequences of mirrors. The computation of each sequence takes some milliseconds.
 _MOST_CHAINS = 5000
-# Rounding error of the distance of a corner from a plane, relative to the coordinates.
+# Rounding error of the distance between a corner and its plane, relative to the coordinates.
 _FLAT = 1e-5
 # Components of a normal below this value are rounding errors and are set to zero. A tilt by this
 # angle would shift an image 100 m away by 10 um, which is a radian of phase at terahertz
@@ -39,7 +40,7 @@ _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """Flat mirror: the plane of the points p with ``normal`` . p = ``offset``, in m."""
+    """Flat mirror of a scene, in the plane of the points p with ``normal . p = offset``, in m."""
 
     name: str
     shape: mi.Shape
@@ -47,21 +48,21 @@ class Mirror:
     offset: float
 
     def image_of(self, points: Floats) -> Floats:
-        """Return images (..., 3) of points behind the plane, in m."""
+        """Return the mirror images of points, in m."""
         height = points @ self.normal - self.offset
         result: Floats = points - 2 * height[..., None] * self.normal
         return result
 
 
 Chain = tuple[Mirror, ...]
-"""Mirrors along a path, in the order of the reflections."""
+"""Mirrors along a path, in the order of reflection."""
 
 
 def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
     """Return the flat mirrors of a scene, and notes on reflections that are not included.
 
-    ``unit`` is the length of one unit of the scene in metres. The notes name curved shapes,
-    refracting shapes, and the largest number of ``reflections``.
+    ``unit`` is the length of a scene unit in m. The notes list curved shapes and refracting shapes,
+    and mention the maximum number of ``reflections``.
     """
     mirrors: list[Mirror] = []
     curved, refracting = [], []
@@ -102,7 +103,7 @@ def _listed(names: list[str]) -> str:
 
 
 def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
-    """Yield all sequences of one to ``most`` mirrors in which no mirror follows itself."""
+    """Yield all sequences of one to ``most`` mirrors in which no mirror occurs twice in a row."""
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
     if total > _MOST_CHAINS:
@@ -151,7 +152,7 @@ def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
 
 
 def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
-    """Return the centre and the normal of a rectangle or disk; nothing for other shapes."""
+    """Return the centre and normal of a rectangle or disk, or empty arrays for other shapes."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
     sample = shape.sample_position(0.0, mi.Point2f(0.5, 0.5))
@@ -159,14 +160,13 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
     return point, normal
 
 
-# ---- reflection coefficients, with phase and polarisation
-# ------------------------------------------
+# ---- reflection coefficients, with phase and polarisation ----------------------------------------
 
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# If |n x k| is below this value, the incidence counts as normal, and any plane of incidence is
-# valid.
+# Incidence counts as normal if the sine of the angle of incidence is below this value. Any plane of
+# incidence is then valid.
 _ALONG = 1e-9
 
 
@@ -180,19 +180,22 @@ class Surface:
     """Smooth surface of a mirror, for waves from one of its sides."""
 
     index: complex | None
-    """Refractive index n + ik behind the surface over the index in front; None: a perfect
-    conductor.
+    """Relative refractive index of the surface, or None for a perfect conductor.
+
+    The relative index is the ratio of the indices n + ik behind and in front of the surface.
     """
     is_thin: bool = False
-    """Whether the surface is a thin sheet, whose internal reflections add up in power."""
+    """Whether the surface is a thin sheet, in which the powers of internal reflections are added.
+    """
 
     def coefficients(self, cosine: Any) -> tuple[Complex, Complex]:
-        """Return the reflection coefficients of E normal to the plane of incidence and in it.
+        """Return the reflection coefficients of the electric field for s and p polarisation.
 
-        The time factor is exp(-i omega t). The unit vector in the plane is s x k, both before and
-        after the reflection, so a perfect conductor has the coefficients -1 and +1 at any angle.
-        The coefficients of a sheet are the square root of 2R/(1 + R), with the sign of the
-        coefficient of its first face.
+        The time factor is exp(-i omega t). The unit vector of p polarisation is s x k, where k is
+        the propagation direction before or after the reflection, so a perfect conductor has the
+        coefficients -1 and +1 at any angle. The coefficients of a sheet are the square root of
+        2R/(1 + R), where R is the reflectance of one face. They have the sign of the coefficient of
+        the first face.
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
@@ -204,17 +207,20 @@ class Surface:
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
-        """Return the reflectance of Mitsuba's BSDF, in which light inside sheets is unpolarised."""
+        """Return the unpolarised reflectance of Mitsuba's BSDF.
+
+        Mitsuba assumes that light inside thin sheets is unpolarised.
+        """
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complex, Complex]:
-        """Return Fresnel's reflection coefficients of a single interface."""
+        """Return the Fresnel reflection coefficients of one interface for s and p polarisation."""
         assert self.index is not None
         square = self.index**2
-        # Product of refractive index and cosine behind the surface; a positive imaginary part means
-        # decay.
+        # Refractive index times the cosine of the angle of refraction. A positive imaginary part
+        # describes a wave that decays behind the surface.
         behind = np.sqrt(square - 1 + np.square(cosine) + 0j)
         return (
             (cosine - behind) / (cosine + behind),
@@ -223,12 +229,12 @@ class Surface:
 
 
 def _of_sheet(power: Any) -> Floats:
-    """Return the reflectance of a sheet whose faces have the reflectance ``power``."""
+    """Return the reflectance of a thin sheet whose faces have the reflectance ``power``."""
     return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """Return the surface of a mirror for waves from the side of its normal, or from behind."""
+    """Return the surface of a mirror for waves that arrive on its front or its back."""
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -242,7 +248,9 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     params = mi.traverse(bsdf)
     if bsdf.class_name() == _CONDUCTOR:
         index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
-        return Surface(None if index == 1j else index)  # Mitsuba represents "none" by 0 + 1i.
+        return Surface(
+            None if index == 1j else index
+        )  # Mitsuba's perfect conductor has the index 1i.
     ratio = _single(params["eta"])
     is_inside = not (is_before or _TWO_SIDED in kinds or bsdf.class_name() == THIN)
     return Surface(complex(1 / ratio if is_inside else ratio), bsdf.class_name() == THIN)
@@ -253,7 +261,7 @@ def _single(value: Any) -> float:
 
 
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
-    """Return the field E (3,) of the reflection of a plane wave that travels in ``direction``."""
+    """Return the electric field of a plane wave after reflection, shape (3,)."""
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _ALONG:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -266,26 +274,27 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # ---- conducting bodies --------------------------------------------------------------------------
 
-# Allowed error of an echo, relative to the echo with all illuminated parts in phase. The error of
-# physical optics itself is much larger.
+# Allowed error of the echo of a body, relative to the echo if all illuminated parts contributed in
+# phase. The error of physical optics is much larger.
 OF_ECHO = 1e-3
-# Largest number of paths via bodies; the computation of each path takes some milliseconds.
+# Largest number of paths via bodies. The computation of each path takes some milliseconds.
 _MOST_PATHS = 5000
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Perfectly conducting body in the frame of the scene, in m."""
+    """Perfectly conducting body in a scene. Positions are in the frame of the scene, in m."""
 
     name: str
     facets: Facets
     bounces: int
-    """Largest number of reflections on the body."""
+    """Maximum number of reflections between faces of the body."""
 
     def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
-        """Return a square at the body's centre that faces the image of a source.
+        """Return a square at the body's centre that faces a source or its mirror image.
 
-        The transmission of obstacles is computed along rays from the source to this square.
+        The square represents the body in the computation of transmission: rays from the source end
+        on the square.
         """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
@@ -296,7 +305,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return the image of a source as an antenna in the frame of the body's facets."""
+        """Return a source or its mirror image as an antenna near the body."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
@@ -305,12 +314,16 @@ class Body:
         )
 
     def is_in_front(self, image: PlacedSource) -> bool:
-        """Return whether the entire body is in front of the plane of a source's image."""
+        """Return whether the entire body is in front of the plane of a source or its image."""
         corners = self.facets.corners + self.facets.centre
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
     def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
-        """Return notes on the accuracy; ``paths`` are points (n, 3) of the paths from both ends."""
+        """Return notes on the accuracy of the echo.
+
+        The notes also depend on the paths from the emitter and from the receiver to the body, whose
+        points are in ``paths``.
+        """
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
@@ -334,7 +347,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Echo:
-    """Path via a body, with the mirrors before and after the body."""
+    """Path via a body, possibly with mirrors before and after the body."""
 
     before: Chain
     body: Body
@@ -346,7 +359,7 @@ class Echo:
 
     @property
     def position(self) -> Floats:
-        """Centre (3,) of the last mirror image of the body, as seen by the receiver."""
+        """Centre of the mirror image of the body that the receiver sees, shape (3,)."""
         point = self.body.facets.centre
         for mirror in self.after:
             point = mirror.image_of(point)
@@ -357,12 +370,12 @@ Route = Chain | Echo
 
 
 def names_of(route: Route) -> tuple[str, ...]:
-    """Return the names of mirrors and bodies in the order of the reflections."""
+    """Return the names of the mirrors and bodies of a path in the order of reflection."""
     return route.names if isinstance(route, Echo) else tuple(mirror.name for mirror in route)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
-    """Return the bodies of a dict from names to bodies, or to pairs (body, reflections)."""
+    """Check the argument ``bodies`` of :func:`polywigner.mitsuba.channel` and return its bodies."""
     if bodies is None:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
@@ -386,7 +399,7 @@ def _body(name: str, value: Any) -> Body:
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
-    """Return paths via one body, with at most one mirror before and one mirror after the body."""
+    """Return all paths via one body, with at most one mirror before and one after the body."""
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
         raise SceneError(f"the name {name!r} belongs to a body and to a mirror; rename the body")
     single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]
@@ -403,9 +416,10 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return paths via mirrors, paths via bodies, and notes on paths that are not included.
+    """Return possible paths via mirrors, possible paths via bodies, and notes.
 
-    Paths have up to ``reflections`` mirrors. Raises SceneError if there are too many paths.
+    Paths have up to ``reflections`` mirrors, and notes describe paths that are not included. Raises
+    SceneError if there are too many paths.
     """
     mirrors, notes = mirrors_in(scene, unit, reflections)
     chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
@@ -418,11 +432,11 @@ Result = TypeVar("Result")
 def paths_by(
     routes: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
-    """Return the results of ``find`` for routes between two ends, and notes on the link.
+    """Compute the paths between an emitter and a receiver, and notes on the link.
 
-    ``find`` returns a result and its notes, or the reason why no power arrives along a route. Such
-    reasons become notes only for the line of sight and for echoes without mirrors, because most
-    sequences of mirrors have no path.
+    For each route, ``find`` returns a result and its notes, or the reason why no power arrives.
+    Such reasons become notes only for the line of sight and for echoes without mirrors, because
+    most sequences of mirrors have no path.
     """
     results, notes = [], []
     for route in routes:

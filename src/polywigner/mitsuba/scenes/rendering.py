@@ -1,7 +1,7 @@
-"""Images of scenes: exposures, which are rendered in strips, and temporary changes of a scene.
+"""Rendering of images, and temporary changes of a scene.
 
-An exposure is the set of values that determine an image. Rendering in strips limits the memory, and
-progress is reported after each strip.
+An exposure is the set of parameters that determine an image. Images are rendered in strips, which
+limits the memory. Progress is reported after each strip.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Image = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Exposure:
-    """All values that determine an image."""
+    """All parameters that determine an image."""
 
     scene: mi.Scene
     camera: mi.Sensor
@@ -47,14 +47,14 @@ class Exposure:
     seed: int
 
     def image(self, strip: int, done: Callable[[], None] = lambda: None) -> Floats:
-        """Render a strip of the image, as the mean of its passes."""
+        """Render a strip of the image as the average of one or more passes."""
         cut = self.cut
         top = strip * cut.rows
         rows = min(cut.rows, cut.height - top)
         image: Floats | float = 0.0
         for index in range(cut.passes):
-            # Passes have almost equal numbers of samples, because the samples of a small last pass
-            # would be poorly stratified.
+            # All passes have almost the same number of samples, because the samples of a small last
+            # pass would be poorly stratified.
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():
@@ -68,7 +68,7 @@ class Exposure:
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
-        """Return the number of channels of the image, including those that integrators add."""
+        """Return the number of channels of the image, including channels that integrators add."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
             return int(self._rendered(1, 0).shape[-1])
@@ -78,7 +78,8 @@ class Exposure:
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
         # Dr.Jit cannot record loops over a single sample if the loops contain literals, such as
-        # zeros of Mueller matrices and samples of delta lights. Two samples avoid this.
+        # zeros of Mueller matrices and samples of point or directional lights. At least two samples
+        # avoid this problem.
         is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
         fewest = 2 if mi.is_polarized or is_delta else 1
         finer_spp = max(fewest, math.ceil(spp / factor**2))
@@ -93,7 +94,7 @@ _DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
 
 
 def check_is_whole(integrator: mi.Integrator) -> None:
-    """Raise StoreError if an integrator has stopped a render before its end."""
+    """Raise StoreError if an integrator has stopped before the end of a render."""
     if integrator.should_stop():
         raise StoreError(
             "the image is incomplete: Ctrl-C or a timeout of the integrator has interrupted the "
@@ -117,12 +118,12 @@ def _quietly() -> AbstractContextManager[None]:
     return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
 
 
-# Parts of the class names of integrators whose shadow rays pass through null surfaces.
+# Substrings of the class names of integrators whose shadow rays pass through null surfaces.
 _TRANSPARENT = ("Volumetric", "Volpath")
 
 
 def may_shadow(scene: mi.Scene) -> bool:
-    """Return whether the null surface of a source may cast a shadow of another light.
+    """Return whether the surface of a source may block the light of another source or light.
 
     Environment lights are ignored. Sources in a common plane do not illuminate each other.
     """
@@ -156,7 +157,7 @@ def exposed(
     sensor: int = 0,
     warn: bool = True,
 ) -> Exposure:
-    """Return the exposure for arguments of :func:`render`, after checking them."""
+    """Check the arguments of :func:`render`, and return the exposure."""
     camera = _camera(scene, sensor)
     samples = films.check_spp(camera.sampler().sample_count() if spp is None else spp)
     entropy = films.check_seed(seed)
@@ -167,12 +168,12 @@ def exposed(
 
 
 def default_integrator(scene: mi.Scene) -> str:
-    """Return ``path``, or ``volpath`` if sources would cast shadows with ``path``."""
+    """Return the default integrator, ``path``, or ``volpath`` if sources would cast shadows."""
     return "volpath" if may_shadow(scene) else "path"
 
 
 def default_spp(scene: mi.Scene, sensor: int = 0) -> int:
-    """Return the samples per pixel of a scene, or raise the errors of :func:`render`."""
+    """Return the number of samples per pixel that a sensor specifies."""
     return films.check_spp(_camera(scene, sensor).sampler().sample_count())
 
 
@@ -194,7 +195,11 @@ _STOKES = "stokes"
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
-    """Return the integrator, and the integrator nested in it if it adds Stokes parameters."""
+    """Return an integrator and the integrator that computes radiance.
+
+    An integrator that adds Stokes parameters contains a nested integrator that computes radiance.
+    All other integrators are returned twice.
+    """
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
@@ -221,7 +226,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
 
 
 def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
-    # All integrators written in Python have the same class name in Mitsuba, so the name of the
+    # Mitsuba reports the same class name for all integrators written in Python, so the name of the
     # Python type is added.
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
@@ -245,8 +250,8 @@ def receiving(scene: Any) -> Iterator[None]:
     Warns
     -----
     RuntimeWarning
-        For point, spot, projector and directional lights: ``mi.render`` does not sample their
-        direct light to a receiver.
+        If a scene with a receiver has point, spot, projector or directional lights, because
+        ``mi.render`` does not sample the direct light from these lights to a receiver.
     """
     if any(map(surfaces.is_receiver, scene.sensors())):
         for light in delta_lights(scene):
@@ -276,18 +281,19 @@ def render(
     scene : mitsuba.Scene
         Scene with a sensor, its film and its sampler.
     integrator : str or mitsuba.Integrator, optional
-        Plugin name or integrator. The default is the scene's integrator, otherwise ``path``, or
-        ``volpath`` if the surface of a source shadows another source. ``stokes``, or a string such
-        as ``stokes volpath``, adds the Stokes parameters of polarised light as channels; see
-        :func:`polywigner.mitsuba.stokes_of`.
+        Plugin name or integrator. The default is the integrator of the scene. For a scene without
+        an integrator, it is ``path``, or ``volpath`` if the surface of a source shadows another
+        source. ``stokes``, or a string such as ``stokes volpath``, adds the Stokes parameters of
+        polarised light as channels; see :func:`polywigner.mitsuba.stokes_of`.
     spp : int, default the sample count of the sampler
-        Number of samples per pixel, 1 to 2^30. Samplers may round it up.
+        Number of samples per pixel, 1 to 2^30. Samplers may round the number up.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     sensor : int, default 0
         Index of the sensor in the scene.
     progress : callable, default a progress bar
-        Function that is called after each part with the number of finished parts and of all parts.
+        Function that is called after each part with the number of finished parts and the total
+        number of parts.
 
     Returns
     -------
@@ -298,16 +304,17 @@ def render(
     Raises
     ------
     ArgumentError
-        For an spp, a sensor or a seed out of range.
+        If ``spp``, ``sensor`` or ``seed`` is out of range.
     SceneError
         If ``scene`` is not a scene, has no sensor or no pixels, if the integrator is unknown or
         cannot render this scene, and if the radiance is not finite.
 
     Notes
     -----
-    The film is rendered in strips of rows. All samples of a strip are rendered at once, which
-    preserves stratification: four passes of 64 samples have 5 dB more noise than one pass of 256.
-    Sensors that cannot be cropped are rendered in passes, whose mean is the image.
+    The film is rendered in strips of rows. All samples of a strip are rendered
+    together, which preserves stratification. For comparison, the average of four passes of 64
+    samples has 5 dB more noise than one pass of 256 samples. If a sensor cannot be cropped, the
+    image is the average of several passes.
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
     checked_callable(progress, "progress")
@@ -318,14 +325,15 @@ def render(
     return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
 
 
-# Parts of the class names of integrators that render radiance.
+# Substrings of the class names of integrators that render radiance.
 _OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
-# Largest number of specular reflections of light from delta lights.
+# Largest number of specular reflections of light from point, spot, projector and directional
+# lights.
 _MOST_MIRRORS = 2
 
 
 def with_delta_lights(exposure: Exposure, image: Image) -> Image:
-    """Add the direct light of point and directional lights to the image of a receiver."""
+    """Add the direct light of point lights and directional lights to the image of a receiver."""
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
@@ -349,14 +357,14 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
 
 # ---- temporary changes of a scene ----------------------------------------------------------------
 
-# Factor by which a hidden surface shrinks. Its square is the fraction of rays that still meet the
-# surface; these rays carry zero radiance.
+# Factor by which the surface of a hidden source is scaled. The square of this factor is the
+# fraction of rays that still hit the surface. These rays carry zero radiance.
 _SHRUNK = 1e-3
 
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources in images during the block; they still illuminate the scene."""
+    """Hide coherent sources in images within a ``with`` block; they still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -377,7 +385,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 def polarised_by_default(
     scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set a Jones vector (2,) for sources and receivers that have none, in polarised variants."""
+    """Set the Jones vector of all sources and receivers without a polarisation."""
     changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         sensors = [sensor for _, sensor in surfaces.receivers_of(scene)]
@@ -389,13 +397,13 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources except ``active`` to zero during the block."""
+    """Set the power of all sources except ``active`` to zero within a ``with`` block."""
     others = [source for source in sources if source is not active]
     dark = [(source, "power", type(source.power)(0.0)) for source in others]
     for _, _, power in dark:
         if dr.is_jit_v(power):
-            # The power is opaque to Dr.Jit, because a new literal would cause the kernel to be
-            # recompiled.
+            # The power is made opaque to Dr.Jit, because Dr.Jit recompiles the kernel for each new
+            # literal.
             dr.make_opaque(power)
     return films.changed(dark)
 
@@ -403,4 +411,4 @@ def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManage
 def _move(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
-    scene.parameters_changed([])  # The call updates the surfaces that rays meet.
+    scene.parameters_changed([])  # This call updates the surfaces that rays hit.

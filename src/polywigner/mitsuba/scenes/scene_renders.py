@@ -1,4 +1,4 @@
-"""Images and received powers of scene files, computed locally, in stores or on clusters."""
+"""Images and received powers of scene files, computed locally or on clusters."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ if TYPE_CHECKING:
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""Function of a scene and the index of a part's first sample. It returns the part."""
+"""Function of a scene and the index of the first sample of a part, which computes this part."""
 
 
 class SceneParts:
-    """Function that computes parts of a result of a scene, possibly in other processes.
+    """Function that computes parts of a result, possibly in other processes.
 
-    Other processes load the scene from its file.
+    Each process loads the scene from its file, except the first process.
     """
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
@@ -66,7 +66,7 @@ class SceneParts:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            # Keys of sources in memory are valid in the first process only.
+            # Sources in memory have keys that are valid only in the first process.
             for source in self.sources:
                 register_source(source)
             self.scene = self.file.load()
@@ -83,8 +83,9 @@ class SceneParts:
     ) -> npt.NDArray[np.float64]:
         """Compute the parts that are missing in a store, and return the values of all parts.
 
-        ``variable`` is a name and a unit. ``sizes`` are the names and lengths of the axes.
-        ``keeping`` contains scheduler, threads and progress.
+        ``variable`` contains the name and the unit of the result, and ``sizes`` the names and
+        lengths of its axes. ``keeping`` contains the options ``scheduler``, ``threads`` and
+        ``progress``.
         """
         name, units = variable
         attrs = {**vars(self.file), **settings}
@@ -114,7 +115,7 @@ def render_file(
     threads: int | None = None,
     progress: bool | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Load a scene file as :func:`load_scene`, and render it as :func:`render`.
+    """Load a scene file with :func:`load_scene`, and render it as :func:`render` does.
 
     Parameters
     ----------
@@ -127,34 +128,34 @@ def render_file(
         As in :func:`load_scene`.
     store : path, optional
         Folder of a zarr store to which finished parts of the image are written. After an
-        interruption the same call completes the store. The store of a complete image is not
-        removed. Needs the extra ``datasets``.
+        interruption, the same call completes the store. The store remains when the image is
+        complete. Requires the extra ``datasets``.
     scheduler : str or cluster, default this machine
         Address of a dask.distributed scheduler whose workers can access the store, or a cluster
         object such as ``LocalCluster``.
     threads : int, optional
-        Number of threads, on this machine or of each worker. The default is all cores, or the
-        threads of the worker.
+        Number of threads on this machine, or of each worker. The default is one thread for each
+        core, or the number of threads of the worker.
     progress : bool, optional
-        Whether to draw a progress bar. The default is to draw it on a terminal.
+        Whether to show a progress bar. By default it is shown on a terminal.
 
     Returns
     -------
     ndarray, shape (height, width, channels)
-        The image as in :func:`render`, up to the rounding of single-precision sums.
+        Image as in :func:`render`, except for rounding errors of sums in single precision.
 
     Raises
     ------
     ArgumentError
-        For a scheduler without a store.
+        If ``scheduler`` is specified without ``store``.
     StoreError
         If the path cannot be written to, or contains parts of another image.
     EngineError
         If the scheduler does not respond.
     MissingExtraError
-        Without the extra ``datasets``.
+        If the extra ``datasets`` is not installed.
     PolywignerError
-        As :func:`load_scene` and :func:`render`.
+        As in :func:`load_scene` and :func:`render`.
     """
     if scheduler is not None and store is None:
         raise ArgumentError(
@@ -182,8 +183,8 @@ def render_parts(
 ) -> npt.NDArray[np.float32]:
     """Render a scene that was loaded from a file; see :func:`render_file`.
 
-    ``options`` contains integrator, spp, seed and sensor. ``keeping`` contains scheduler, threads
-    and progress.
+    ``options`` contains the options ``integrator``, ``spp``, ``seed`` and ``sensor`` of
+    :func:`render`. ``keeping`` contains ``scheduler``, ``threads`` and ``progress``.
     """
     exposure = exposed(scene, **options)
     cut = exposure.cut
@@ -204,7 +205,7 @@ def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
     """Render a strip of an image, shape (row, column, channel)."""
-    # The warnings are off, because the first process has issued them.
+    # Warnings are disabled, because the first process has issued them.
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
@@ -220,7 +221,8 @@ def receive_parts(
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    With ``edges``, the second return value is the :func:`range_profile` of the same samples.
+    If range bins are specified by ``edges``, the :func:`range_profile` of the same samples is
+    returned as well.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
@@ -236,7 +238,7 @@ def _sampled(
     store: str | Path | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float64]:
-    """Return the powers (receivers, batches, lights, ...) of all batches in W."""
+    """Return the scattered powers of all batches in W, shape (receivers, batches, lights, ...)."""
     if store is None:
         with kernel_threads(keeping.get("threads")):
             return scattered_here(scene, None, plans)
@@ -253,7 +255,7 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """Return the powers (1, 1, lights, ...) of one batch for one receiver in W."""
+    """Return the scattered power of one batch at one receiver in W, shape (1, 1, lights, ...)."""
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

@@ -1,8 +1,8 @@
-"""Load scenes from dictionaries and checked files, and report errors in one line.
+"""Loading of scenes from dictionaries and from checked files.
 
-A scene file may come from an untrusted source. Therefore it may only use known plugin types, and
-files in or below its folder (docs/safety.md). The XML is checked before Mitsuba loads it. Mitsuba
-itself reads meshes and images, and reports damaged files.
+A scene file may come from an untrusted source. Therefore it may use only known plugin types, and
+only files in or below its folder (docs/safety.md). The XML is checked before Mitsuba loads it.
+Mitsuba reads meshes and images, and reports damaged files. Errors are reported in one line.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from polywigner.mitsuba.plugins.registration import one_at_a_time, original_erro
 from polywigner.mitsuba.plugins.source_parameters import values_of
 from polywigner.mitsuba.scenes.surfaces import is_source
 
-# Variants for unpolarised and for polarised light: compiled with LLVM, on a GPU, and without a
-# compiler.
+# Variants for unpolarised light and for polarised light, in order of preference: compiled with
+# LLVM, on a GPU, and without a compiler.
 _VARIANTS = {
     False: ("llvm_ad_mono", "cuda_ad_mono", "scalar_rgb"),
     True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
@@ -55,16 +55,16 @@ _LONGEST_MESSAGE = 600
 
 
 def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
-    """Return the name of the Mitsuba variant to render with, without setting it.
+    """Return the name of a suitable Mitsuba variant, without setting this variant.
 
     Parameters
     ----------
     prefer : str, optional
-        Name of a variant to check. Default: ``llvm_ad_mono`` (one channel, compiled) if
-        a usable LLVM library exists, else ``cuda_ad_mono`` if there is a GPU, else ``scalar_rgb``
-        with one warning.
+        Name of the preferred variant, which is checked. Default: ``llvm_ad_mono`` (one channel,
+        compiled) if a usable LLVM library exists, otherwise ``cuda_ad_mono`` if there is a GPU,
+        otherwise ``scalar_rgb`` with a warning.
     polarised : bool, default False
-        Return a variant with polarised light, ``llvm_ad_mono_polarized`` first.
+        Whether to return a variant with polarised light, preferably ``llvm_ad_mono_polarized``.
 
     Returns
     -------
@@ -117,26 +117,27 @@ def load_scene(
 ) -> mi.Scene:
     """Load a Mitsuba scene from an XML file or a dictionary.
 
-    Shapes keep their ids and their order, so results contain these names and are the same in each
-    run. Mitsuba's own loaders merge meshes with equal BSDFs by default.
+    In contrast to Mitsuba's loaders, this function does not merge meshes with equal BSDFs.
+    Therefore shapes keep their ids and their order, so that results contain these ids and are the
+    same in each run.
 
     Parameters
     ----------
     scene : str, path or mapping
         Path of a Mitsuba XML file, or a dictionary as for ``mi.load_dict``.
     variant : str, optional
-        Mitsuba variant to set first. Default: the current variant, or else that of
-        :func:`choose_variant`.
+        Mitsuba variant to set before loading. Default: the current variant. If no variant is set,
+        the return value of :func:`choose_variant`.
     diffraction : bool, default False
-        Whether all sources and receivers use the estimator ``exact``, and shadows diffract
-        (docs/shadows.md).
+        Whether to include diffraction at the edges of obstacles, for which all sources and
+        receivers use the estimator ``exact`` (docs/shadows.md).
     **parameters : str or float
-        Values of the file's ``$parameters``. A dictionary has none.
+        Values of the ``$parameters`` in the file. Not allowed with a dictionary.
 
     Returns
     -------
     mi.Scene
-        The scene. Relative file names start at the folder of the XML file.
+        Scene, in which relative file names refer to the folder of the XML file.
 
     Raises
     ------
@@ -146,7 +147,7 @@ def load_scene(
         If the scene cannot be loaded. If a plugin of this package raises another error, that error
         is raised.
     ArgumentError
-        If another argument is unusable.
+        If another argument is invalid.
     """
     if not isinstance(scene, Mapping):
         path = checked_path(scene)
@@ -161,16 +162,16 @@ def load_scene(
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene file, and the options with which this process or a worker loads it."""
+    """A scene file, with the options for loading the scene in this process or in a worker."""
 
     path: Path | None
-    """Path of the file; None for a scene from a dictionary."""
+    """Path of the file, or None for a scene from a dictionary."""
     variant: str | None
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    """Values of the file's ``$parameters``, with any names."""
+    """Values of the ``$parameters`` in the file."""
     diffraction: bool = False
     polarisation: str | None = None
-    """Polarisation of sources and receivers without a polarisation; None: the default."""
+    """Polarisation of sources and receivers whose polarisation the file does not specify."""
 
     def __post_init__(self) -> None:
         checked_flag(self.diffraction, "diffraction")
@@ -184,7 +185,7 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
-    """Load the scene of a file, or of the entries of a dictionary."""
+    """Load a scene from a file, or from the entries of a dictionary."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
@@ -209,7 +210,7 @@ def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
 
 
 def checked_scene(scene: mi.Scene) -> mi.Scene:
-    """Return a scene of the current variant; raise SceneError for anything else."""
+    """Return ``scene`` unchanged; raise SceneError unless it is a scene of the current variant."""
     if not isinstance(scene, mi.Scene):
         raise SceneError(
             f"expected a scene of the current variant {mi.variant()}, got a scene of another "
@@ -240,7 +241,7 @@ def has_wigner_emitter(scene: Any) -> bool:
 
 
 def translate_error(error: Exception) -> PolywignerError:
-    """Convert an error that Mitsuba raised while loading a scene to an error of one line.
+    """Convert an error of Mitsuba's scene loaders to an error with a message of one line.
 
     Parameters
     ----------
@@ -250,14 +251,17 @@ def translate_error(error: Exception) -> PolywignerError:
     Returns
     -------
     PolywignerError
-        If an error of this package is the cause, that error with its location in the scene.
+        If the cause is an error of this package, the same error with its location in the scene.
         Otherwise a SceneError with Mitsuba's message.
     """
     return _translated(error, None)
 
 
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
-    """Convert an error; with ``state``, the message contains the name of the damaged file."""
+    """Convert an error of Mitsuba to an error of this package.
+
+    If the state of Mitsuba's parser is given, the message contains the name of the damaged file.
+    """
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
@@ -279,14 +283,14 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
 
 
 def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
-    """Return the file names of the objects at a location of a scene, as in Mitsuba's messages."""
+    """Return the file names that the objects at a location in a scene contain."""
     nodes = [node for node in state.nodes if mi.parser.file_location(state, node) == location]
     copies = [mi.Properties(node.props) for node in nodes]
     return [str(props["filename"]) for props in copies if "filename" in props]
 
 
 def _printable(text: str) -> str:
-    """Return a short string without characters that control a terminal."""
+    """Shorten a string, and replace control characters."""
     short = text[:_LONGEST_MESSAGE] + ("..." if text[_LONGEST_MESSAGE:] else "")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
@@ -297,7 +301,7 @@ def _printable(text: str) -> str:
 def _instantiate(
     config: mi.parser.ParserConfig, state: mi.parser.ParserState, how: SceneFile
 ) -> mi.Object:
-    """Check a parsed scene, apply the options, and build the scene."""
+    """Check a parsed scene, apply the options, and create the scene."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     for node in state.nodes:
@@ -317,21 +321,21 @@ def _instantiate(
 _MITSUBA = Path(mi.__file__).parent
 # The plugin "blender" reads memory at addresses that the scene file specifies.
 _REFUSED = frozenset({"blender"})
-# Integrators written in Python, which are missing in the lists of Mitsuba's plugin manager.
+# Mitsuba's integrators that are written in Python, which its plugin manager does not list.
 _INTEGRATORS = frozenset(
     {
         *("direct_projective", "prb", "prb_basic", "prb_projective", "prbvolpath"),
         *("volprim_rf_basic", "transient_path", "transient_prbvolpath", "transient_nlos_path"),
     }
 )
-# Largest size in bytes of a mesh or image that a scene uses.
+# Largest size in bytes of a mesh file or image file that a scene uses.
 _LARGEST_NAMED = 1 << 30
 _DEEPEST_INCLUDE = 15
 
 
 @contextmanager
 def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
-    """Use another file resolver during the block."""
+    """Use another file resolver of Mitsuba within a ``with`` block."""
     outer = mi.file_resolver()
     mi.set_file_resolver(resolver)
     try:
@@ -342,10 +346,10 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 
 @contextmanager
 def _resolving(file: Path) -> Iterator[None]:
-    """Resolve relative file names from the folder of `file` during the block.
+    """Resolve relative file names in the folder of `file` within a ``with`` block.
 
-    Mitsuba loads libraries from a subfolder "plugins" of the resolver's folders. Mitsuba's own
-    folder comes first, so no library next to a scene is loaded.
+    Mitsuba loads libraries from a subfolder "plugins" of the resolver's folders. Mitsuba's folder
+    is the first of these folders, so that no library next to a scene is loaded.
     """
     resolver = mi.FileResolver(mi.file_resolver())
     resolver.prepend(str(file.resolve().parent))
@@ -355,9 +359,9 @@ def _resolving(file: Path) -> Iterator[None]:
 
 
 def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
-    """Return SHA-256 digests, by absolute path, of a scene file and all files that it uses.
+    """Return the SHA-256 digests of a scene file and of all files that it uses.
 
-    Raises SceneError for a scene that is not permitted.
+    The digests are stored by absolute path. Raises SceneError for a scene that is not permitted.
     """
     with _resolving(file):
         _, paths = _parsed(mi.parser.ParserConfig(mi.variant()), file, parameters)
@@ -373,9 +377,9 @@ def _parsed(
 ) -> tuple[mi.parser.ParserState, set[Path]]:
     """Parse a scene file, and check that it contains only permitted plugin types and files.
 
-    Call this function within `_resolving`. Values of the file's ``$parameters`` may name any files
-    and folders. The second return value contains the absolute paths of the scene file, its
-    includes, and the files that these use.
+    Call this function within `_resolving`. The caller's values of ``$parameters`` may contain the
+    names of any files and folders. The second return value contains the absolute paths of the scene
+    file, of the XML files that it includes, and of all files that they use.
     """
     texts = {name: str(value) for name, value in parameters.items()}
     checked = _CheckedFiles(file, texts)
@@ -384,8 +388,8 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        # Properties are read from copies, so that Mitsuba still reports the properties that a
-        # plugin itself does not read.
+        # Properties are read from copies, so that Mitsuba still reports properties that no plugin
+        # reads.
         copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
         texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
         for text in sorted(texts_in):
@@ -396,14 +400,14 @@ def _parsed(
 
 
 def _check_type(name: str) -> None:
-    """Raise FileFormatError unless the plugin belongs to Mitsuba or is registered in Python."""
+    """Raise FileFormatError unless a plugin type belongs to Mitsuba or is registered in Python."""
     is_known = name in _INTEGRATORS
     if not is_known and re.fullmatch(r"\w+", name):
         resolver = mi.FileResolver()
         resolver.clear()
         resolver.append(str(_MITSUBA))
-        # The plugin manager may load the library of the plugin, so it searches only Mitsuba's own
-        # folder.
+        # The plugin manager may load the library of the plugin, so the search is limited to
+        # Mitsuba's folder.
         with _resolver(resolver):
             kind = mi.PluginManager.instance().plugin_type(name)
         is_known = kind != mi.ObjectType.Unknown
@@ -415,7 +419,7 @@ def _check_type(name: str) -> None:
 
 
 class _CheckedFiles:
-    """Files that a scene uses, all of them in permitted folders."""
+    """Set of the files that a scene uses. Files outside permitted folders are rejected."""
 
     def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
         self.values = dict(parameters)
@@ -424,7 +428,10 @@ class _CheckedFiles:
         self.folders = [folder for folder in folders if folder is not None]
 
     def add(self, text: str) -> None:
-        """Add the file with this name if it exists; raise FileFormatError unless permitted."""
+        """Add the file named ``text`` if it exists.
+
+        Raises FileFormatError if the file is not in a permitted folder.
+        """
         path = _resolved(text)
         if path is None or path.is_dir():
             return
@@ -470,15 +477,15 @@ class _CheckedFiles:
 
 
 def _resolved(name: str) -> Path | None:
-    """Return the absolute path, without links, of an existing file or folder, otherwise None."""
-    with suppress(OSError, ValueError, RuntimeError):  # The text may not be a valid file name.
+    """Return the absolute path of an existing file or folder without symbolic links, or None."""
+    with suppress(OSError, ValueError, RuntimeError):  # The name may be invalid.
         path = Path(str(mi.file_resolver().resolve(name)))
         return path.resolve() if name and path.exists() else None
     return None
 
 
 def _root_of(text: str) -> Element:
-    """Return the root element of XML without a DOCTYPE."""
+    """Parse XML and return its root element; raise an error if the XML contains a DOCTYPE."""
     try:
         return fromstring(text, forbid_dtd=True)
     except DefusedXmlException:

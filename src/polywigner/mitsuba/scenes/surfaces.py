@@ -1,13 +1,12 @@
-"""Emitters, sensors and shapes of a scene: their order, triangles and bounds, and ends of rays.
+"""Emitters, sensors and shapes of a scene, and the end points of rays.
 
-The order of Mitsuba's lists changes from one load to the next if Mitsuba merges meshes. Results,
-coordinates and names follow the sorted order. Objects with equal or empty ids are sorted by
-position.
+If Mitsuba merges meshes, the order of its lists changes each time a scene is loaded. Therefore the
+order of results is the order of sorted ids. Objects with equal or empty ids are sorted by position.
 
-Mitsuba starts a ray at the distance 9e-5 (1 + |p|) from a surface. It ends a shadow ray short of
-the light, by 9e-4 of the length of the ray, so walls on the last 9 cm of a path of 100 m are
-missed. In this package, a ray ends above the plane of a source or a receiver, at a height that only
-compensates for rounding errors of single precision.
+Mitsuba starts a ray at the distance 9e-5 (1 + |p|) from a surface at the point p. Mitsuba also ends
+a shadow ray before the light, by 9e-4 of the length of the ray, so walls in the last 9 cm of a path
+of 100 m are missed. In this package, a ray ends at a height above the plane of a source or receiver
+that only compensates for rounding errors of single precision.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from polywigner.numerics import Floats, Indices
 
 
 def sorted_emitters(scene: mi.Scene) -> list[mi.Emitter]:
-    """Return the emitters of a scene, sorted by the ids of their shapes, or by their ids."""
+    """Return the emitters of a scene, sorted by the ids of their shapes or by their own ids."""
     return sorted(scene.emitters(), key=_emitter_key)
 
 
@@ -83,7 +82,7 @@ def sensors_of(scene: Any) -> list[mi.Sensor]:
 
 
 def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
-    """Return the receivers of a scene with their indices among Mitsuba's sensors, sorted by id.
+    """Return the receivers of a scene, sorted by id, each with its index in the list of sensors.
 
     Raises SceneError if the scene has no receiver.
     """
@@ -100,7 +99,7 @@ def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
 
 
 def children_of(node: mi.Object) -> list[mi.Object]:
-    """Return the objects nested directly in a Mitsuba object."""
+    """Return the objects that are nested directly in a Mitsuba object."""
     children: list[mi.Object] = []
 
     class Callback(mi.TraversalCallback):  # The base class depends on the current variant.
@@ -113,7 +112,7 @@ def children_of(node: mi.Object) -> list[mi.Object]:
 
 
 def matrix_of(transform: mi.Transform4f) -> list[list[float]]:
-    """Return the (4, 4) matrix of a transform of any variant."""
+    """Return the matrix of a transform of any variant, shape (4, 4)."""
     matrix = transform.matrix
     return [
         [float(np.asarray(dr.detach(matrix[row, column])).ravel()[0]) for column in range(4)]
@@ -122,35 +121,36 @@ def matrix_of(transform: mi.Transform4f) -> list[list[float]]:
 
 
 def vertices_of(mesh: mi.Mesh) -> Floats:
-    """Return the corners (n, 3) of a mesh."""
+    """Return the vertices of a mesh in scene units, shape (n, 3)."""
     points = dr.detach(mi.traverse(mesh)["vertex_positions"])
     return np.array(points, np.float64).reshape(-1, 3)
 
 
 def faces_of(mesh: mi.Mesh) -> Indices:
-    """Return the triangles (t, 3) of a mesh, as indices of corners."""
+    """Return the triangles of a mesh as indices of vertices, shape (t, 3)."""
     return np.array(mi.traverse(mesh)["faces"], np.intp).reshape(-1, 3)
 
 
 # ---- starts and ends of rays ---------------------------------------------------------------------
 
 ROUNDING = 2.0**-20
-"""Height above a surface at which rays start and end, relative to the coordinates: eight units in
-the last place of single precision.
+"""Height above a surface at which rays start and end, relative to the coordinates.
+
+The height is eight times the rounding unit of single precision.
 """
 
-# Error of positions in single precision, relative to the largest coordinate: the position, its
+# Error of positions in single precision, relative to the largest coordinate. The position, its
 # rotation and its translation each have a rounding error of 6e-8.
 PLACE_ERROR = 5e-7
 
 
-# Classes of flat shapes and of instances, whose bounds determine rounding errors. Curved shapes
-# touch a plane in a single point only.
+# Class names of flat shapes and of instances, whose bounds determine rounding errors. Curved shapes
+# are not included, because they touch a plane only at a single point.
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
 def reach_at(scene: mi.Scene, corners: Floats) -> float:
-    """Return the largest coordinate of a source or receiver, and of flat surfaces that touch it.
+    """Return the largest coordinate of a source or receiver and of the flat surfaces that touch it.
 
     Parameters
     ----------
@@ -180,14 +180,17 @@ def reach_at(scene: mi.Scene, corners: Floats) -> float:
 
 
 def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
-    """Return the largest coordinate of the triangles whose bounds meet a box."""
+    """Return the largest coordinate of the triangles whose bounds overlap a box."""
     corners = vertices_of(mesh)[faces_of(mesh)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
 
 
 def bounds_of(shape: mi.Shape) -> Floats:
-    """Return the bounds (2, 3) of a shape, including meshes that Mitsuba has merged."""
+    """Return the bounding box of a shape in scene units, shape (2, 3).
+
+    Meshes that Mitsuba has merged are supported.
+    """
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
         points = vertices_of(shape)
@@ -201,9 +204,10 @@ def largest(point: Drjit) -> Drjit:
 
 
 def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) -> Drjit:
-    """Return the argument of Mitsuba's ``spawn_ray_to`` for a ray that ends at a source.
+    """Return the end point of a shadow ray, to be passed to Mitsuba's ``spawn_ray_to``.
 
-    ``spawn_ray_to`` shortens a ray by a fraction of its length, for which this point compensates.
+    ``spawn_ray_to`` shortens a ray by a fraction of its length. The returned point compensates for
+    this, so that the ray ends at the source.
 
     Parameters
     ----------
@@ -222,15 +226,16 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
     """
     p = dr.detach(it.p)
     short = end + normal * (ROUNDING * (largest(p) + reach))
-    # An interaction without a normal is not on a surface, so the ray starts at the point itself.
+    # An interaction without a normal is not on a surface, so the ray starts exactly at its
+    # position.
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
-    # The correction is detached, so that only the end point has derivatives.
+    # The correction is detached, so that derivatives refer to the end point only.
     return end + dr.detach(start + (short - start) * longer - end)
 
 
 class Reaches:
-    """Largest coordinates of the shapes of a scene, which determine the rounding errors of hits."""
+    """Largest coordinates of the shapes of a scene, which determine rounding errors of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
@@ -244,7 +249,7 @@ class Reaches:
             self._table = mi.Float(sizes.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
-        """Return the largest coordinate of an intersection and of the shape at the intersection."""
+        """Return the largest coordinate of an intersection and of the shape that is hit."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
             key = id(si.shape)
@@ -254,12 +259,12 @@ class Reaches:
         if self._table is None:
             return result
         number = _number(si.shape)
-        # Numbers above the number of the last shape belong to instances.
+        # Registry numbers above the number of the last shape belong to instances.
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
     def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
-        """Return a ray that leaves a surface along a direction, on the side of this direction."""
+        """Return a ray that leaves a surface, on the side to which its direction points."""
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
@@ -271,18 +276,18 @@ def _number(pointer: Drjit) -> Drjit:
 
 # ---- opaque bodies ------------------------------------------------------
 
-# Largest distance in wavelengths between a curved shape and the chords that replace it.
+# Largest distance in wavelengths between a curved shape and the chords that approximate it.
 _SAGITTA = 0.01
-# Radius in wavelengths of the largest sphere that is replaced with this accuracy, and largest
+# Radius in wavelengths of the largest sphere that is approximated with this accuracy, and largest
 # number of chords around a circle.
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
-# Largest total number of faces of all obstacles. This many faces take about 1 GB of memory.
+# Largest total number of faces of all obstacles, which take about 1 GB of memory.
 _MOST_FACES = 1 << 21
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
 def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
-    """Yield corners and triangles of all opaque shapes of a scene, in units of the scene."""
+    """Yield vertices and triangles of all opaque shapes of a scene, in scene units."""
     groups = {
         shape.id(): children_of(shape)
         for shape in children_of(scene)
@@ -303,7 +308,7 @@ def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indi
 def _triangles(
     shape: mi.Shape, groups: dict[str, list[Any]], wavelength: float
 ) -> Iterator[tuple[Floats, Indices]]:
-    """Yield corners and triangles of an opaque shape, or of all shapes of an instance."""
+    """Yield vertices and triangles of an opaque shape, or of all shapes of an instance."""
     params = mi.traverse(shape)
     if shape.class_name() == "Instance":
         name = str(shape).split('name = "', 1)[1].rsplit('",\n    prim_count', 1)[0]
@@ -336,12 +341,12 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
 
 
 def _chords(radius: float) -> int:
-    """Return the number of chords that replace a circle; ``radius`` is in wavelengths."""
+    """Return the number of chords that approximate a circle with a radius in wavelengths."""
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
-    """Return the surface of revolution about z of a profile (n, 2) of radii and heights."""
+    """Return a surface of revolution about z from a profile of radii and heights."""
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
@@ -370,7 +375,7 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
-    """Return the connected parts of a mesh, after merging corners at the same point."""
+    """Return the connected parts of a mesh, after merging vertices at the same position."""
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
     a, b, c = np.moveaxis(points[faces], 1, 0)
@@ -388,7 +393,7 @@ def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
-    """Return the bodies and sheets that meshes of corners and triangles form."""
+    """Return the obstacles that meshes of vertices and triangles form."""
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
@@ -408,10 +413,11 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
         flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
         return Obstacle(points, faces, owner, normals[first], False, bool(flat))
     inner = points - points.mean(axis=0)
-    # A negative sum means that the normals point inwards.
+    # The sum is six times the volume of the body. A negative sum means that the normals point
+    # inwards.
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:
         return _body(points, faces[:, ::-1], -normals)
-    # A body is convex if no face rises in front of the plane of a neighbouring face.
+    # A body is convex if no face is in front of the plane of a neighbouring face.
     order, other = np.argsort(forth), np.argsort(back)
     face = np.tile(np.arange(len(faces)), 3)
     opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
@@ -421,18 +427,18 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
-# Edges are ignored below this height above the plane of a source, in wavelengths.
+# Height above the plane of a source, in wavelengths, below which edges are ignored.
 BEHIND = 1e-3
 
 
 def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
-    """Return a body in the frame of a pose, with lengths multiplied by ``scale``."""
+    """Return an obstacle in the frame of a pose, with lengths multiplied by ``scale``."""
     vertices = (body.vertices - pose[:3, 3]) @ pose[:3, :3] * scale
     return replace(body, vertices=vertices, normals=body.normals @ pose[:3, :3])
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the parts of a silhouette's edges in front of the plane of the source."""
+    """Return the parts of silhouette edges in front of the plane of the source."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
