@@ -1,18 +1,18 @@
-"""Closed forms of transforms and fields, written once for the operations of NumPy and Dr.Jit.
+"""Closed-form transforms and fields, written once for NumPy and Dr.Jit arrays.
 
 ==================  ===========================================================================
 module              content
 ==================  ===========================================================================
-``outline``         the source in its frame: edges, weights and fields
-``wave_pairs``      sums of plane waves, and contributions of their pairs
-``cut``             the parts of edges that lie inside the other copy
+``outline``         edges, weights and fields of a source in normalised coordinates
+``wave_pairs``      plane waves on a source, and their pairs in W and A
+``cut``             parts of edges inside a shifted or mirrored copy of the source
 ``functions``       W, A and F
 ``boundary``        exact fields along edges
-``gradients``       derivatives in closed form
-``kernel``          the steps of a transform: enter the frame, sum over edges, leave the frame
-``array_factors``   sums over the sites of an array, and over pairs of sites of a lattice
-``lattice_arrays``  arrays on a lattice: the element near x or xi, times array factors
-``element_pairs``   W, A and R of equal elements at any positions: sums over pairs, by cells
+``gradients``       closed-form derivatives of F, W and A
+``kernel``          the three steps of a transform, of which the second sums over edges
+``array_factors``   array factors of arrays and lattices
+``lattice_arrays``  W and A of arrays on a lattice, from the element and array factors
+``element_pairs``   W, A and R of equal elements at any positions, from pairs of elements
 ``catalogue``       the kernel of each transform and kind of source
 ==================  ===========================================================================
 

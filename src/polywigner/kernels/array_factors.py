@@ -1,18 +1,21 @@
-"""Array factors: sums over the sites of an array, and over pairs of sites of a lattice.
+"""Array factors of arrays with any positions, and of arrays on a lattice.
 
-The Fourier transform of an array is its element's transform times the sum of w_k exp(-2 pi i
-nu.p_k) over the sites p_k (docs/theory.md, (L3)). On a lattice whose weights are a product of two
-profiles, the factor is the product of two sums, one along each direction. For other arrays the sum
-runs over the sites one by one.
+The Fourier transform of an array is the transform of its element times the array factor, which is
+the sum of w_k exp(-2 pi i nu.p_k) over the elements with weights w_k and positions p_k
+(docs/theory.md, (L3)). If the array is a lattice and its weights are a product of two profiles, the
+array factor is the product of two sums, one along each direction of the lattice. Otherwise the sum
+is computed element by element.
 
-W of equal elements on a lattice is a sum over midpoints of pairs of sites: W of the element at the
-midpoint, times the discrete Wigner function of the weights (L1). A is such a sum over differences
-of sites (L2). If the weights are a product, these factors are products as well. Along one direction
-each factor is
+The Wigner function W of equal elements on a lattice is a sum over the midpoints of pairs of
+elements, (L1). Each term is W of one element at that midpoint, times the discrete Wigner function
+of the weights. The ambiguity function A is a similar sum over the differences of two positions,
+(L2). If the weights are a product of two profiles, these array factors are products as well. Along
+one direction an array factor is
 
     sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
 
-with products c_k of two amplitudes. For equal amplitudes the sum is sin(pi N t)/sin(pi t).
+where N is the number of terms, t is a frequency in cycles per period, and c_k is the product of two
+amplitudes of the profile. For equal amplitudes of 1 the sum is sin(pi N t)/sin(pi t).
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ from polywigner.source.lattices import Profile, Sites, separated
 Pair2 = tuple[Any, Any]
 Row = tuple[float, ...]
 
-# Number of coefficients that an engine reads with one load instruction.
+# Number of coefficients that Dr.Jit reads with one load instruction.
 _PACKET = 4
 # Largest number of terms in a temporary array, which then takes some tens of megabytes together
 # with intermediate results.
@@ -44,12 +47,11 @@ _BLOCK = 1 << 18
 
 
 def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """Return the index of the second site of a pair, along a direction of ``count`` sites.
+    """Return the index of the second element of a pair along one direction of a lattice.
 
-    ``number``, from 0 to 2 count - 2, is the sum of the indices of both sites (``by_mean``), or
-    their difference plus count - 1. In both cases count - |number - (count - 1)| pairs of sites
-    have the same number. Their array factor is a sum of the waves exp(-2 pi i t
-    (index - number/2)), with t = 2 nu.b or upsilon.b.
+    ``index`` is the index of the first element, and ``count`` is the number of elements along the
+    direction. If ``by_mean`` is true, ``number`` is the sum of the two indices. Otherwise it is
+    their difference plus count - 1. It lies between 0 and 2 count - 2.
     """
     return number - index if by_mean else index - number + (count - 1)
 
@@ -61,7 +63,7 @@ def _odd(ops: Any, number: Any) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class ProfileFactor:
-    """Array factors along one direction of a lattice, for a profile of n amplitudes."""
+    """Array factors along one direction of a lattice, for the amplitudes of a profile."""
 
     profile: Profile
 
@@ -75,17 +77,17 @@ class ProfileFactor:
 
     @cached_property
     def means(self) -> _Series:
-        """Table of products a_i a_j*: one row for each i + j, in order of increasing i - j."""
+        """Products a_i a_j* of two amplitudes, with one row for each sum i + j of their indices."""
         return self._mutual(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
-        """Table of products a_i a_j*: one row for each i - j, in order of increasing i + j."""
+        """Products a_i a_j* of two amplitudes, with one row for each difference i - j."""
         return self._mutual(by_mean=False)
 
     @cached_property
     def _all(self) -> _Series:
-        """Table with one row, the amplitudes of all sites."""
+        """Amplitudes of all elements, in a single row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _mutual(self, by_mean: bool) -> _Series:
@@ -99,10 +101,10 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
-        """Return the array factor of all pairs of sites that have the same ``number``.
+        """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-        :func:`partner` defines the number of a pair. The factor is evaluated at t = ``cycles``. The
-        pair (i, j) has the weight a_i a_j*. With ``by_mean``, the factor is real.
+        The midpoint (``by_mean``) or the difference is specified by ``number``, which
+        :func:`partner` defines. ``cycles`` is the frequency t of the module's formula.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -112,7 +114,10 @@ class ProfileFactor:
         return series.value(ops, number, 2.0 * last, pairs, cycles)
 
     def total(self, ops: Any, cycles: Any) -> Pair:
-        """Return sum_k a_k exp(-2 pi i t (k - (n - 1)/2)) at t = ``cycles``, modulo 2."""
+        """Return the sum of all amplitudes a_k with phases of -t (k - (n - 1)/2) cycles.
+
+        ``cycles`` is the frequency t, modulo 2, and n is the number of elements.
+        """
         count = float(self.count) + 0.0 * cycles
         if self.profile.is_uniform:
             return Pair(_dirichlet(ops, count, cycles), 0.0)
@@ -121,12 +126,12 @@ class ProfileFactor:
 
 @lru_cache(maxsize=64)
 def profile_factor(profile: Profile) -> ProfileFactor:
-    """Return the array factors of a profile, without its constant factor and its linear phase."""
+    """Return the array factors of a profile, without the profile's constant factor and phase."""
     return ProfileFactor(profile)
 
 
 def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
-    """Return sum_k exp(-2 pi i t (k - (N - 1)/2)) over 0 <= k < N = ``count`` at t = ``cycles``."""
+    """Return the array factor sin(pi N t)/sin(pi t) of N = ``count`` equal amplitudes of 1."""
     floor = 1e-30 if ops.double else 1e-20
     nearest = ops.round(cycles)
     remainder = cycles - nearest
@@ -138,23 +143,22 @@ def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Sums of cosines and sines, one for each row of a table of coefficients.
+    """Trigonometric sums, one for each row of a table of coefficients.
 
-    Row r is the sum of p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with complex p and q. The
-    multiple m_k is k for an odd number of terms, and k + 1/2 for an even number. The terms are
-    ordered from the centre of the row outwards.
+    A row contains complex coefficients p_k and q_k, and its sum is that of the terms p_k cos(2 pi t
+    m_k) - i q_k sin(2 pi t m_k). The multiple m_k is k for an odd number of terms, and k + 1/2 for
+    an even number.
     """
 
     packets: int
     """Number of packets of coefficients in each row."""
     tables: tuple[DeviceTable | None, ...]
-    """Real and imaginary parts of p, then of q. Each table has the shape (rows * packets per row,
-    coefficients per packet)."""
+    """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the sum of a row at t = ``cycles``, or 0 if the row does not exist.
+        """Return the trigonometric sum of a row at t = ``cycles``, or 0 if the row does not exist.
 
-        ``pairs``: number of pairs of sites, which is the number of terms of the row.
+        ``pairs`` is the number of pairs of elements, and ``last`` is the index of the last row.
         """
         exists = (row >= 0.0) & (row <= last)
         # Row indices of the table are integers, because float32 rounds integers above 2^24, which
@@ -193,11 +197,10 @@ class _Series:
 
 
 class _Basis:
-    """Clenshaw's recurrence in Reinsch's form for cosines and sines of multiples k or k + 1/2.
+    """Clenshaw's recurrence for sums of cosines and sines, in Reinsch's form.
 
-    This form is stable at multiples of half a cycle, where Clenshaw's original form loses n^2 ulps.
-    ``cosine`` and ``sine`` are the factors of the last d and of the second-last b of the
-    recurrence.
+    Reinsch's form is stable at multiples of half a cycle. Clenshaw's original form of a sum of n
+    terms loses n^2 ulps there.
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
@@ -219,7 +222,10 @@ class _Basis:
 def _series(
     lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complex]
 ) -> _Series:
-    """Return the rows c_k = ``product(row, k)``, 0 <= k < length, as sums about their centres."""
+    """Return trigonometric sums for rows of coefficients.
+
+    Row r has ``lengths[r]`` coefficients, and ``product(r, k)`` is its coefficient k.
+    """
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
@@ -233,7 +239,7 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        # Both halves of a row of odd length contain the central term.
+        # In a row of odd length, the central term is counted twice.
         odd = rows[n % 2 == 1]
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
@@ -250,13 +256,11 @@ def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
 def factor_of(
     ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
 ) -> Callable[[Pair2, Pair2], Pair]:
-    """Return a function that computes the array factor of the pairs of sites that share a node.
+    """Return a function that computes the array factor for a midpoint or a difference.
 
-    A node is the midpoint of two sites (``by_mean``) or the difference of two sites.
-
-    ``cycles``: t along both directions. The function takes the steps from the first contributing
-    node to the node, and the two numbers of the node for :func:`partner`, each along both
-    directions.
+    ``cycles`` contains the frequencies along both directions of the lattice. The returned function
+    takes the steps from the first contributing midpoint (or difference), along both directions, and
+    the two numbers that :func:`partner` defines.
     """
     first, second = (
         _remembered(partial(profile.at, ops, by_mean, cycles=along))
@@ -266,11 +270,11 @@ def factor_of(
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a version of ``compute(argument)`` that caches its results by step."""
+    """Return a function (step, argument) that computes ``compute(argument)`` once per step."""
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:
-        # A step that is an array of an engine cannot be a key of the cache.
+        # A Dr.Jit array cannot be a key of the cache.
         if not isinstance(step, float):
             return compute(argument)
         if step not in known:
@@ -280,24 +284,23 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     return of
 
 
-# Largest deviation of the sites from a lattice, as a fraction of the extent D of the lattice, for
-# which the closed form is used. The error of the phase in radians is 6e3 times this fraction at
-# |nu| D = 1000. Rounded multiples of a pitch deviate by less. Rounded positions far from the origin
+# Largest deviation of elements from a lattice for which the array factor is a product, as a
+# fraction of the lattice's extent D. At |nu| D = 1000 the phase error in radians is 6e3 times this
+# fraction. Rounded multiples of a pitch deviate by less, and rounded positions far from the origin
 # deviate by more.
 _MISFIT = 2.0**-52
-# Smallest number of sites for which the array factor of a lattice is computed in closed form. Fewer
-# sites are summed one by one, which is as fast and compiles sooner (benchmarks/array_cost.py).
+# Smallest number of elements for which the array factor of a lattice is computed as a product. For
+# fewer elements a plain sum is as fast and compiles in less time (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
 
 @dataclass(frozen=True)
 class _Tables:
     frame: LinearFrame
-    """Frame whose rows are the basis vectors of the lattice. It has no rows if sites are summed one
-    by one."""
+    """Frame whose rows are the basis vectors of the lattice; it has no rows for other arrays."""
     rows: tuple[Row, ...] = ()
-    """One row for each site: its position relative to the centre, each coordinate as two floats,
-    and its weight. Empty for a lattice."""
+    """Position relative to the centre and weight of each element; empty for a lattice. Each
+    coordinate is the sum of two floats."""
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
     cycles: tuple[float, ...] = ()
@@ -317,7 +320,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre), lattice.basis, 1.0)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # The phases of the weights are relative to the centre of the lattice.
+        # The array factor refers the phases of the weights to the centre of the lattice.
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
     factors, cycles = (
         map(profile_factor, profiles),
@@ -343,7 +346,8 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.rows:
         return (cycles, *nu)
-    # The sites lie at multiples of b/2 from the centre, so nu.b is reduced modulo 2.
+    # The elements lie at multiples of half a basis vector b from the centre, so the phase nu.b is
+    # reduced modulo 2 cycles.
     half = [0.5 * component for component in nu]
     return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.rows))
 
@@ -367,5 +371,5 @@ def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
 
 @lru_cache(maxsize=8)
 def array_factor_kernel(dimension: int) -> Kernel:
-    """Return the kernel of array factors of sites on a line, in the plane or in space."""
+    """Return the kernel of array factors in 1, 2 or 3 dimensions."""
     return Kernel("array factor", dimension, _tables, _enter, _sum, leave_wave)

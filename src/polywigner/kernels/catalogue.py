@@ -1,4 +1,4 @@
-"""Catalogue of kernels: one for each transform and kind of source."""
+"""Selection of the kernel for a transform and a kind of source."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from polywigner.source.lattices import Sites
 
 _TRANSFORMS = ("autocorrelation", "wigner", "ambiguity")
 
-# Kernels by name of the transform and kind of source. The kind is a type or a name in `_SPECIAL`.
+# Kernels by transform and kind of source. The kind is a Python type or a key of `_SPECIAL`.
 _KERNELS: dict[tuple[str, Any], Kernel] = {
     (name, kind): getattr(home, name.replace(" ", "_").upper())
     for kind, home, names in (
@@ -41,7 +41,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Conditions for the kinds of sources that have faster kernels, in order of priority.
+# Conditions under which a source has a faster kernel. The first true condition decides.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
@@ -56,11 +56,11 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 
 MOST_WIDTHS = 1 << 15
-"""Largest number of coherence widths in the area of a source for which W is computed as a mean over
-tilts. The mean has four tilts for each coherence width."""
+"""Largest number of coherence widths in the area of a source for which W is averaged over tilts.
+The average has four tilts for each coherence width."""
 # Largest number of array elements for which W in partially coherent light is computed in closed
-# form, at the cost of one slice per pair of elements. The second limit is used if a mean over tilts
-# would need too many tilts.
+# form, whose cost is proportional to the number of pairs of elements. The second limit applies if
+# an average over tilts would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
@@ -70,11 +70,11 @@ def _widths_in(source: Wavefront) -> float:
 
 
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
-    """Return the kernel of W in partly coherent light; None if W is a mean over tilts.
+    """Return the kernel of W in partly coherent light; None if W is averaged over tilts.
 
-    For an array of equal elements W is a mean over tilts, unless the array has few elements or the
-    mean needs too many tilts. The kernel ignores curvature, for which callers shift the
-    frequencies.
+    The Wigner function W of a large array of equal elements is an average over tilted plane waves,
+    unless the average needs too many tilts. The kernel ignores the curvature of the wavefront. The
+    caller represents the curvature by a shift of the frequencies.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))
@@ -89,8 +89,8 @@ def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
 def kernel_for(transform: str, source: Any) -> Kernel:
     """Return the kernel that computes a transform of a source.
 
-    An array has the kernels of its elements, which are slits or apertures in one plane. Its Fourier
-    transform is a sum over the elements and has no kernel.
+    An array has the same kernels as its elements, which are slits or apertures in one plane. The
+    Fourier transform of an array has no kernel, because it is a sum over the elements.
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""W, A and R of arrays of equal elements at any positions: sums over pairs of elements.
+"""Wigner, ambiguity and autocorrelation functions of equal elements at any positions.
 
-The pair (k, l) contributes to W(x, nu) near the midpoint of both element centres, and to
-A(upsilon, xi) near their difference (docs/theory.md, (L1), (L2)). The contribution is W or A of the
-element at the offset from that position, times a phase that is computed without rounding. The plane
-is divided into cells of about the size of an element, which list the pairs that contribute there.
-At constant density of elements, the cost of a sample is therefore proportional to the number of
-elements. Midpoints and differences are stored as sums of two floats.
+The functions are sums over pairs of elements. A pair contributes to the Wigner function W(x, nu) if
+x is near the midpoint of the two elements, and to the ambiguity function A(upsilon, xi) if xi is
+near the difference of their positions (docs/theory.md, (L1), (L2)). The plane is divided into cells
+of about the size of an element, and each cell lists the pairs that contribute in it. At constant
+density of elements, the cost of a sample is therefore proportional to the number of elements.
+Midpoints and differences are stored as sums of two floats.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ ElementTables = Tables | SeparableTables
 
 
 def element_tables(aperture: Aperture, double: bool) -> ElementTables:
-    """Return the tables of an element for kernels in float64 (``double``) or float32."""
+    """Return the constants of an element for kernels in float64 (``double``) or float32."""
     return separable_tables(aperture, double) or tables_of(aperture, double)
 
 
 def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
-    """Return W(x, nu) in the element's frame."""
+    """Return the Wigner function W(x, nu) of an element, for arguments in its frame."""
     if isinstance(tables, SeparableTables):
         return separable.wigner(ops, tables, x, y, nu_x, nu_y)
     return WIGNER_SUM(ops, tables, x, y, nu_x, nu_y)[0]
 
 
 def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
-    """Return A(upsilon, xi) in the element's frame."""
+    """Return the ambiguity function A(upsilon, xi) of an element, for arguments in its frame."""
     if isinstance(tables, SeparableTables):
         cosine, sine = separable.ambiguity(ops, tables, *arguments)
     else:
@@ -56,7 +56,7 @@ def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
 
 
 def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the (real, imaginary) field u of the element in its frame, without the carrier."""
+    """Return the real and the imaginary part of an element's field, without the carrier wave."""
     if isinstance(tables, SeparableTables):
         return separable.field(ops, tables, x, y)
     return plane.field(ops, tables, x, y)
@@ -68,19 +68,18 @@ Sites = TypeVar("Sites")
 
 @dataclass(frozen=True)
 class RepeatedTables(Generic[Element, Sites]):
-    """Tables of an element, and the positions and weights of its copies."""
+    """An array of equal elements: the element, and the positions and weights of its copies."""
 
     frame: Any
     element: Element
     sites: Sites
     terms: int = 1
-    """Number of copies that are summed at each sample, which determines the choice of the engine.
-    """
+    """Number of copies that are summed at each sample. It determines the choice of the engine. """
 
 
 @dataclass(frozen=True, eq=False)
 class DeviceTable:
-    """A table (rows, columns) that is copied once into the memory of each engine."""
+    """A two-dimensional table that is copied once into the memory of each engine."""
 
     values: NDArray[Any]
     copies: dict[Hashable, Any] = field(default_factory=dict)
@@ -92,19 +91,19 @@ class DeviceTable:
         return self.copies[ops.key]
 
 
-# Smallest number of elements for which W and A are sums over pairs of elements. Arrays of fewer
-# elements are computed as one source, which is faster (benchmarks/array_cost.py).
+# Smallest number of elements for which W and A are sums over pairs of elements. An array of fewer
+# elements is computed as a single source, which is faster (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
-# Bound on the distance by which rounding to 24 bits moves a point, as a fraction of its distance
-# from the centre. The boxes in which pairs contribute are enlarged by this fraction.
+# Upper bound of the error of a position that is rounded to 24 bits, relative to its distance from
+# the centre. The boxes in which pairs contribute are enlarged by this fraction.
 _MARGIN = 2.0**-21
-# Largest number of grid cells, and of grid cells per pair of elements. More cells do not make the
-# lists of pairs shorter.
+# Largest number of grid cells, and largest number of grid cells per pair of elements. With more
+# cells, the lists of pairs do not become shorter.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 
 def is_scattered(array: Array) -> bool:
-    """Return whether an array repeats one aperture at six or more positions."""
+    """Return whether an array consists of six or more copies of one aperture."""
     copies = normal_form(array).lattice
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False
@@ -113,15 +112,16 @@ def is_scattered(array: Array) -> bool:
 
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
-    """Return the table of pairs of elements; for R (no view) the pairs of each element with itself.
+    """Return the table of all pairs of elements, one record for each pair.
 
-    Pairs are sorted by the midpoint of their centres (``MIRRORED``, for W) or by the difference of
-    their centres (``BEHIND``, for A). In the mutual field, the field of the first element is the
-    factor that is not conjugated.
+    The pairs are sorted by the midpoint of their centres for W (``view`` is ``MIRRORED``) and by
+    the difference of their centres for A (``BEHIND``). For R (None) each element forms a pair with
+    itself only.
 
-    The columns of a record are: the midpoint (or difference) in the frame and the difference (or
-    midpoint), each component as two floats; the mutual weight (real, imag); and half of the width
-    and height of the box in which the pair contributes.
+    A record contains the midpoint and the difference in the frame, the product of the first weight
+    and the conjugate of the second weight, and half of the width and height of the box in which the
+    pair contributes. For A the difference precedes the midpoint. Each coordinate is the sum of two
+    floats.
     """
     copies = normal_form(array).lattice
     assert copies is not None
@@ -130,8 +130,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # The stored fields do not contain the carrier. The phase of the carrier follows from the
-    # position or lag at which the user evaluates the transform.
+    # The stored fields do not contain the carrier wave. The phase of the carrier wave follows from
+    # the position or lag at which the user evaluates the transform.
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
@@ -165,7 +165,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
 
 
 def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
-    """Return the x and y of vectors, each as a float of the kernel's precision and a remainder."""
+    """Return each coordinate of vectors as a float of the kernel's precision and a remainder."""
     total, low = vector
     high = total if double else total.astype(np.float32).astype(np.float64)
     low = (total - high) + low
@@ -176,22 +176,23 @@ def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
 class PairLists:
     """Pairs of elements, sorted by grid cell.
 
-    The cell of a pair contains the lower corner of the box in which the pair contributes. Boxes are
-    no larger than cells. So the boxes around a sample begin in the cell of the sample or in one of
-    three neighbours, whose records are two runs of the table.
+    Each pair contributes to samples inside a box, and belongs to the cell that contains the lower
+    corner of the box. Boxes are no larger than cells. The pairs that contribute to a sample
+    therefore belong to the cell of the sample or to one of three adjacent cells. Their records form
+    two contiguous ranges of the table.
     """
 
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Number of cells that contain samples, along each axis. The table of records has one
-    additional row and column of cells, in front of these cells."""
+    """Number of cells along each axis that can contain samples. In front of these cells, the table
+    of records has an additional row and column of cells."""
     starts: DeviceTable
-    """Index of the first record of each cell, shape (cells + 1, 1), row by row."""
+    """Index of the first record of each cell, row by row. Shape (number of cells + 1, 1)."""
     records: DeviceTable
 
     def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
-        """Yield the start and the end of both runs of records that may contribute at each point."""
+        """Yield the start and end of both ranges of records that may contribute at each point."""
         starts = self.starts.in_memory(ops)
         u, v = ((p - low) * s for p, low, s in zip((x, y), self.low, self.scale, strict=True))
         rows, columns = self.counts
@@ -204,12 +205,15 @@ class PairLists:
 
 
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
-    """Return records sorted by the cells of a grid over the region where any pair contributes."""
+    """Return the records of pairs, sorted by the cells of a grid.
+
+    The grid covers the region in which any pair contributes.
+    """
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
-    # The cells are slightly larger than the boxes of pairs, so that no box spans three cells
-    # because of rounding.
+    # The cells are slightly larger than the boxes of the pairs. Rounding errors therefore never
+    # make a box span three cells.
     size = 2 * farthest * (1 + 1e-9)
     most = min(_MOST_CELLS, _CELLS_PER_PAIR * len(records))
     while np.prod(np.floor((high - low) / size) + 2) > most:
@@ -234,27 +238,30 @@ Point = tuple[phases.Doubled, phases.Doubled]
 
 
 def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
-    """Return value - constant without rounding."""
+    """Return the exact difference value - constant, as the sum of two floats."""
     high, low = phases.doubled(constant, ops.double)
     total, low = phases.difference(value, high)
     return total, low - low
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
-    """Return a position in the frame, relative to its centre, each component as two floats."""
+    """Return a position in the frame. Each coordinate is the sum of two floats."""
     less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
     total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
     return _halves(ops, *zip(total, low, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
-    """Return a spatial frequency minus the carrier, in the frame, each component as two floats."""
+    """Return a spatial frequency relative to the carrier, in the frame.
+
+    Each component is the sum of two floats.
+    """
     less = tuple(_less(ops, f, c) for f, c in zip(nu, carrier, strict=True))
     return _halves(ops, *(phases.dot(ops, less, row) for row in frame.inverse_transpose))
 
 
 def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
-    """Return each number as two floats. The first float has single precision."""
+    """Return each number as the sum of two floats. The first float has single precision."""
     return tuple(half for number in numbers for half in phases.halves(ops, number))
 
 
@@ -283,7 +290,10 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the sample's position (or lag) relative to the pair's midpoint (or difference)."""
+    """Return the position of a sample relative to the midpoint of a pair of elements.
+
+    For A, the position is a lag and the midpoint is a difference.
+    """
     (x, x_low), (y, y_low) = _point(samples[:4])
     (px, px_low), (py, py_low) = _point(record[:4])
     return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
@@ -292,7 +302,10 @@ def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the contribution of a pair of equal elements to A, or to W (the real part only)."""
+    """Return the contribution of a pair of equal elements to A, or to W.
+
+    Only the real part of a contribution to W is used.
+    """
     nu, offset = _point(samples[4:]), _offset(record, samples)
     cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
@@ -305,7 +318,7 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the field of a single element at a point, including the weight of the element."""
+    """Return the field of a single element at a point, including the element's weight."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 
@@ -313,15 +326,16 @@ def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
     of_pair: Callable[..., Pair] = _of_element,
 ) -> list[Any]:  # fmt: skip
-    """Return the sum over all pairs as (real, imaginary), or its real part; NaN for NaN arguments.
+    """Return the sum of the contributions of all pairs of elements to W or A.
 
-    ``of_pair``: function that computes the contribution of a pair, by default to W or A.
+    ``values`` is 2 for a real and an imaginary part, and 1 for the real part only. ``of_pair``
+    computes the contribution of a pair. NaN arguments give NaN.
     """
     view, lists = tables.sites
     records = lists.records.in_memory(ops)
 
     def is_near(row: Any, *samples: Any) -> Mask:
-        """Return whether the sample lies in the box in which the pair contributes."""
+        """Return whether a sample lies in the box in which a pair contributes."""
         record = ops.gather(records, row)
         (x, y), (width, height) = _offset(record, samples), record[10:12]
         return (abs(x) < width) & (abs(y) < height)
@@ -348,7 +362,7 @@ def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> 
 
 
 def _fields(ops: Any, tables: PairTables, cycles: Any, *positions: Any) -> Values:
-    """Return the field u at both ends of a lag, x + xi/2 and x - xi/2, without the carrier."""
+    """Return the fields at x + xi/2 and x - xi/2 without the carrier wave, for R(x, xi)."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 

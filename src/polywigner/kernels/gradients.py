@@ -1,15 +1,15 @@
-"""Gradients of F, W and A in closed form.
+"""Closed-form gradients of the Fourier, Wigner and ambiguity functions F, W and A.
 
-Variables are frequency, position or lag, vertices and weights. All three transforms are integrals
-of a plane wave over a polygon: the outline itself, or a slice whose sides are parts of the
-outline's edges. If the boundary of the polygon moves, such an integral changes by the values of the
-wave along the boundary. The derivatives with respect to vertices, positions and lags are therefore
-sums over the cut edges, like the functions themselves (docs/gradients.md, (G1) to (G4)). The
-positions of the cuts do not matter to first order. Derivatives with respect to frequency are first
-moments of the slice, (G4), without a division by the frequency.
+The derivatives are taken with respect to frequency, position, lag, vertices and weights. Each
+function is the integral of a plane wave over a polygon. The polygon is the outline of the source
+for F. For W and A it is a slice, which is the overlap of the source with a shifted or mirrored
+copy. If the boundary of the polygon moves, the integral changes by the values of the wave along the
+boundary. The derivatives with respect to vertices, positions and lags are therefore sums over
+edges, like the functions themselves (docs/gradients.md, (G1) to (G4)). The derivatives with respect
+to frequency are first moments of the polygon, (G4).
 
-If corners of a slice meet edges, only one-sided derivatives exist. The result is the derivative on
-the side that the tie rule selects (docs/theory.md, "Where edges coincide").
+If a corner of the source lies on an edge of the copy, only one-sided derivatives exist. The result
+is the derivative on the side that the tie rule selects (docs/theory.md, "Where edges coincide").
 """
 
 from __future__ import annotations
@@ -35,21 +35,32 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Total change dV of a value V due to changes of vertices and weights."""
+    """Interface of objects that compute the change dV of a value V.
+
+    V changes because the vertices and weights of the source change.
+    """
 
     needs_vertices: bool
     """Whether derivatives with respect to vertices are required."""
     needs_weights: bool
     """Whether derivatives with respect to the weights of the elements are required."""
     has_constant_indices: bool
-    """Whether vertex indices must be Python integers."""
+    """Whether the indices of vertices must be Python integers."""
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
-        """Return dV = sum_k at_k (normal . d vertex_k) for an edge between two indexed vertices."""
+        """Return the change of V if the vertices ``begin`` and ``end`` of an edge move.
+
+        ``at`` contains the derivatives of V with respect to the displacement of both vertices along
+        ``normal``.
+        """
         ...
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
-        """Return dV = gradient dw + of_conjugate dw* for the weight w of element ``number``."""
+        """Return the change of V if the weight w of element ``number`` changes.
+
+        ``gradient`` and ``of_conjugate`` are the derivatives of V with respect to w and to the
+        complex conjugate of w.
+        """
         ...
 
 
@@ -60,7 +71,7 @@ class Gradients:
     frequency: list[Pair]
     position: list[Pair]
     shared: Pair
-    """Sum of the changes dV that an accumulator has returned."""
+    """Change of V due to vertices and weights, summed over the results of an `Accumulator`."""
 
 
 class Axes:
@@ -74,16 +85,17 @@ class Axes:
         self.along = x * inverse, y * inverse
 
     def of(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return the components (p, q) of a vector parallel and perpendicular to the frequency."""
+        """Return the components of a vector parallel and perpendicular to the frequency."""
         c, s = self.along
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
     def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> tuple[Pair, ...]:
-        """Return integrals along a segment with midpoint (p, q) and vector (dp, dq).
+        """Return integrals of a plane wave along a segment of a polygon's boundary.
 
-        The first two are the means of exp(-2 pi i nu.x) and of t exp(-2 pi i nu.x) for t from -1/2
-        to 1/2. The others are the terms of the moments M00, M10 and 2 M01 of the wave over the
-        polygon, each divided by -dp, (G4).
+        The segment has the midpoint (p, q) and the vector (dp, dq). The first two results are the
+        means of the wave exp(-2 pi i nu.x), and of the wave times t, where t runs from -1/2 to 1/2
+        along the segment. The other three are the contributions of the segment to the moments M00,
+        M10 and 2 M01 of the wave over the polygon, (G4), each divided by -dp.
         """
         ops = self.ops
         cosine, sine = cos_sin_cycles(ops, self.norm * p)
@@ -91,49 +103,55 @@ class Axes:
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
         area = e1.scaled(dq).plus(ops, e0, q)
-        # ``product`` is the mean of q t times the wave over a segment.
+        # ``product`` is the mean of q t times the wave along the segment.
         product = e2.scaled(dq).plus(ops, e1, q)
         along = product.scaled(dp).plus(ops, area, p)
         across = product.scaled(dq).plus(ops, area, q)
         return e0, e1, area, along, across
 
     def gradient(self, along: Pair, twice_across: Pair) -> tuple[Pair, Pair]:
-        """Return the derivative -2 pi i M with respect to nu for moments M in these axes."""
+        """Return the derivative with respect to the frequency nu, in the axes of the frame.
+
+        The derivative is -2 pi i M, where M is the vector of first moments in the axes of this
+        object.
+        """
         (c, s), across = self.along, twice_across.scaled(0.5)
         x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
         y = (along.scaled(s) + across.scaled(c)).scaled(-2 * math.pi)
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
 
 
-# Argument x below which the Bessel functions are computed by series, because the upward recurrence
-# loses 3/x^3 ulps. The first omitted term of j_2 at x = 1 is 1e-17 with _DOUBLE terms and 2e-9 with
-# _SINGLE terms.
+# Argument x below which spherical Bessel functions are computed from power series, because the
+# upward recurrence loses 3/x^3 ulps. At x = 1 the first omitted term of j_2 is 1e-17 with _DOUBLE
+# terms and 2e-9 with _SINGLE terms.
 _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
 def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """Return e_n = integral of t^n exp(-4 pi i half t) over -1/2 < t < 1/2 for n = 0, 1, 2.
+    """Return the moments of order 0, 1 and 2 of a plane wave along a segment.
 
-    ``half``: cycles of the wave over half of the segment. e_0 and e_2 are real; e_1 is the
-    imaginary part. With spherical Bessel functions of x = 2 pi half they are e_0 = j_0, e_1 =
-    -j_1/2 and e_2 = (j_0 - 2 j_2)/12. Absolute errors are a few ulps of 2^-n/(n + 1).
+    The moment of order n is the integral of t^n exp(-4 pi i half t) over t from -1/2 to 1/2, where
+    ``half`` is the phase over half of the segment in cycles. The moments are j_0, -i j_1/2 and (j_0
+    - 2 j_2)/12, where j_n are spherical Bessel functions of 2 pi half. The second result is the
+    imaginary part of the moment of order 1.
     """
     j0, j1, j2 = _bessel(ops, half)
     return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))
 
 
 def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """Return the spherical Bessel functions j_0, j_1 and j_2 of x = 2 pi half.
+    """Return the spherical Bessel functions j_0, j_1 and j_2 of the argument 2 pi half.
 
-    For small x, j_2 is computed from its series, and j_1 = x (j_0 + j_2)/3 from its neighbours
-    without loss of digits. Otherwise the upward recurrence gives both.
+    For a small argument x, j_2 is computed from its power series, and j_1 = x (j_0 + j_2)/3 follows
+    without loss of digits. Otherwise both are computed by the upward recurrence.
     """
     x = 2 * math.pi * half
     small = abs(x) < _BELOW
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    # The argument of the series is clamped, so that the unused branch does not overflow.
+    # The argument of the series is set to 0 for large x, so that the unused series does not
+    # overflow.
     square = ops.select(small, x * x, 0.0)
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
@@ -141,7 +159,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
 
 
 def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
-    """Return j_n(x)/x^n by its series in x^2."""
+    """Return j_n(x)/x^n, where j_n is a spherical Bessel function, from its series in x^2."""
     coefficients = [1 / math.prod(range(1, 2 * n + 2, 2))]
     for k in range(1, terms + 1):
         coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
@@ -151,7 +169,7 @@ def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
 def fourier_gradients(
     ops: Any, tables: OutlineTables, accumulator: Accumulator, nu_x: Any, nu_y: Any
 ) -> Gradients:
-    """Return the derivatives of V = F(nu) in the frame."""
+    """Return the derivatives of the Fourier transform F(nu) in the frame."""
     axes = Axes(ops, (nu_x, nu_y))
     rows = [
         (*edge[:4], float(begin), float(end))
@@ -182,14 +200,17 @@ def _pairs(numbers: Sequence[Any]) -> list[Pair]:
 
 
 def wigner_gradients(ops: Any, tables: Tables, accumulator: Accumulator, *point: Any) -> Gradients:
-    """Return derivatives of W, the real part of V, at (x, y, nu_x, nu_y) in the frame."""
+    """Return the derivatives of the Wigner function at (x, y, nu_x, nu_y) in the frame.
+
+    The Wigner function is the real part of the differentiated value.
+    """
     return _gradients(ops, tables, True, accumulator, point[:2], point[2:])
 
 
 def ambiguity_gradients(
     ops: Any, tables: Tables, accumulator: Accumulator, *point: Any
 ) -> Gradients:
-    """Return derivatives of V = A at (upsilon_x, upsilon_y, xi_x, xi_y) in the frame."""
+    """Return the derivatives of the ambiguity function at (upsilon_x, upsilon_y, xi_x, xi_y)."""
     return _gradients(ops, tables, False, accumulator, point[2:], point[:2])
 
 
@@ -201,7 +222,7 @@ def _gradients(
     position: tuple[Any, ...],
     frequency: tuple[Any, ...],
 ) -> Gradients:
-    """Return the gradients of W from lag slices (``of_lags``), or of A from position slices."""
+    """Return the gradients of the Wigner (``of_lags``) or the ambiguity function."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
@@ -230,7 +251,10 @@ def _gradients(
 
 
 def _weights(ops: Any, tables: Tables) -> list[Pair]:
-    """Return the weights of the elements; if edges are data, the weights are data as well."""
+    """Return the weights of the elements, as constants or as Dr.Jit arrays.
+
+    They are Dr.Jit arrays if the edges are data of the compiled kernel.
+    """
     parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
     if ops.target != "data":
         return list(map(Pair, *parts))
@@ -238,10 +262,9 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _WavePairGradients:
-    """Derivatives of the contribution V of a pair of waves, with the weights of both elements.
+    """Derivatives of the contribution of a pair of plane waves to W or A.
 
-    V is ``scale`` times the sum over the views. For W the edges of one copy are half of the
-    boundary, and the edges of the other copy contribute the conjugate.
+    The contribution includes the weights of both elements.
     """
 
     values = 12
@@ -270,10 +293,10 @@ class _WavePairGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
-        """Return six complex numbers for an edge, as real and imaginary parts.
+        """Return the real and imaginary parts of the six sums to which an edge contributes.
 
-        The numbers are the area, the effects of a shift of the edge along both axes, two moments,
-        and the value of the accumulator.
+        The sums are the area, the change due to a shift of the edge along both axes, two moments,
+        and the result of the accumulator.
         """
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, motion, along, across, begin, end = [_ZERO] * 6
@@ -288,7 +311,8 @@ class _WavePairGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for ends_sum, extent, real, imag in cuts[view]:
-                # An edge part of length zero may have a position so large that its powers overflow.
+                # The position of an edge part of length zero may be so large that its powers
+                # overflow.
                 ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
                 half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(
@@ -316,7 +340,7 @@ class _WavePairGradients:
         return _parts(area, *motions, along, across, shared)
 
     def add(self, sums: Sequence[Pair], result: Gradients) -> None:
-        """Add the sums over edges to the derivatives."""
+        """Add the sums over all edges to the derivatives in ``result``."""
         area, *motions, along, across, shared = sums
         result.shared = result.shared + shared
         for k, motion in enumerate(motions):
@@ -344,19 +368,19 @@ def _weighted(value: Pair, real: Any, imag: Any) -> Pair:
 
 @dataclass(frozen=True)
 class GradientKernel:
-    """Derivatives of a kernel's sum over edges."""
+    """Closed-form derivatives of the second step of a kernel, the sum over edges."""
 
     gradients: Callable[..., Gradients]
-    """Function (ops, tables, accumulator, *arguments in the frame) -> Gradients."""
+    """Function (ops, tables, accumulator, *arguments in the frame) that returns `Gradients`."""
     arguments: int
-    """Number of arguments in the frame that ``gradients`` takes; they are the last ones."""
+    """Number of arguments of ``gradients``, which are the last arguments of the kernel."""
     parts: Callable[[Pair], tuple[Any, ...]]
-    """Function (V) -> the values of the kernel's sum."""
+    """Function that converts a complex value to the results of the kernel's sum over edges."""
     points: tuple[str, ...]
     """Kinds of the kernel's arguments, each ``"frequency"`` or ``"position"``."""
 
     def changed(self, ops: Any, frame: Any, gradients: Gradients, change: Sequence[Any]) -> Pair:
-        """Return the change of V for given changes of all components of all arguments."""
+        """Return the change of the transform if all components of its arguments change."""
         total = gradients.shared
         for number, name in enumerate(self.points):
             count = len(change) // len(self.points)
@@ -368,7 +392,7 @@ class GradientKernel:
 
 
 def _wave(value: Pair) -> tuple[Any, ...]:
-    """Return (cosine, sine) of V = cosine - i sine."""
+    """Return the real part and minus the imaginary part of a complex value."""
     return value.real, -value.imag
 
 
@@ -386,5 +410,5 @@ _KNOWN = {
 
 
 def gradient_kernel_of(kernel: Kernel) -> GradientKernel | None:
-    """Return the derivatives of a kernel, or None if Dr.Jit differentiates the kernel."""
+    """Return the closed-form derivatives of a kernel; None if Dr.Jit differentiates the kernel."""
     return _KNOWN.get(kernel)

@@ -1,7 +1,8 @@
-"""Kernels: transforms in three steps, which enter the frame, sum over edges, and leave the frame.
+"""Kernels, which compute a transform in three steps.
 
-The steps are separate, so that an engine may compute the first in float64 and the second in
-float32.
+The first step converts the arguments to the frame of the source, the second sums over the edges of
+the source, and the third converts the sums to the user's units. The steps are separate because the
+first may be computed in float64 and the second in float32.
 """
 
 from __future__ import annotations
@@ -18,24 +19,29 @@ Values = tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """A transform in three steps, of which ``edge_sum`` takes most of the time."""
+    """A transform in the three steps ``enter``, ``edge_sum`` and ``leave``.
+
+    Most of the computing time is spent in ``edge_sum``.
+    """
 
     name: str
     dimension: int
     """Number of components of each argument of the transform."""
     tables: Callable[[Any, bool], Any]
-    """Function (source, double) -> cached constants of the kernel, with the attributes ``frame``
-    and ``edges``."""
+    """Function (source, double) that returns the cached constants of the kernel. The constants have
+    the attributes ``frame`` and ``edges``."""
     enter: Callable[..., Values]
-    """Function (ops, frame, *arguments) -> arguments in the frame."""
+    """Function (ops, frame, *arguments) that converts the arguments to the frame of the source."""
     edge_sum: Callable[..., Values]
-    """Function (ops, tables, *arguments in the frame) -> sums over edges. It is a `SliceSum` if the
-    kernel cuts edges, and an `OutlineSum` if F on grids is computed from the axes of the grids."""
+    """Function (ops, tables, *arguments in the frame) that returns the sums over the edges of a
+    source. It is a `SliceSum` if edges are cut, as for W and A, and an `OutlineSum` for the Fourier
+    transform of an outline."""
     leave: Callable[..., Values]
-    """Function (ops, frame, arguments in the frame, sums) -> results in the user's units."""
+    """Function (ops, frame, arguments in the frame, sums) that returns results in the user's units.
+    """
 
     def tables_for(self, source: Any, double: bool) -> Any:
-        """Return the tables of a source, from the cache of the source if it has one."""
+        """Return the constants of the kernel for a source, from the source's cache if possible."""
         known = getattr(source, "__dict__", {}).get("_tables")
         if known is None:
             return self.tables(source, double)
@@ -50,20 +56,21 @@ class Kernel:
         return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
-        """Return the transform at arguments in the user's units, computed with ``ops``."""
+        """Return the transform in the user's units, computed with the operations ``ops``."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
 
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return a real sum, scaled to the units of the user."""
+    """Return a real transform in the user's units from its sum over edges."""
     return (sums[0] * frame.measure,)
 
 
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return (cosine, sine) sums, rotated by the phase of the centre and scaled.
+    """Return both parts of a complex transform in the user's units from its sums over edges.
 
-    The phase of the centre is the first argument in the frame.
+    The sums are rotated by the phase of the source's centre, which is the first argument in the
+    frame.
     """
     real, imag = phases.rotated(ops, inner[0], *sums)
     return real * frame.measure, imag * frame.measure

@@ -1,9 +1,10 @@
-"""W and A of phased arrays on a lattice: W and A of the element, times array factors.
+"""Wigner and ambiguity functions of phased arrays on a lattice.
 
-A pair of sites contributes W of the element to W(x, nu) of the array, at x minus the midpoint of
-the sites. It contributes A of the element to A(upsilon, xi), at xi minus the difference of the
-sites (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences) within an element's size
-of x (or xi) contribute, however many elements there are.
+The Wigner function W(x, nu) of an array is a sum over the midpoints of pairs of elements. Each term
+is W of one element at x minus the midpoint, times an array factor (docs/theory.md, (L1)). The
+ambiguity function A(upsilon, xi) is a similar sum over the differences of two element positions,
+(L2). Only the midpoints within an element's size of x, or the differences within an element's size
+of xi, contribute. Their number does not depend on the number of elements.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form
 
-# Smallest number of elements for which W and A of a lattice are computed with array factors. Arrays
-# with fewer elements are computed as one source (benchmarks/array_cost.py).
+# Smallest number of elements for which W and A of a lattice are computed with array factors. An
+# array with fewer elements is computed as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
-# Distance from the boundary of a region, relative to the lattice, within which a point contributes
-# less than rounding errors.
+# Distance from the ends of an interval, in node spacings, within which a node contributes less than
+# rounding errors.
 _EDGE = 4e-15
 
 Pair2 = tuple[float, float]
@@ -45,20 +46,23 @@ Pair2 = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Nodes:
-    """Differences or midpoints of the sites of a lattice, which are multiples of its steps."""
+    """Midpoints, or differences, of the positions of two elements of a lattice."""
 
     scale: float
-    """Spacing of the nodes, in steps of the lattice: 1 for differences, 1/2 for midpoints."""
+    """Spacing in steps of the lattice: 1 for differences, 1/2 for midpoints."""
     windows: tuple[tuple[float, float, int, int], ...]
-    """For each direction, a tuple (low, high, first node on the lattice, number of nodes on it). A
-    node h contributes at t if t - h lies in the open interval (low, high)."""
+    """Tuple (low, high, first node, number of nodes) for each direction of the lattice. Nodes are
+    the midpoints or differences. Node h contributes at t if t - h lies in the open interval (low,
+    high)."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first node that contributes at (x, y), and the vector from it to (x, y)."""
+        """Return the first midpoint or difference that contributes at (x, y), and its distance.
+
+        The distance is the vector from the midpoint or difference to (x, y) in the element's frame.
+        """
         i, j = (
             0.0 * x + float(start)
-            # An element larger than the lattice overlaps all of its copies, so every node
-            # contributes.
+            # Copies of an element larger than the lattice all overlap, so every node contributes.
             if high - low >= steps
             else ops.round((x * row[0] + y * row[1]) * (1 / self.scale) - high + 0.5)
             for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)
@@ -68,7 +72,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps from the first contributing node to each node, and their vectors."""
+        """Return the steps from the first contributing node to each other node, and the vectors."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -81,18 +85,18 @@ class _Nodes:
 
 @dataclass(frozen=True)
 class _ArrayFrame:
-    """The frame of the element, and the basis vectors and weights of the lattice."""
+    """Coordinates of an array on a lattice: the element's frame and the basis vectors."""
 
     element: Frame
     origin: Pair2
-    """Centre of the element's frame at the first site."""
+    """Centre of the first element."""
     centre: Pair2
     """Mean of the centres of the elements."""
     basis: tuple[Pair2, Pair2]
     inverse: tuple[Pair2, Pair2]
     """Matrix that converts positions to lattice coordinates."""
     cycles: Pair2
-    """Phase of the weights from one site to the next along each direction, in cycles."""
+    """Phase difference of the weights of adjacent elements along each direction, in cycles."""
     means: _Nodes
     differences: _Nodes
 
@@ -106,7 +110,7 @@ class _ArrayFrame:
 
     @property
     def slope(self) -> Pair2:
-        """Phase of the weights from site to site, minus the phase of the carrier, in cycles."""
+        """Phase difference of adjacent weights minus that of the carrier wave, in cycles."""
         along_first, along_second = (
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
@@ -117,7 +121,8 @@ class _ArrayFrame:
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # W vanishes outside the hull of the element, and A at lags beyond the size of the element.
+    # The Wigner function of the element vanishes outside its hull, and its ambiguity function at
+    # lags beyond its size.
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -170,7 +175,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
-    """Return the array factors of a profile; its amplitudes include the modulus of its factor."""
+    """Return the array factors of a profile, including the modulus of its constant factor."""
     size = abs(profile.factor)
     if profile.is_uniform and size == 1.0:
         return profile_factor(profile)
@@ -179,12 +184,16 @@ def _scaled(profile: Profile) -> ProfileFactor:
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
-    """Return nu.b modulo 1 for both basis vectors b."""
+    """Return the phases nu.b in cycles, modulo 1, for both basis vectors b of the lattice."""
     return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return the first midpoint in half steps, x relative to it, nu.b in cycles, and nu."""
+    """Return the arguments of W relative to the first midpoint that contributes at x.
+
+    The arguments are the midpoint in half steps of the lattice, x relative to the midpoint, the
+    phases nu.b in cycles, and nu.
+    """
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)
     along = (t - cycles_per_site for t, cycles_per_site in zip(cycles, frame.cycles, strict=True))
@@ -208,12 +217,17 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return the phase, the first difference, xi relative to it, upsilon.b, and upsilon."""
+    """Return the arguments of A relative to the first difference that contributes at xi.
+
+    The arguments are the phase of the centre, the difference in steps of the lattice, xi relative
+    to the difference, the phases upsilon.b in cycles, and upsilon.
+    """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
-    # The midpoints are multiples of b/2, so upsilon.b is reduced modulo 2.
+    # The midpoints are multiples of half a basis vector b, so the phase upsilon.b is reduced modulo
+    # 2 cycles.
     along = (2.0 * t for t in _site_cycles(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
     return (cycles, *nearest, *along, *inner)
 

@@ -1,14 +1,14 @@
-"""The edges of a source in its frame, with weights and fields.
+"""Edges, weights and fields of a source, in normalised coordinates.
 
-Every kernel works in a normalised frame. Coordinates are centred on the source and scaled so that
-the source fills a box of about unit size. Thresholds on |nu| times diameter become absolute, and
-float32 uses its digits for the source. Needles and plates are also rotated to their axes and
-stretched. The transforms are covariant under affine maps, so a needle of aspect ratio 1e-6 is as
-accurate as a square.
+Every kernel uses normalised coordinates, called the frame of the source. The frame is centred on
+the source and scaled so that the source fills a box of about unit size. Thresholds on frequency
+times diameter are then absolute, and float32 coordinates resolve the source. Long, narrow outlines
+are also rotated to their axes and stretched. Since the transforms are covariant under affine maps,
+an outline with an aspect ratio of 1e-6 is as accurate as a square.
 
-The map of frequencies is exact: its matrix consists of floats, and vertices are mapped by its exact
-inverse. Otherwise the rounding of an axis by an ulp would rotate the needle, and move its ends by
-many ulps of its width.
+The matrix that converts frequencies to the frame consists of floats, and vertices are converted
+with its exact inverse. With a rounded inverse, the long axis of a narrow outline would be rotated
+slightly, and its ends would move by many ulps of its width.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from polywigner.kernels.wave_pairs import (
 from polywigner.numerics import Floats, phases
 from polywigner.source.normal_form import Source
 
-# Largest aspect ratio of a bounding box in the user's axes. Longer outlines are rotated to their
-# principal axes and stretched. At smaller ratios, rounding costs less accuracy in the frame than in
-# the kernels, and edges along the user's axes remain parallel to the axes of the frame.
+# Largest aspect ratio of an outline whose frame is parallel to the user's axes. Longer outlines are
+# rotated to their principal axes and stretched. At smaller aspect ratios, rounding errors of the
+# frame are smaller than rounding errors of the kernels.
 NEEDLE_ASPECT = 8.0
 
 Matrix = tuple[tuple[Any, ...], ...]
@@ -46,10 +46,12 @@ Matrix = tuple[tuple[Any, ...], ...]
 
 @dataclass(frozen=True)
 class Frame:
-    """Coordinates x' = matrix (x - centre) / norm, and frequencies nu' = inverse_transpose nu.
+    """Normalised coordinates of a source.
 
-    The second matrix is exactly the inverse transpose of the first. ``measure``: area of a unit
-    square of the frame, in the user's units. ``reach``: largest |x'| and |y'| of the source.
+    A position x has the coordinates ``matrix (x - centre) / norm`` in the frame, and a frequency nu
+    has the components ``inverse_transpose nu``. ``inverse_transpose`` is exactly the inverse
+    transpose of ``matrix / norm``. ``measure`` is the area of a unit square of the frame in the
+    user's units. ``reach`` contains the largest absolute coordinates of the source in the frame.
     """
 
     centre: tuple[float, float]
@@ -59,14 +61,15 @@ class Frame:
     measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
-    """Frequency, in the user's units, relative to which fields on the source are stored."""
+    """Frequency of the carrier wave, in the user's units. The stored fields are relative to this
+    wave."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return a point of the aperture plane in the frame."""
+        """Return the coordinates of a point of the aperture plane in the frame."""
         cx, cy = self.centre
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
-        # Products across a needle-shaped outline cancel almost completely, so the rounding errors
+        # For a long, narrow outline the products cancel almost completely, so the rounding errors
         # of the differences dx and dy matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
@@ -79,11 +82,11 @@ class Frame:
         return _diagonal(self.matrix)
 
     def grid_step(self, double: bool) -> float:
-        """Return the spacing of the grid of vertices and offsets, a power of two.
+        """Return the grid spacing to which vertices and offsets are rounded, a power of two.
 
-        Offsets at which two copies overlap are at most twice the reach. An offset minus two
-        vertices is therefore below four times the reach, and exact in float64 (53 bits) or float32
-        (24 bits). A margin covers offsets at which the copies miss each other by rounding.
+        An offset at which two copies of the source overlap is at most twice the largest coordinate
+        of the source. An offset minus two vertices is therefore at most four times the largest
+        coordinate, and is exact in float64 or float32 on this grid.
         """
         return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
@@ -93,32 +96,35 @@ class Frame:
         return self.inverse_transpose
 
     def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return a difference of two points in the frame."""
+        """Return the components of a difference of two points in the frame."""
         if self.is_diagonal:
             return x * self.matrix[0][0], y * self.matrix[1][1]
         return self._cross_products(ops, x, y)
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """Index of the user's axis parallel to each axis of the frame; None in rotated frames."""
+        """Indices of the user's axes that are parallel to the axes of the frame.
+
+        None if the frame is rotated.
+        """
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes
         return None
 
     def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
-        """Return a spatial frequency in the frame."""
+        """Return the components of a spatial frequency in the frame."""
         if self.is_diagonal:
             return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
         return matrix_times(ops, self.inverse_transpose, x, y)
 
     def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
-        """Return a spatial frequency minus the carrier, in the frame."""
+        """Return the components of a spatial frequency minus the carrier frequency in the frame."""
         cx, cy = self.carrier
         return self.frequency(ops, x - cx if cx else x, y - cy if cy else y)
 
     def exact_frequency(self, *nu: float) -> tuple[float, ...]:
-        """Return a constant frequency in the frame, correctly rounded."""
+        """Return the correctly rounded components of a constant frequency in the frame."""
         rows = [[Fraction(m) for m in row] for row in self.inverse_transpose]
         exact = [Fraction(n) for n in nu]
         return tuple(float(sum(m * n for m, n in zip(row, exact, strict=True))) for row in rows)
@@ -129,26 +135,33 @@ class Frame:
         return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
 
     def vertices(self, points: Floats) -> Floats:
-        """Return points (n, 2) in the frame, correctly rounded."""
+        """Return the correctly rounded coordinates of points in the frame, shape (n, 2)."""
         return vertices_for(self.inverse_transpose, self.centre, points)
 
 
 def enter_position_and_frequency(
     ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any
 ) -> tuple[Any, ...]:
-    """Return the arguments of W in the frame."""
+    """Return the position and the frequency of a Wigner function in the frame."""
     return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 
 def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """Return matrix nu; each component is accurate to about an ulp, even for thin outlines."""
+    """Return the product of a matrix and a frequency.
+
+    Each component is accurate to about an ulp, even for narrow outlines.
+    """
     if _diagonal(matrix):
         return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
 
 def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Floats:
-    """Return correctly rounded x' (n, d) with (matrix nu).x' = nu.(x - centre) for all nu."""
+    """Return the correctly rounded coordinates of points in a frame, shape (n, d).
+
+    ``matrix`` converts frequencies to the frame. The product (matrix nu).x', where x' are the
+    returned coordinates, equals nu.(x - centre) for each frequency nu and point x.
+    """
     if _diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
@@ -163,7 +176,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
-    """Return the determinant times the inverse transpose of a 2 x 2 or 3 x 3 matrix."""
+    """Return the matrix of cofactors of a 2 x 2 or 3 x 3 matrix."""
     n = len(matrix)
 
     def cofactor(i: int, j: int) -> int:
@@ -174,7 +187,7 @@ def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
 
 
 def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
-    """Return the determinant by expansion along the first row; it is exact for exact numbers."""
+    """Return the determinant of a matrix, which is exact if the entries are exact numbers."""
     if len(matrix) == 1:
         return matrix[0][0]
     minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
@@ -185,7 +198,7 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
 
 
 def reach_of(vertices: Floats) -> tuple[float, ...]:
-    """Return the largest |coordinate| of vertices (n, d) in their frame."""
+    """Return the largest absolute coordinate of vertices along each axis of their frame."""
     return tuple(np.abs(vertices).max(axis=0).tolist())
 
 
@@ -195,7 +208,7 @@ def _diagonal(matrix: Matrix) -> bool:
 
 
 def frame_of(points: Floats) -> Frame:
-    """Return the frame of points (n, 2) that do not all lie on one line."""
+    """Return the frame of at least three points that are not collinear, shape (n, 2)."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
     corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
@@ -213,7 +226,10 @@ def frame_of(points: Floats) -> Frame:
 def frame_along(
     points: Floats, centre: Floats, direction: tuple[float, float], sizes: tuple[float, float]
 ) -> Frame:
-    """Return the frame with a given direction of its first axis, and powers of two as units."""
+    """Return the frame with the specified direction of its first axis.
+
+    ``sizes`` are the units of length along both axes, which are powers of two.
+    """
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
@@ -224,44 +240,45 @@ def frame_along(
 
 
 def power_of_two(size: float) -> float:
-    """Return the power of two that scales ``size`` to [1/2, 1), exactly."""
+    """Return the power of two by which ``size`` must be divided to lie between 1/2 and 1."""
     return math.ldexp(1.0, math.frexp(size)[1])
 
 
-# Cost of each further wave on an edge, relative to the cost of cutting the edge by another edge.
+# Cost of each plane wave after the first, relative to the cost of cutting an edge by another edge.
 _EDGES_PER_WAVE = 24
-# Largest number of edges that are compiled as code. Edges as code are two to four times as fast as
-# edges as data, but take 1 ms to compile for each pair of edges and each wave
-# (benchmarks/wigner_cost.py).
+# Largest number of edges whose coordinates are constants in compiled code. Such code is two to four
+# times as fast as code that reads the coordinates from memory, but takes 1 ms to compile for each
+# pair of edges and each wave (benchmarks/wigner_cost.py).
 _MOST_EDGES_AS_CODE = 16
 
 
-# Tables are compared by identity, which is fast.
+# Tables are compared by identity, because a comparison of all edges would be slow.
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """The elements of a coherent source as edges, weights and fields, in one frame."""
+    """Edges, weights and fields of a coherent source, in the frame of the source."""
 
     frame: Frame
     edges: Floats
-    """Shape (n, 6): start and end of each edge, and complex weight of its element."""
+    """Start and end of each edge, and complex weight of its element. Shape (n, 6)."""
     names: npt.NDArray[np.intp]
-    """Shape (n, 4): indices of the vertices at which each edge begins and ends, of its element, and
-    of its group."""
+    """Indices of the start vertex, the end vertex, the element and the group of each edge. Shape
+    (n, 4)."""
     apertures: tuple[Aperture, ...]
     """The elements in the plane of the source."""
     weights: tuple[Any, ...]
-    """Complex weights of the elements, relative to the field of their group."""
+    """Complex weight of each element, relative to the field of its group."""
     factors: tuple[complex, ...]
-    """Weight of each element divided by the user's weight, one factor for each element."""
+    """Ratio of the stored weight of each element to the user's weight."""
     groups: tuple[Waves, ...]
-    """Distinct fields on the elements, without the weights of the elements."""
+    """Plane waves of each group. A group contains the elements with the same field."""
     double: bool
     coherence: Any = None
-    """Matrix that converts lags in the frame to coherence widths; None for coherent light."""
+    """Matrix that converts lags in the frame to units of the coherence width. None if the light is
+    coherent."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """Lists of pairs of edges that can cross, by view, groups, precision and number of cells."""
+    """Cached lists of pairs of edges that can cross."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """The same lists in the form that NumPy uses, one entry for W and one for A."""
+    """Cached lists of pairs of edges in the form for NumPy, one entry for W and one for A."""
 
     @cached_property
     def uniform(self) -> bool:
@@ -275,16 +292,16 @@ class Tables:
 
     @cached_property
     def clips(self) -> int:
-        """Number of pairs of edges, which is the cost of one slice.
+        """Cost of one slice, in pairs of edges.
 
-        Each wave after the first counts as 24 edges, because it is integrated over each part of an
-        edge.
+        Each plane wave after the first counts as 24 edges, because it is integrated over each part
+        of an edge.
         """
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 
     @cached_property
     def waves_per_cut(self) -> int:
-        """Number of plane waves that are integrated over a part of an edge."""
+        """Number of plane waves that are integrated along each part of an edge."""
         return max(
             sum(len(difference_pairs(waves, other)) for other in self.groups)
             for waves in self.groups
@@ -292,13 +309,13 @@ class Tables:
 
     @cached_property
     def fits_code(self) -> bool:
-        """Whether compiled kernels may have each edge as a constant: for few edges and one wave."""
+        """Whether edges may be constants in compiled code, as for few edges and one plane wave."""
         is_short = len(self.edges) <= _MOST_EDGES_AS_CODE and self.waves_per_cut == 1
         return is_short and self.coherence is None
 
     @cached_property
     def by_element(self) -> Tables:
-        """The same tables with each element as a separate group of weight 1."""
+        """Copy of these tables in which each element is a group with a weight of 1."""
         edges, names = self.edges.copy(), self.names.copy()
         edges[:, 4:], names[:, 3] = (1.0, 0.0), names[:, 2]
         group_of = dict(zip(self.names[:, 2].tolist(), self.names[:, 3].tolist(), strict=True))
@@ -315,7 +332,10 @@ class Tables:
         )
 
     def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
-        """Return (real, imag) of an element's weight times the conjugate of another weight."""
+        """Return the product of one weight and the complex conjugate of another weight.
+
+        The result is a tuple of the real and the imaginary part.
+        """
         if self.uniform:
             return level, 0.0
         if not self.phased:
@@ -324,9 +344,9 @@ class Tables:
 
 
 def build_tables(source: Source, *, double: bool) -> Tables:
-    """Return the tables of the elements of a coherent source, in its plane.
+    """Return the edges, weights and fields of a coherent source.
 
-    ``double``: whether the kernels compute in float64 rather than float32.
+    ``double`` is true for kernels in float64, and false for kernels in float32.
     """
     elements, groups = source.in_plane.elements, source.in_plane.groups
     frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
@@ -360,5 +380,5 @@ def build_tables(source: Source, *, double: bool) -> Tables:
 
 
 def is_plain(tables: Tables) -> bool:
-    """Return whether the source has unit weights, full coherence and no waves."""
+    """Return whether a source is uniform and coherent, with weights of 1."""
     return tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None

@@ -1,8 +1,10 @@
-"""Sums of plane waves on a source, and contributions of their pairs to W and A.
+"""Plane waves on a source, and the contributions of pairs of waves to W and A.
 
-For a field sum_m c_m exp(2 pi i kappa_m.x) on the source (docs/theory.md, (I2), (I3)), W and A are
-sums over pairs of waves. Each term is W or A of the uniform source at a shifted frequency, times a
-factor that depends only on position or lag. Pairs with the same shift form one `WavePair`.
+The field on a source is a sum of plane waves, ``sum_m c_m exp(2 pi i kappa_m.x)``, with amplitudes
+c_m and spatial frequencies kappa_m (docs/theory.md, (I2), (I3)). The Wigner function W and the
+ambiguity function A of the source are sums over pairs of waves. Each term is W or A of the uniform
+source at a shifted frequency, times a factor that depends only on position or lag. Pairs with the
+same frequency shift form one `WavePair`.
 """
 
 from __future__ import annotations
@@ -19,8 +21,8 @@ import numpy as np
 
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest relative difference of frequencies that count as equal. Sums of the same terms in a
-# different order differ by rounding.
+# Largest relative difference of frequencies that are treated as equal. Equal frequencies may differ
+# by rounding errors if they are sums in a different order.
 _EQUAL = 1e-14
 
 Vector = tuple[Any, ...]
@@ -28,7 +30,10 @@ Vector = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Wave:
-    """A plane wave in the frame, relative to the centre of the frame and to the carrier."""
+    """A plane wave in the frame of a source.
+
+    The phase is relative to the centre of the frame, and the frequency to the carrier wave.
+    """
 
     amplitude: complex
     frequency: Vector
@@ -39,14 +44,17 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """Return the centre of all frequencies, the carrier of steered sources."""
+    """Return the carrier frequency of a source, which is the centre of all its wave frequencies."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
 
 
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
-    """Return the waves of an illumination (None: uniform) in a frame, without the carrier."""
+    """Return the plane waves of an illumination in a frame, relative to the carrier wave.
+
+    The illumination None is uniform.
+    """
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]
     else:
@@ -63,28 +71,31 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
 
 
 def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the (real, imaginary) field at a point of the frame, without the carrier."""
+    """Return the real and the imaginary part of the field at a point, without the carrier wave."""
     return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
 
 
 @dataclass(frozen=True)
 class WavePair:
-    """Pairs of waves that shift the frequency of the uniform source by the same amount."""
+    """Pairs of plane waves with the same frequency shift."""
 
     shift: Vector
-    """Shift to be subtracted from the frequency."""
+    """Frequency to be subtracted from the frequency argument of W or A."""
     terms: tuple[tuple[Any, Vector], ...]
-    """Amplitude of each pair, and its spatial frequency over positions (W) or over lags (A)."""
+    """Amplitude of each pair, and the frequency of its oscillation over positions or lags."""
     is_real: bool
-    """Whether the conjugate of each pair is included, so that only real parts are summed."""
+    """Whether the terms include their complex conjugates, so that the sum is real."""
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
-        """Return the (real, imaginary) amplitude at a position or lag of the frame."""
+        """Return the real and the imaginary part of the amplitude at a position or lag."""
         real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """Return the (real, imag) derivatives of the amplitude with respect to each coordinate."""
+        """Return the derivative of the amplitude with respect to each coordinate.
+
+        Each derivative is a tuple of its real and its imaginary part.
+        """
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
@@ -93,23 +104,23 @@ class WavePair:
         return result
 
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
-        """Return the frequency minus the shift."""
+        """Return a frequency minus the shift of these pairs."""
         pairs = zip(frequency, self.shift, strict=True)
         return tuple(f if _is_zero(s) else f - s for f, s in pairs)
 
     @cached_property
     def is_unit(self) -> bool:
-        """Whether the pair belongs to a uniform source: no shift, and amplitude 1."""
+        """Whether the pair belongs to a uniform source, with a shift of 0 and an amplitude of 1."""
         return self.is_constant and not any(self.shift) and self.terms == ((1.0, (0.0, 0.0)),)
 
     @property
     def is_constant(self) -> bool:
-        """Whether the components of the shift are Python floats."""
+        """Whether the shift consists of Python floats."""
         return all(isinstance(component, float) for component in self.shift)
 
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
-    """Return all pairs of waves as rows of an engine's table, which `pair_of_row` reads."""
+    """Return all pairs of waves as rows of numbers, which `pair_of_row` converts to pairs."""
     return [
         (complex(amplitude).real, complex(amplitude).imag, *wave_pair.shift, *rate)
         for wave_pair in wave_pairs
@@ -118,12 +129,12 @@ def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
 
 
 def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
-    """Return the pair of waves of a row of `rows_of`, read by an engine."""
+    """Return the pair of waves that a row of `rows_of` contains."""
     return WavePair(vectors[:2], ((Pair(real, imag), vectors[2:]),), is_real)
 
 
 def _is_zero(number: Any) -> bool:
-    # Values of arrays are not available while an engine, such as JAX, traces the function.
+    # The values of arrays are not available while the function is traced.
     return isinstance(number, float) and number == 0.0
 
 
@@ -133,7 +144,10 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return the sum of a exp(2 pi i f.point) over terms (a, f); plain numbers if all f are 0."""
+    """Return the real and the imaginary part of a sum of plane waves at a point.
+
+    A wave has the amplitude a and the frequency f, and its phase is f.point in cycles.
+    """
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
@@ -150,10 +164,11 @@ def _summed(
 
 @lru_cache(maxsize=1024)
 def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ...]:
-    """Return the pairs of waves for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
+    """Return the pairs of waves that contribute to the Wigner function W.
 
-    Pairs with the same mean frequency are joined. ``is_same``: whether both fields are those of the
-    same elements. The pairs (m, n) and (n, m) are then conjugate and counted once.
+    Pairs with the same mean frequency are combined. ``is_same`` is true if both fields belong to
+    the same elements. The pairs (m, n) and (n, m) are then complex conjugates, and their sum is
+    stored as a single pair.
     """
     pairs = [
         (mean, (2.0 if is_same and m < n else 1.0) * amplitude, difference)
@@ -165,13 +180,17 @@ def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ..
 
 @lru_cache(maxsize=1024)
 def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
-    """Return the pairs of waves for A: c_m c_n* exp(i pi (kappa_m + kappa_n).xi)."""
+    """Return the pairs of waves that contribute to the ambiguity function A."""
     pairs = [(diff, amplitude, mean) for _, _, amplitude, mean, diff in _products(first, second)]
     return _collected(pairs, is_real=False)
 
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
-    """Yield m, n, c_m c_n*, and the mean and the difference of the frequencies, for all pairs."""
+    """Yield all pairs of waves.
+
+    Each pair consists of both indices, the product of the first amplitude and the conjugate of the
+    second, the mean of both frequencies, and their difference.
+    """
     for (m, wave), (n, second_wave) in product(enumerate(first), enumerate(second)):
         components = list(zip(wave.frequency, second_wave.frequency, strict=True))
         mean = tuple(0.5 * (a + b) for a, b in components)

@@ -1,17 +1,18 @@
-"""The public transforms: Fourier, Wigner and ambiguity functions of sources, and the marginals.
+"""Fourier, Wigner and ambiguity functions of sources, and their marginals.
 
-Sources are apertures (plane polygons, two components) and slits (one component). The Fourier
-transform also accepts apertures in a pose and polyhedra (three components).
+Sources are apertures, which are plane polygons, and slits, which are intervals on a line. The
+Fourier transform also accepts polyhedra, and apertures with a pose in space.
 
-Conventions (docs/conventions): the Fourier kernel is exp(-2 pi i nu.x); nu and upsilon are in
-cycles per unit length. The last axis of every argument contains the components, and all axes before
-it broadcast. The result has the broadcast shape without the last axis; a single point gives a NumPy
-scalar. Lengths are in metres, results in metres to the power of the dimension.
+The Fourier kernel is exp(-2 pi i nu.x), where the frequency nu is in cycles per metre
+(docs/conventions). The last axis of every argument contains the components, and all other axes
+broadcast. The result has the broadcast shape without the last axis. A single point gives a NumPy
+scalar. Lengths are in metres, and results are in metres to the power of the dimension.
 
-Formulas: docs/theory.md. The error is at most 1e-12 of the area in float64 and 5e-6 in float32, for
-|nu| times diameter up to 1e3 and all positions, including coincident edges of the two copies. For
-thin outlines, combs and spirals the error of W and A in float32 may reach 6e-7 times diameter times
-perimeter (docs/accuracy.md, "Limits").
+The formulas are in docs/theory.md. The error is at most 1e-12 of the area in float64 and 5e-6 of
+the area in float32, if |nu| times the diameter is at most 1e3. This holds at all positions, also if
+edges of the two copies of a source coincide. For thin outlines, combs and spirals the error of
+Wigner and ambiguity functions in float32 may reach 6e-7 times diameter times perimeter
+(docs/accuracy.md, "Limits").
 """
 
 from polywigner.execution import Differentiable

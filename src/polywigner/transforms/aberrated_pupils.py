@@ -1,10 +1,11 @@
-"""Pupils with aberrations: Gauss rules on trapezoids of outlines and triangles of position slices.
+"""Numerical integrals over pupils with aberrations.
 
-The integrand u exp(2 pi i W/lambda) is smooth within each element. Its product with a shifted
-conjugate copy is smooth within the intersection of two elements. Gauss rules on trapezoids or
-triangles of these polygons therefore converge spectrally, and no rule crosses an edge. The number
-of nodes depends on the cycles of phase along the sides. The difference between two rules of
-different size is the error estimate.
+The field u exp(2 pi i W/lambda) of a pupil with the aberration W is smooth within each element. The
+product of the field and a shifted, conjugate copy is smooth within the intersection of two
+elements. These polygons are divided into trapezoids or triangles. Gauss rules on them converge
+spectrally, because no rule crosses an edge. The number of nodes depends on the number of phase
+cycles along the sides. The error estimate is the difference between two rules with different
+numbers of nodes.
 """
 
 from __future__ import annotations
@@ -38,32 +39,35 @@ from polywigner.source.normal_form import SourceElement, normal_form, polygons_o
 from polywigner.transforms.aberrations import Aberration
 
 TOLERANCE = 1e-10
-"""Default tolerance of aberrated pupils, as a fraction of the largest value."""
+"""Default tolerance of integrals over aberrated pupils, as a fraction of the largest value."""
 
-# Numbers of nodes along a side in addition to the nodes for a linear phase, in the order of
-# refinement.
+# Numbers of additional nodes along a side, compared with a linear phase. They are tried in this
+# order until the integral converges.
 _EXTRA = (1, 3, 6, 10, 16, 24, 34)
-# Largest number of quadrature nodes of a rule, and number of nodes in a block, which takes some
+# Largest number of quadrature nodes of a rule, and number of nodes in a block. A block takes some
 # tens of megabytes.
 _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
 def _bilinear(count_u: int, count_v: int) -> Floats:
-    """Return weights (n, 4) of a cell's corners, whose means are a grid of n points in the cell."""
+    """Return the weights of a cell's four corners that define a grid of points in the cell.
+
+    Each point of the grid is a weighted mean of the corners. Shape (n, 4).
+    """
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
 
-# Points of a cell at which the slopes of the phase are evaluated. Trapezoids have more points than
-# triangles, because a trapezoid may span the pupil.
+# Points of a cell at which the gradient of the phase is evaluated. A trapezoid has more points than
+# a triangle, because it may extend across the complete pupil.
 _IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
-# Number of additional nodes above which a rule also has more nodes per cycle, because the slopes
-# between the sampled points can be steeper.
+# Number of additional nodes above which a rule also has more nodes per phase cycle. The phase may
+# be steeper between the points at which its gradient is evaluated.
 _STEEP = 4
 
 
 class Converged(NamedTuple):
-    """Values of a rule, their largest estimated error, and the additional nodes of the rule."""
+    """Values of an integral, their largest estimated error, and the number of additional nodes."""
 
     values: Complex
     error: float
@@ -71,10 +75,10 @@ class Converged(NamedTuple):
 
 
 def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> Converged:
-    """Increase the number of nodes until the values of a rule change by at most ``allowed``.
+    """Increase the number of nodes until the values of an integral change by at most ``allowed``.
 
     ``evaluate`` returns the values for a number of additional nodes. ``what`` is the name of the
-    values in a warning.
+    integral in a warning.
     """
     previous = evaluate(_EXTRA[0])
     for extra in _EXTRA[1:]:
@@ -93,7 +97,11 @@ def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> 
 
 @dataclass(frozen=True, eq=False)
 class AberratedPupil:
-    """The field of a pupil at one wavelength, times exp(2 pi i (W/lambda + bend |x|^2))."""
+    """The field of a pupil with aberration and defocus, at one wavelength.
+
+    The field of the source is multiplied by exp(2 pi i (W/lambda + bend |x|^2)), where W is the
+    path length of the aberration.
+    """
 
     elements: tuple[SourceElement, ...]
     aberration: Aberration | None
@@ -101,7 +109,7 @@ class AberratedPupil:
     bend: float
     """Defocus in waves divided by the square of the pupil's radius, in 1/m^2."""
     curvature: Floats
-    """Matrix Q of a curved wave, shape (2, 2), in 1/m^2."""
+    """Curvature matrix Q of a curved wave, shape (2, 2), in 1/m^2."""
     centre: Floats
     """Point at which the curved wave touches the plane, shape (2,), in m."""
 
@@ -109,7 +117,7 @@ class AberratedPupil:
     def of(
         cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
     ) -> AberratedPupil:
-        """Return the coherent pupil of a public source at a wavelength."""
+        """Return the pupil for a coherent source at a wavelength."""
         form = normal_form(source)
         if form.dimension != 2:
             raise ArgumentError(
@@ -120,31 +128,31 @@ class AberratedPupil:
 
     @cached_property
     def weights(self) -> Complex:
-        """Weights of the elements, shape (k,)."""
+        """Complex weight of each element."""
         return np.array([element.weight for element in self.elements], np.complex128)
 
     @cached_property
     def polygons(self) -> NDArray[Any]:
-        """Polygons of the elements, shape (k,)."""
+        """Polygon of each element."""
         return polygons_of(self.elements)
 
     @cached_property
     def content(self) -> float:
-        """Upper bound on int |u|."""
+        """Upper bound of the integral of |u| over the pupil, where u is the field."""
         return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
 
     @cached_property
     def energy(self) -> float:
-        """Upper bound on int |u|^2."""
+        """Upper bound of the integral of |u|^2 over the pupil, where u is the field."""
         return float((np.abs(self.weights) * self.amplitudes) ** 2 @ shapely.area(self.polygons))
 
     @cached_property
     def amplitudes(self) -> Floats:
-        """Upper bounds on the fields of the elements without weights, shape (k,)."""
+        """Upper bound of the field on each element, without the weight of the element."""
         return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
 
     def cycles(self, x: Floats) -> Floats:
-        """Return the phase (...) of the aberration at x (..., 2) in cycles."""
+        """Return the phase of the aberration and the defocus at points, in cycles."""
         total: Any = self.bend * np.square(x).sum(axis=-1)
         if self.curvature.any():
             away = x - self.centre
@@ -154,14 +162,17 @@ class AberratedPupil:
         return np.asarray(total)
 
     def slopes(self, x: Floats) -> Floats:
-        """Return the gradient (..., 2) of the phase in cycles per metre."""
+        """Return the gradient of the phase at points, in cycles per metre."""
         total = 2.0 * self.bend * x + (x - self.centre) @ self.curvature
         if self.aberration is not None:
             total = total + self.aberration.slopes(x[..., 0], x[..., 1]) / self.wavelength
         return np.asarray(total)
 
     def waves(self, numbers: Indices, x: Floats) -> Complex:
-        """Return the plane waves (n,) of elements (n,) at points x (n, 2), without weights."""
+        """Return the field of one element at each point, without weights and aberration.
+
+        ``numbers`` contains the index of the element for each point.
+        """
         values = np.ones(len(x), np.complex128)
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
@@ -171,24 +182,25 @@ class AberratedPupil:
         return values
 
     def field(self, number: int, x: Floats) -> Complex:
-        """Return the field (...) of an element at points x (..., 2), without the weight."""
+        """Return the field of an element at points, without the weight of the element."""
         flat = x.reshape(-1, 2)
         waves = self.waves(np.full(len(flat), number), flat).reshape(x.shape[:-1])
         return np.asarray(waves * np.exp(2j * np.pi * self.cycles(x)))
 
     @cached_property
     def _cells(self) -> list[tuple[Cells, Floats]]:
-        """Trapezoids of each element, and slopes (n, samples, 2) of the phase in the trapezoids."""
+        """Trapezoids of each element, and the gradients of the phase in the trapezoids."""
         cells = [trapezoids(element.rings).corners for element in self.elements]
         return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
 
     def rules(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
     ) -> list[tuple[Floats, Floats]]:
-        """Return quadrature rules on an element: nodes (n, m, 2) and weights (n, m).
+        """Return the nodes and weights of quadrature rules on an element.
 
-        All nodes of a row have the same x. ``band``: lowest and highest frequencies (2,) of the
-        waves exp(-2 pi i nu.x) that multiply the field.
+        The nodes have the shape (n, m, 2), and all nodes of a row have the same x. The field is
+        multiplied by waves exp(-2 pi i nu.x) before integration, and ``band`` contains the lowest
+        and the highest frequency nu along each axis.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
@@ -203,10 +215,11 @@ class AberratedPupil:
 def _node_counts(
     cells: Cells, slopes: Floats, half_band: Floats, extra: int, error: float
 ) -> Indices:
-    """Return numbers (n, 2) of nodes in cells; raise ArgumentError if they add up to too many.
+    """Return the numbers of nodes along both directions of each cell.
 
-    ``slopes`` (n, samples, 2): gradients of the phase in cycles per metre. ``half_band`` (2,):
-    largest deviations of the frequencies from these gradients.
+    Raises ArgumentError if the total number of nodes is too large. ``slopes`` contains gradients of
+    the phase in cycles per metre, shape (n, samples, 2). ``half_band`` contains the largest
+    deviations of the frequencies from these gradients.
     """
     sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
@@ -232,7 +245,7 @@ def _blocks(counts: Indices) -> list[Indices]:
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Intersections of two copies of a pupil, shifted by -xi/2 and xi/2, by pairs of elements."""
+    """Intersections of elements of two copies of a pupil, which are shifted by -xi/2 and xi/2."""
 
     lags: Floats
     row: Indices
@@ -242,13 +255,12 @@ class Slices:
     second: Indices
     """Index of the element of the copy shifted by xi/2, which contains x - xi/2."""
     weights: Complex
-    """Products of the weight of the first element and the conjugate weight of the second element.
-    """
+    """Product of the first element's weight and the conjugate of the second element's weight."""
     polygons: NDArray[Any]
 
 
 def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
-    """Return the regions where both x + xi/2 and x - xi/2 lie in the pupil, for lags (n, 2)."""
+    """Return the regions in which both x + xi/2 and x - xi/2 lie in the pupil, for each lag xi."""
     boxes = shapely.bounds(pupil.polygons)
     low, high = boxes[:, :2], boxes[:, 2:]
     half = lags[:, None, None] / 2
@@ -267,10 +279,11 @@ def slice_integrals(
     error: float,
     factors: Callable[[Floats, Floats], Floats] | None = None,
 ) -> Complex:
-    """Return integrals (k, n) of factors times u(x + xi/2) u*(x - xi/2) over n regions.
+    """Return integrals of u(x + xi/2) u*(x - xi/2) over the regions, times optional factors.
 
-    The field u is without the weights of the elements. ``factors``: function of both points (m, 2)
-    that returns factors (k, m); None means the factor 1.
+    The field u does not contain the weights of the elements. ``factors`` is a function of the
+    points x + xi/2 and x - xi/2 that returns k factors for each point. The result has one row for
+    each factor and one column for each region.
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -298,11 +311,11 @@ def region_integrals(
     extra: int,
     error: float,
 ) -> Complex:
-    """Return integrals (k, n) over polygons (n,) of an integrand (k, m) at points (m, 2).
+    """Return the integrals of k functions over n polygons, shape (k, n).
 
-    ``slopes`` (a function of points (n, samples, 2)) and ``half_band``: see :func:`_node_counts`.
-    Both functions have a second argument: the index of the polygon of each point, or of each row of
-    points.
+    ``integrand`` returns the values of the k functions at points, and ``slopes`` returns gradients
+    of their phase for :func:`_node_counts`. The second argument of both functions is the index of
+    the polygon of each point.
     """
     outer, of_outer = shapely.get_parts(polygons, return_index=True)
     parts, of_part = shapely.get_parts(outer, return_index=True)
@@ -310,8 +323,8 @@ def region_integrals(
     triangles, part = triangles_of(parts[plane])
     owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
     counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
-    # The integrand is evaluated at zero points, because its number of rows is needed even if all
-    # regions are empty.
+    # The integrand is evaluated at an empty array of points, because the number of functions is
+    # needed even if all polygons are empty.
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
     for some in _blocks(counts):
@@ -323,21 +336,21 @@ def region_integrals(
 
 
 def by_lag(regions: Slices, integrals: Complex) -> Complex:
-    """Return the weighted sums (k, lags) of integrals (k, n) over regions."""
+    """Return the weighted sums of integrals over all regions that belong to the same lag."""
     rows = regions.weights * integrals
     return np.array([_summed(regions.row, row, len(regions.lags)) for row in rows])
 
 
 def _summed(index: Indices, values: Complex, count: int) -> Complex:
-    """Return sums (count,) of the values (n,) that have the same index."""
+    """Return the sums of all values that have the same index, for ``count`` indices."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return a valid wavelength; raise ArgumentError for an invalid aberration or wavelength.
+    """Return the wavelength if it and the aberration are valid. Raises ArgumentError otherwise.
 
-    ``has_gradients``: whether Dr.Jit coefficients are allowed.
+    ``has_gradients`` states whether Dr.Jit coefficients are allowed.
     """
     if aberration is not None and not isinstance(aberration, Aberration):
         raise ArgumentError(
@@ -358,7 +371,7 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return the tolerance for aberrated pupils; raise ArgumentError if it is out of range."""
+    """Return the tolerance if it is valid. Raises ArgumentError otherwise."""
     number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
     if not 1e-13 <= number <= 0.1:
         raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")

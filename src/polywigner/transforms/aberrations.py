@@ -1,4 +1,4 @@
-"""Aberrations of pupils as path lengths: Zernike polynomials, power series and functions."""
+"""Aberrations of pupils, given by Zernike polynomials, power series or functions."""
 
 from __future__ import annotations
 
@@ -37,11 +37,15 @@ Path = Callable[[Floats, Floats], ArrayLike]
 # Express 26, 18878 (2018), in complex form.
 
 Order = tuple[int, int]
-"""Radial order n and azimuthal frequency m. Negative m denote sine terms."""
+"""Radial order n and azimuthal frequency m of a Zernike polynomial. A negative m denotes a sine
+term."""
 
 
 def noll(j: int) -> Order:
-    """Return the order of a Noll index 1, 2, ... (R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976))."""
+    """Return the order of the Zernike polynomial with a Noll index, which starts at 1.
+
+    Source: R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976).
+    """
     n = (math.isqrt(8 * j - 7) - 1) // 2
     rank = j - n * (n + 1) // 2 - 1
     m = (rank + 1) // 2 * 2 if n % 2 == 0 else rank // 2 * 2 + 1
@@ -49,13 +53,16 @@ def noll(j: int) -> Order:
 
 
 def osa(j: int) -> Order:
-    """Return the order of an OSA/ANSI index 0, 1, ... (ANSI Z80.28)."""
+    """Return the order of the Zernike polynomial with an OSA/ANSI index, which starts at 0.
+
+    Source: ANSI Z80.28.
+    """
     n = (math.isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
 
 
 def fringe(j: int) -> Order:
-    """Return the order of a fringe (University of Arizona) index 1, 2, ..."""
+    """Return the order of the Zernike polynomial with a fringe index, which starts at 1."""
     d = math.isqrt(j - 1)
     rank = j - 1 - d * d
     m = d - rank // 2
@@ -63,14 +70,14 @@ def fringe(j: int) -> Order:
 
 
 class Indexing(NamedTuple):
-    """A numbering of the polynomials by a single index."""
+    """A numbering of Zernike polynomials by a single index."""
 
     order: Callable[[int], Order]
-    """Function that converts an index to an order (n, m)."""
+    """Function that converts an index to the order (n, m) of the polynomial."""
     first: int
     """First index of the numbering, 0 or 1."""
     is_normalised: bool
-    """True if the polynomials have unit rms on the disc; False if they are 1 at the rim."""
+    """Whether the polynomials have unit rms on the disc. Otherwise their value at the rim is 1."""
 
 
 INDEXINGS = {
@@ -81,29 +88,32 @@ INDEXINGS = {
 
 
 def zernike_norm(order: Order) -> float:
-    """Return the factor that gives a polynomial unit rms on the disc."""
+    """Return the factor by which a Zernike polynomial must be multiplied for unit rms."""
     n, m = order
     return math.sqrt((n + 1) * (2 if m else 1))
 
 
 def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
-    """Return polynomials (k, ...) at x, y (...), normalised to a largest value of 1 on the rim."""
+    """Return the values of Zernike polynomials at points, one row for each polynomial.
+
+    The largest value of each polynomial on the rim of the disc is 1.
+    """
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
     return np.array([_part(table, order) for order in orders])
 
 
 def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
-    """Return derivatives (k, 2, ...) of :func:`zernike_values` with respect to x and y.
+    """Return the derivatives of :func:`zernike_values` along x and y, shape (k, 2, ...).
 
-    The recurrences are d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1), and with n V_(n-1)^(m+1) on
-    the right for the derivative with respect to conj(z).
+    The complex polynomials V_n^m satisfy d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1). For the
+    derivative with respect to conj(z), the right-hand side is n V_(n-1)^(m+1).
     """
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
     return np.array([_gradient(table, order) for order in orders])
 
 
 def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
-    """Return V_n^m (...) for 0 <= m <= n <= highest with n - m even."""
+    """Return the complex Zernike polynomials V_n^m with m >= 0 and n up to ``highest``."""
     z = np.asarray(x) + 1j * np.asarray(y)
     table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
     for n in range(1, highest + 1):
@@ -116,7 +126,7 @@ def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
 
 
 def _at(table: dict[Order, Complex], n: int, m: int) -> Complex:
-    """Return V_n^m for any m, zero for |m| > n."""
+    """Return the complex Zernike polynomial V_n^m for any m; it is zero if |m| exceeds n."""
     if abs(m) > n:
         return np.zeros_like(table[0, 0])
     return table[n, m] if m >= 0 else table[n, -m].conj()
@@ -137,35 +147,36 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
     return both.real if m >= 0 else both.imag
 
 
-# Step of the finite differences for the slopes of a path function, relative to the pupil's radius.
+# Step of finite differences for the gradient of a path function, as a fraction of the pupil's
+# radius.
 _STEP = 1e-6
 # Largest radial order of Zernike polynomials.
 _HIGHEST = 200
-# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest one. Below it, the
-# polynomials are linearly dependent on the pupil.
+# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest diagonal element. If
+# an element is smaller, the polynomials are linearly dependent on the pupil.
 _DEPENDENT = 1e-10
 
 
 class Modes(Protocol):
-    """Functions on a pupil whose sum with coefficients in m is a path length."""
+    """Functions on a pupil. A weighted sum of them, with coefficients in m, is a path length."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        """Return the functions (k, ...) at x, y (...) in m."""
+        """Return the values of the functions at positions in m, one row for each function."""
         ...
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, 2, ...) of the functions in x and y, in 1/m."""
+        """Return the derivatives of the functions along x and y in 1/m, shape (k, 2, ...)."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class ZernikeModes:
-    """Sums of Zernike polynomials."""
+    """Functions that are sums of Zernike polynomials."""
 
     orders: tuple[Order, ...]
     radius: float
     matrix: Floats
-    """Coefficients of the Zernike polynomials in each of k sums, shape (k, orders)."""
+    """Coefficients of the Zernike polynomials, one row for each sum."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
         table = zernike_values(self.orders, x / self.radius, y / self.radius)
@@ -178,10 +189,10 @@ class ZernikeModes:
 
 @dataclass(frozen=True, eq=False)
 class PowerModes:
-    """Products of powers (x/radius)^i (y/radius)^j."""
+    """Functions that are products of powers, (x/radius)^i (y/radius)^j."""
 
     powers: NDArray[np.intp]
-    """Exponents i and j, shape (k, 2)."""
+    """Exponents i and j of each function, shape (k, 2)."""
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
@@ -197,7 +208,7 @@ class PowerModes:
 
 @dataclass(frozen=True, eq=False)
 class FunctionMode:
-    """A path function of the user, multiplied by a coefficient without unit."""
+    """A path function of the user, whose coefficient is a dimensionless factor."""
 
     path: Path
     radius: float
@@ -221,24 +232,25 @@ class FunctionMode:
 
 @final
 class Aberration:
-    """A path length W(x, y) in metres on a pupil.
+    """An aberration of a pupil, as a path length W(x, y) in metres.
 
-    The field in the pupil is multiplied by exp(+2 pi i W/lambda), with waves exp(+i k R) and the
-    time factor exp(-i omega t). A positive W is a longer path, which delays the wavefront, like a
+    The field in the pupil is multiplied by exp(+2 pi i W/lambda). Waves are exp(+i k R) with the
+    time factor exp(-i omega t), so a positive W is a longer path and delays the wavefront, like a
     positive ``piston`` of :func:`segmented_pupil`. The coordinates x and y are distances from the
-    optical axis in m. The axes of the image are parallel to the axes of the pupil: W = t x shifts
-    the spot by t times the focal length along +x. W is the same at all wavelengths. Aberrations can
-    be added with ``+`` and multiplied by numbers. :func:`zernike` returns the usual aberrations.
+    optical axis in m. The axes of the image are parallel to the axes of the pupil: the path length
+    W = t x shifts the spot by t times the focal length along +x. W is the same at all wavelengths.
+    Aberrations can be added with ``+`` and multiplied by numbers. :func:`zernike` returns the usual
+    aberrations.
 
     Parameters
     ----------
     path : array_like, shape (m, n), or callable
-        Coefficients c_ij in m of W = sum_ij c_ij (x/radius)^i (y/radius)^j, or a function
-        ``path(x, y)`` of arrays that returns W in m. A function must be smooth within the pupil;
-        the accuracy falls at kinks and steps.
+        Coefficients c_ij in m of the power series W = sum_ij c_ij (x/radius)^i (y/radius)^j, or a
+        function ``path(x, y)`` of arrays that returns W in m. The function must be smooth within
+        the pupil. Kinks and steps reduce the accuracy.
     radius : float, default 1.0
-        Unit of length of x and y in the power series, in m. For a function, the size of the pupil;
-        the steps of finite differences are proportional to it.
+        Unit of length of x and y in the power series, in m. For a function, the radius of the
+        pupil, to which the steps of finite differences are proportional.
 
     Raises
     ------
@@ -270,14 +282,17 @@ class Aberration:
 
     @classmethod
     def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
-        """Return an aberration from the coefficients (k,) of all terms of the modes together."""
+        """Return the aberration that is a weighted sum of modes.
+
+        ``coefficients`` contains the weights of all modes in one array.
+        """
         aberration: Aberration = cls.__new__(cls)
         aberration._set(coefficients, *modes, traced=traced)
         return aberration
 
     @property
     def coefficients(self) -> Floats:
-        """Coefficients (k,) of the terms in m; the coefficient of a function has no unit."""
+        """Coefficient of each term in m. The coefficient of a function is dimensionless."""
         return self._coefficients
 
     @property
@@ -324,22 +339,26 @@ class Aberration:
         return self._of(values, *self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return the path length W in m at positions x, y (...) in m."""
+        """Return the path length W in m at the positions (x, y) in m."""
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         return np.asarray(np.einsum("k,k...->...", self.coefficients, self.modes(*points)))[()]
 
     def slopes(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """Return the slopes (..., 2) of W along x and y at positions x, y (...) in m, without unit.
+        """Return the derivatives of the path length W along x and y, shape (..., 2).
 
-        A ray from (x, y) meets the focal plane at a distance from the axis of slope times focal
-        length. If W is given as a function, its slopes are computed by central differences.
+        The positions x and y are in m, and the derivatives are dimensionless. A ray from (x, y)
+        meets the focal plane at a distance from the axis that is the derivative times the focal
+        length. If W is a function, the derivatives are central differences.
         """
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         gradients = np.concatenate([modes.gradients(*points) for modes in self._modes])
         return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives (k, ...) of W with respect to its coefficients at points in m."""
+        """Return the derivative of the path length W with respect to each coefficient.
+
+        The positions x and y are in m. The result has one row for each coefficient.
+        """
         return np.concatenate([modes.values(x, y) for modes in self._modes])
 
     def __add__(self, other: Aberration) -> Aberration:
@@ -373,28 +392,29 @@ def zernike(
 ) -> Aberration:
     """Return a sum of Zernike polynomials as an aberration.
 
-    Polynomials of "noll" and "osa" have unit rms on the disc of this radius, so a coefficient is
-    the rms wavefront error in m. Polynomials of "fringe" have the value 1 at the rim. Sources: R.
-    J. Noll, J. Opt. Soc. Am. 66, 207 (1976); ANSI Z80.28.
+    The polynomials of the numberings "noll" and "osa" have unit rms on the disc, so each
+    coefficient is an rms wavefront error in m. The polynomials of the numbering "fringe" have the
+    value 1 at the rim. Sources: R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976); ANSI Z80.28.
 
     Parameters
     ----------
     coefficients : mapping of int to float
-        Coefficients in metres of path by the index of their polynomial: ``{4: 25e-9, 11: 10e-9}``.
+        Coefficients in m, with the index of the polynomial as the key: ``{4: 25e-9, 11: 10e-9}``.
     radius : float
-        Radius of the disc in m. The polynomials continue outside.
+        Radius of the disc in m. The polynomials are also defined outside the disc.
     indexing : {"noll", "fringe", "osa"}
-        Numbering of the polynomials: from 1 for "noll" and "fringe", from 0 for "osa".
+        Numbering of the polynomials. It starts at 1 for "noll" and "fringe", and at 0 for "osa".
     orthogonal_on : Aperture or Array, optional
-        Pupil on which the polynomials are made orthogonal, with unit rms: annular, hexagonal or
-        segmented polynomials. They are orthogonalised in the order of the indices (Gram-Schmidt),
-        with exact integrals over the polygon. Each polynomial is a multiple of the Zernike
-        polynomial of its index plus a sum of polynomials with lower indices.
+        Pupil on which the polynomials are made orthogonal with unit rms, such as an annular,
+        hexagonal or segmented pupil. The Gram-Schmidt method is applied in the order of the
+        indices, with exact integrals over the polygon. Each new polynomial is a multiple of the
+        Zernike polynomial with the same index, plus a sum of polynomials with lower indices.
 
     Returns
     -------
     Aberration
-        The aberration, whose ``coefficients`` are the values of the mapping in the same order.
+        The aberration. Its attribute ``coefficients`` contains the values of the mapping in the
+        same order.
 
     Raises
     ------
@@ -427,9 +447,9 @@ class FittedAberration(NamedTuple):
 
     aberration: Aberration
     coefficients: dict[int, float]
-    """Coefficients in m, by index."""
+    """Coefficients in m, with the index of the polynomial as the key."""
     residual: float
-    """Rms of the samples minus the fit, in m."""
+    """Rms difference between the samples and the fit, in m."""
 
 
 def fit_zernike(
@@ -453,7 +473,7 @@ def fit_zernike(
     radius, indexing, orthogonal_on
         See :func:`zernike`.
     terms : int or collection of int
-        Number of polynomials, from the first one, or their indices.
+        Number of polynomials, starting with the first index, or a collection of indices.
 
     Returns
     -------
@@ -463,7 +483,7 @@ def fit_zernike(
     Raises
     ------
     ArgumentError
-        If the samples do not match or do not determine the polynomials.
+        If the shapes of the samples differ, or the samples do not determine the coefficients.
 
     Examples
     --------
@@ -501,7 +521,10 @@ def _indexing_of(name: Any) -> Indexing:
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
-    """Return distinct indices of Zernike polynomials; raise ArgumentError for other values."""
+    """Return the indices of Zernike polynomials if they are valid and distinct.
+
+    Raises ArgumentError otherwise.
+    """
     order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
@@ -532,10 +555,11 @@ def _zernike_modes(
 
 
 def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
-    """Return a lower triangular matrix (k, k) that makes modes orthonormal on a pupil."""
+    """Return the lower triangular matrix that makes polynomials orthonormal on a pupil."""
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))
-    # Products of polynomials have twice the degree, and the map to a triangle adds one.
+    # The product of two polynomials has twice their degree, and the map to a triangle increases the
+    # degree by one.
     counts = np.full((len(triangles), 2), degree + 2, np.intp)
     nodes, weights, _ = rule_of_counts(cells_of(triangles), counts)
     table = modes.values(*nodes.T) * np.sqrt(weights / weights.sum())

@@ -1,17 +1,18 @@
-"""The public transforms in one table, and the call path that they share.
+"""The common implementation of the public transforms.
 
-A call is reduced in four steps. Points behind an optical system are mapped to points in front of
-it, (O2) and (O3). A partly coherent source is replaced by the coherent source times the degree of
-coherence, or by a closed form (PC3). A curved wave is replaced by a flat wave at sheared points,
-(Q1) to (Q5). The transform of the flat source is computed by a kernel. With u = u0 exp(i pi
-(x - c).Q (x - c)):
+A transform is computed in four steps. First, points behind an optical system are mapped to points
+in front of the system, (O2) and (O3). Second, a partly coherent source is replaced by the coherent
+source times the degree of coherence, or by a closed form, (PC3). Third, a curved wave is replaced
+by a flat wave at sheared points, (Q1) to (Q5). Finally, a kernel computes the transform of the flat
+source. The third step uses the following relations between the curved wave u = u0 exp(i pi (x -
+c).Q (x - c)) and the flat wave u0, where c is the centre of curvature and Q the curvature matrix:
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
     A(up, xi) = A0(up - Q xi, xi) exp(-2 pi i c.Q xi)
 
-Points are NumPy arrays (..., d) or Dr.Jit component arrays. Results are NumPy arrays, or a
-``Float`` or ``Complex2f``.
+Points are NumPy arrays of shape (..., d) or Dr.Jit component arrays. Results are NumPy arrays or
+Dr.Jit arrays of type ``Float`` or ``Complex2f``.
 """
 
 from __future__ import annotations
@@ -60,28 +61,29 @@ _EXPLAINED = (
 
 Points = Mapping[str, Any]
 Options = tuple[str | None, str]
-"""Precision and engine of a call."""
+"""The options ``precision`` and ``engine`` of a call."""
 F = TypeVar("F", bound=Callable[..., object])
 
 
 @final
 @dataclass(frozen=True)
 class Transform:
-    """A public transform: its points, its unit, and its relation to other transforms."""
+    """A public transform: its arguments, its unit, and its relation to other transforms."""
 
     points: tuple[str, ...]
-    """Names of the points in the order of the arguments."""
+    """Names of the arguments that are points, in the order of the call."""
     title: str
     units: Any = content_units
     is_real: bool = False
     plane: tuple[str, ...] = ()
-    """Names of the position or lag, and of the frequency, that an optical system maps together."""
+    """Names of the two arguments that an optical system maps together: a position or lag, and a
+    frequency."""
     full: str | None = None
-    """Name of the transform that equals this marginal if the other point is zero; None if this is
-    no marginal."""
+    """For a marginal, the name of the transform that equals the marginal if its other argument is
+    zero. None for other transforms."""
     takes_degree: bool = False
-    """Whether partial coherence multiplies the transform by the degree of coherence at the last
-    point."""
+    """Whether partial coherence multiplies the transform by the degree of coherence at its last
+    argument."""
 
 
 TRANSFORMS = {
@@ -121,12 +123,12 @@ def compute(
     shear: execution.Shear | None = None,
     has_kernel: bool = False,
 ) -> Values:
-    """Return a transform of any source at points of any kind.
+    """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    The Fourier transform of arrays and of sources with several waves is a sum over elements and
-    waves, which :func:`polywigner.fourier` computes. ``has_kernel``: whether the source is known to
-    have a kernel and the points are NumPy arrays. ``shear``: function that maps the components of
-    the points, see :func:`polywigner.execution.evaluate`.
+    ``has_kernel`` states whether the source is known to have a kernel and the points are NumPy
+    arrays. ``shear`` maps the components of the points, see :func:`polywigner.execution.evaluate`.
+    The Fourier transform of arrays and of sources with several waves is not supported here. It is a
+    sum over elements and waves, which :func:`polywigner.fourier` computes.
     """
     if not has_kernel:
         is_numpy = not isinstance(source, Differentiable)
@@ -162,7 +164,10 @@ def compute(
 
 
 def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
-    """Return whether a marginal is real, and the name and points of the transform it belongs to."""
+    """Return the transform from which a marginal is computed.
+
+    The results are whether the marginal is real, and the name and the points of the transform.
+    """
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal is real if the field is 1 on the source.
@@ -180,12 +185,12 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
 def _flat(
     name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
 ) -> Values:
-    """Return a transform that has a kernel, at NumPy points or Dr.Jit component arrays."""
+    """Return a transform of a flat, coherent source, which a kernel computes."""
     if not execution.has_drjit(points.values()):
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # The special kernels of arrays have no derivatives. The following kernels have derivatives
+        # The special kernels of arrays have no derivatives. The general kernels have derivatives
         # and also accept an Array.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
@@ -212,14 +217,14 @@ def explain(
 ) -> Plan:
     """Return the strategy and the engine of a call, and the reason for the choice.
 
-    The choice depends only on sizes (docs/performance.md): the same call uses the same strategy at
-    every repetition.
+    The choice depends only on the sizes of the source and the arguments (docs/performance.md).
+    Repeated calls therefore use the same strategy.
 
     Parameters
     ----------
     source : Aperture, Slits, Array, Wavefront or Polyhedron
-        The source of the call. If the call consists of several evaluations, such as a mean over
-        tilts, the plan of the first one is returned.
+        The source of the call. If the call consists of several evaluations, such as an average over
+        tilts, the strategy of the first evaluation is returned.
     arguments : array_like
         The points of the function as NumPy arrays: x and nu for ``"wigner"``.
     function : str, default "wigner"
@@ -237,8 +242,8 @@ def explain(
     Raises
     ------
     ArgumentError
-        For an unknown function, Dr.Jit arrays, F of an Array or a curved wave, and arguments for
-        which the function itself raises an ArgumentError.
+        For an unknown function, for Dr.Jit arrays, for the Fourier transform of an Array or a
+        curved wave, and for arguments for which the function itself raises an ArgumentError.
     EngineError
         If the engine is not available.
 
@@ -287,9 +292,9 @@ def _before(
 ) -> Values:
     """Return a transform of any source, optionally at points behind an optical system.
 
-    The same matrix maps (x, lambda nu) and (xi, lambda upsilon). W and A behind the system equal W
-    and A of the source at the mapped points. Raises ArgumentError for a system without a
-    wavelength, and for a wavelength without a system.
+    The Wigner and ambiguity functions behind the system equal those of the source at mapped points.
+    The same matrix maps (x, lambda nu) and (xi, lambda upsilon). Raises ArgumentError for a system
+    without a wavelength, and for a wavelength without a system.
     """
     if through is not None or wavelength is not None:
         points = _mapped(name, source, through, wavelength, points)
@@ -302,7 +307,7 @@ def _before(
 
 
 def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
-    """Return the points in front of an optical system."""
+    """Return the points in front of an optical system that correspond to points behind it."""
     if through is None:
         raise ArgumentError(
             f"expected an optical system (through=) together with wavelength={wavelength!r}, "
@@ -333,7 +338,10 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
 
 
 def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64], ...]:
-    """Return the blocks A, B, C, D of a system: (2, 2), or (1, 1) for slits, which lie along x."""
+    """Return the blocks A, B, C, D of the ray transfer matrix of an optical system.
+
+    The blocks are 2 x 2 matrices. For slits, which lie along x, they are 1 x 1 matrices.
+    """
     blocks = (system.A, system.B, system.C, system.D)
     if dimension == 2:
         return blocks
@@ -346,9 +354,9 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
 
 
 def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a partly coherent source, from coherent sources or in closed form.
+    """Return a transform of a partly coherent source.
 
-    Raises IlluminationError for F, which only coherent sources have.
+    Raises IlluminationError for the Fourier transform, which only coherent sources have.
     """
     if name == "fourier":
         raise IlluminationError(
@@ -401,7 +409,7 @@ def _checked_point(label: str, value: Any, dimension: int) -> Values:
 
 
 def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a curved wave from the flat source with the same coherence."""
+    """Return a transform of a curved wave, computed from the flat source at sheared points."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature
@@ -412,7 +420,7 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
 
     def slopes(x: Sequence[Any], centre: Sequence[float]) -> list[Any]:
-        """Return the components of Q (x - c), the local frequency of the wave at x."""
+        """Return the components of Q (x - c), the local spatial frequency of the curved wave."""
         return execution.matrix_times(q, [p - c for p, c in zip(x, centre, strict=True)])
 
     centre = wave.centre.tolist()
@@ -438,7 +446,10 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
 
 
 def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
-    """Return a value times exp(2 pi i sum p q) over factors (p, q), in the value's precision."""
+    """Return a value times a phase factor, in the precision of the value.
+
+    The phase in cycles is the sum of the products p q over all pairs (p, q) in ``factors``.
+    """
     phase = execution.unit_wave(sum(p * q for p, q in factors))
     if execution.is_drjit(value):
         return phase * value
@@ -446,7 +457,7 @@ def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
 
 
 def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.complexfloating[Any]]:
-    """Return F of a curved wave, computed by NumPy from Fresnel integrals along edges."""
+    """Return the Fourier transform of a curved wave, computed by NumPy from Fresnel integrals."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     check_no_drjit(nu=nu)
     execution.checked_engine(how[1])

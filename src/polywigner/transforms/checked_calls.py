@@ -1,4 +1,4 @@
-"""Checks of the arguments of all transforms, and selection of the kernel of a call."""
+"""Checks of the arguments of transforms, and selection of the kernel of a call."""
 
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
 
-# Number of frequencies that are processed at a time in sums of transforms. Several arrays of this
-# length take some 60 MiB.
+# Number of frequencies in a block, for transforms that are sums. The temporary arrays of a block
+# take some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
 
 def in_plane(nu: Any) -> Values:
-    """Return the first two components of nu; an aperture without a pose lies in z = 0."""
+    """Return the first two components of nu, because an aperture without a pose lies in z = 0."""
     if execution.is_drjit(nu):
         components = execution.split(nu)
         return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    # For a list of rows of unequal lengths, checked_points raises an ArgumentError later.
+    # The rows of a list may have different lengths. The function checked_points raises an
+    # ArgumentError for such a list.
     except ValueError:
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
 
 def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Kernel:
-    """Return the kernel of a transform, cached in the source, and check the options.
+    """Return the kernel of a transform from the cache of the source, and check the options.
 
     Raises ArgumentError for unknown options, and the errors of `kernels.kernel_for`.
     """
@@ -58,7 +59,10 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Ker
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
-    """Return the broadcast shape of points (..., d); ArgumentError if they do not broadcast."""
+    """Return the broadcast shape of points without the last axis.
+
+    Raises ArgumentError if the points do not broadcast.
+    """
     try:
         return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     except ValueError:
@@ -72,7 +76,7 @@ def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
 def checked_call(
     name: str, source: Any, points: Mapping[str, Any], precision: str | None, engine: str
 ) -> tuple[Any, list[Any]]:
-    """Return the kernel and the checked components of a call with NumPy arrays."""
+    """Return the kernel of a call with NumPy arrays, and the checked components of all points."""
     kernel = kernel_of(name, source, precision, engine)
     d, components = kernel.dimension, []
     for label, value in points.items():
@@ -88,9 +92,10 @@ def array_on_grid(
     engine: str,
     point_by_point: Callable[[NDArray[np.float64]], NDArray[np.complexfloating[Any]]],
 ) -> NDArray[np.complexfloating[Any]] | None:
-    """Return F of an array of apertures without poses on a grid of nu; None for other nu.
+    """Return the Fourier transform of an array of apertures on a grid of frequencies.
 
-    ``point_by_point``: function nu (..., 2) -> F, for points at which the formula for grids loses
+    The result is None if the frequencies are not a grid, or if an aperture has a pose.
+    ``point_by_point`` computes the transform at frequencies at which the formula for grids loses
     digits.
     """
     if execution.is_drjit(nu) or array.dimension != 2:
@@ -127,13 +132,14 @@ def empty_result(
 
 
 def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
-    """Return ``evaluate(nu)``, computed in blocks of rows if there are many frequencies.
+    """Return ``evaluate(nu)``, computed in blocks of rows if the number of frequencies is large.
 
-    Blocks limit the memory of sums of transforms, which need several arrays of the size of nu.
+    The blocks limit the memory of transforms that are sums, which need several arrays of the size
+    of nu.
     """
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # Blocks of a frequency grid have enough rows to be computed as grids.
+    # A block of a frequency grid has enough rows to be computed from the axes of the grid.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
@@ -147,10 +153,10 @@ def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
 def checked_points(
     name: str, value: Any, dimension: int, keep_single: bool = False
 ) -> NDArray[Any]:
-    """Return points as an array (..., dimension) of float64. Raises ArgumentError if impossible.
+    """Return points as a float64 array with ``dimension`` components on the last axis.
 
-    ``keep_single``: whether float32 is returned unchanged, because a copy in double precision may
-    not fit into memory.
+    Raises ArgumentError if this is impossible. With ``keep_single``, float32 arrays are returned
+    unchanged, because a float64 copy may not fit into memory.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
         return value

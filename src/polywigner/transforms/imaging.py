@@ -1,10 +1,12 @@
-"""Images in partly coherent light, by the transmission cross coefficient of polygons.
+"""Images in partly coherent light, computed from the transmission cross coefficient.
 
 An extended source in the pupil of a condenser illuminates an object with plane waves, one for each
-point x of the pupil (Koehler illumination). A frequency f of the object shifts this point to x + xi
-in the imaging pupil, with xi = wavelength distance f. A pair of frequencies is imaged with the
-integral of S(x) P(x + xi_1) conj P(x + xi_2) over x (IM1). This integral is the area of the
-intersection of three polygons, or its Fourier transform in the case of defocus or tilts.
+point x of the pupil (Koehler illumination). A spatial frequency f of the object shifts the point x
+to x + xi in the imaging pupil, where the lag xi is the product of the wavelength, the distance and
+f. The transmission cross coefficient of two frequencies is the integral of S(x) P(x + xi_1) conj
+P(x + xi_2) over x, (IM1), where S is the irradiance in the condenser and P is the field in the
+pupil. The integral is the area of the intersection of three polygons. With defocus or tilts it is
+the Fourier transform of the intersection.
 """
 
 from __future__ import annotations
@@ -40,23 +42,25 @@ from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
 
-# Largest number of intersections of polygons, which take some minutes and 2 GB of memory.
+# Largest number of intersections of polygons. With this number, a call takes some minutes and 2 GB
+# of memory.
 _MOST = 1 << 20
-# Number of wave values in a block, which takes 64 MB.
+# Number of values of waves in a block. A block takes 64 MB.
 _BLOCK = 1 << 22
 # Number of pairs of diffraction orders in a block.
 _PAIRS = 1 << 15
-# Relative size below which diffraction orders, and contributions to an image, count as rounding
-# errors.
+# Relative size below which diffraction orders, and contributions to an image, are treated as
+# rounding errors.
 _ROUNDING = 1e-15
-# Error of the integrals over aberrated pupils, relative to the power of the condenser.
+# Allowed error of integrals over aberrated pupils, relative to the power of the condenser.
 _PRECISE = 1e-9
-# Overlap of elements of a mask that counts as a rounding error, as a fraction of an element's area.
+# Overlap of two elements of a mask, as a fraction of an element's area, below which it is treated
+# as a rounding error.
 _OVERLAP = 1e-9
 
 
 class _Term(NamedTuple):
-    """A polygon with the plane wave weight exp(2 pi i kappa.x) on it."""
+    """A polygon with a plane wave, which is ``weight`` times exp(2 pi i kappa.x)."""
 
     polygon: Any
     weight: complex
@@ -73,10 +77,10 @@ def transmission_cross_coefficient(
 ) -> Complex:
     """Compute the transmission cross coefficient T(xi_1, xi_2) of an imaging system.
 
-    ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, where P is the field in the pupil
-    and S = |u|^2 of the condenser, imaged into the pupil. The closed form consists of areas of
-    intersections of polygons, in or out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins,
-    Proc. R. Soc. A 217, 408 (1953).
+    The coefficient is ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, where P is the
+    field in the pupil and S is the irradiance in the condenser, imaged into the pupil. It is
+    computed in closed form from intersections of polygons, in or out of focus (docs/imaging.md,
+    (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
 
     Parameters
     ----------
@@ -84,21 +88,23 @@ def transmission_cross_coefficient(
         Apertures in the plane z = 0 with amplitudes and waves, such as pistons and tilts of
         segments. The optical axis passes through the origin.
     condenser : Aperture or Array
-        Like ``pupil``; its elements are incoherent with one another.
+        Apertures of the condenser, in the same form as ``pupil``. The elements are incoherent with
+        one another.
     xi_1, xi_2 : array_like, shape (..., 2)
-        Lags in the pupil in m: wavelength times distance times a frequency of the object.
+        Lags in the pupil in m. A lag is the wavelength, times the distance, times a frequency of
+        the object.
     defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`.
     pupil_radius : float, optional
-        Radius of the pupil in m; default: the largest distance of a vertex of the pupil from the
-        origin.
+        Radius of the pupil in m. The default is the largest distance of a vertex of the pupil from
+        the origin.
 
     Returns
     -------
     ndarray of complex, shape (...)
-        Values of T. For xi_1 = xi_2, T is the transmitted fraction of the power. For a condenser
-        that is a point, T is P conj P. For a condenser much wider than the pupil, T is :func:`otf`
-        times the ratio of their areas.
+        Values of T. If both lags are equal, T is the transmitted fraction of the power. If the
+        condenser is a point, T is P conj P. If the condenser is much wider than the pupil, T is the
+        result of :func:`otf` times the ratio of their areas.
 
     Raises
     ------
@@ -148,51 +154,53 @@ def partially_coherent_image(
 ) -> Floats:
     """Compute the image of a periodic mask in partly coherent light, relative to clear light.
 
-    The diffraction orders of the mask are its Fourier transform at the lattice's frequencies, in
-    closed form. Each pair of orders is imaged by :func:`transmission_cross_coefficient`
-    (docs/imaging.md, (IM2)). A period much longer than the resolution represents a single mask.
+    The amplitudes of the diffraction orders are the closed-form Fourier transform of the mask at
+    the frequencies of the lattice. The image is a sum over pairs of orders, each of which is
+    multiplied by its :func:`transmission_cross_coefficient` (docs/imaging.md, (IM2)). For a single
+    mask, choose a period much longer than the resolution.
 
     Parameters
     ----------
     mask : Aperture or Array
-        Apertures that do not overlap; their weights are the transmitted amplitudes.
+        Apertures that do not overlap. Their weights are the transmitted amplitudes.
     period : array_like, shape (2,) or (2, 2)
-        Lengths along x and y in m, or vectors of the lattice as rows. The copies of the mask must
-        not overlap.
+        Periods along x and y in m, or two vectors of the lattice as rows. The copies of the mask
+        must not overlap.
     pupil, condenser, defocus, pupil_radius
-        As in :func:`transmission_cross_coefficient`; a condenser of half the pupil's size has the
+        See :func:`transmission_cross_coefficient`. A condenser of half the pupil's size has the
         coherence factor 0.5.
     points : array_like, shape (..., 2)
-        Points in the image in m, with the scale and the orientation of the object. The axes are
-        opposite to those of the inverted image behind the lens.
+        Points in the image in m, with the scale and the orientation of the object. The image behind
+        the lens is inverted, so its axes have the opposite directions.
     wavelength : float
         Wavelength in m.
     distance : float
-        Distance of the object from the pupil, or the focal length in front of it, in m. The
-        frequency f of the object is at the position wavelength distance f in the pupil.
+        Distance of the object from the pupil, or the focal length on the object side of the pupil,
+        in m. The frequency f of the object has the position ``wavelength * distance * f`` in the
+        pupil.
     aberration : Aberration, optional
-        Path length in m in the pupil, in addition to the defocus. Its integrals are computed by
-        Gauss rules with an error of 1e-9.
+        Path length in m in the pupil, in addition to the defocus. Integrals over the aberrated
+        pupil are computed by Gauss rules with an error of 1e-9.
     transmission : complex, default 1
-        Amplitude that the elements transmit, times their weights; 0 is opaque.
+        Amplitude that the elements transmit, which is multiplied by their weights. 0 is opaque.
     background : complex, default 0
-        Amplitude that the mask transmits outside its elements: 0 is opaque, 1 is clear, as around
-        opaque lines, and -0.245 is a phase-shifting film of 6 %.
+        Amplitude that the mask transmits outside its elements. 0 is opaque, 1 is clear, and -0.245
+        is a phase-shifting film that transmits 6 % of the power.
 
     Returns
     -------
     ndarray of float, shape (...)
-        Irradiance relative to the irradiance without a mask and with all light transmitted, at
-        least 0.
+        Irradiance, at least 0. It is relative to the irradiance without a mask, with all light
+        transmitted by the pupil.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range, and for more than about 1,400 transmitted
-        orders, fewer with several waves.
+        For arguments of the wrong type, shape or range, and for too many transmitted orders. The
+        limit is about 1,400 orders, and lower with several waves.
     GeometryError
-        For elements that overlap each other or the mask's copies, and for arrays with elements
-        outside the plane z = 0.
+        If elements of the mask overlap each other or the copies of the mask, and for arrays with
+        elements outside the plane z = 0.
     IlluminationError
         If the fields cancel.
 
@@ -239,16 +247,16 @@ def partially_coherent_image(
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """A pupil and a condenser as polygons with plane waves."""
+    """An imaging system: a pupil and a condenser as polygons with plane waves."""
 
     pupil: list[_Term]
     condenser: list[_Term]
     slope: float
-    """Coefficient w/a^2 of the defocus, in 1/m^2."""
+    """Defocus in waves, divided by the square of the pupil radius, in 1/m^2."""
     power: float
-    """Power of the condenser, int S."""
+    """Power of the condenser, the integral of its irradiance."""
     aberration: Aberration | None = None
-    """Path length in cycles."""
+    """Path length of the aberration in cycles."""
 
     @classmethod
     def of(cls, pupil: Any, condenser: Any, defocus: Any, pupil_radius: Any) -> _System:
@@ -274,11 +282,14 @@ class _System:
 
     @property
     def size(self) -> int:
-        """Number of intersections for each pair of lags."""
+        """Number of intersections of polygons for each pair of lags."""
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
-        """Return T (m,) for pairs of lags, given by indices (m,) of lags (n, 2)."""
+        """Return the transmission cross coefficients of pairs of lags.
+
+        ``first`` and ``second`` contain the indices of both lags of each pair.
+        """
         total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
@@ -295,7 +306,10 @@ class _System:
         return total * chirp[first] * chirp[second].conj() / self.power
 
     def _integrals(self, polygons: Any, nu: Floats, ahead: Floats, behind: Floats) -> Complex:
-        """Return int exp(-2 pi i nu.x + 2 pi i [W(x + ahead) - W(x + behind)]) dx, (n,)."""
+        """Return the integral of exp(-2 pi i nu.x + 2 pi i [W(x + ahead) - W(x + behind)]).
+
+        Each integral extends over one of the polygons, and W is the path length in cycles.
+        """
         path = self.aberration
         if path is None:
             return _transforms(polygons, nu)
@@ -318,7 +332,7 @@ class _System:
         return converged(evaluate, _PRECISE * self.power, "the image").values
 
     def matrix(self, lags: Floats) -> Complex:
-        """Return T (n, n) for all pairs of the lags (n, 2)."""
+        """Return the matrix of the transmission cross coefficients of all pairs of lags."""
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
@@ -331,7 +345,7 @@ class _System:
 
 
 def _elements(source: Aperture | Array) -> list[list[_Term]]:
-    """Return the plane waves on each element, with the weight of the element."""
+    """Return the plane waves on each element, multiplied by the weight of the element."""
     elements = []
     for element in normal_form(source).in_plane.elements:
         polygon, weight = element.shape.polygons, element.weight
@@ -341,18 +355,18 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
 
 
 def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
-    """Return polygons (n,) of the condenser's points that the pupil transmits at lags (n, 2)."""
+    """Return the part of the condenser whose light passes the pupil, for each lag."""
     shifted = np.full(len(lags), pupil, object)
     corners, owner = shapely.get_coordinates(shifted, return_index=True)
     return shapely.intersection(shapely.set_coordinates(shifted, corners - lags[owner]), light)
 
 
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Return the Fourier transforms (n,) of polygons (n,), each at one frequency (n, 2), (F2)."""
+    """Return the Fourier transform of each polygon at one frequency, (F2)."""
     nu = np.asarray(frequencies, np.float64)
     begin, end, of, origin = edges_of(np.asarray(polygons, object))
     # The triangles start at a corner of each ring, because the ring may be far smaller than its
-    # distance from x = 0.
+    # distance from the origin.
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(), *phases[:2])
@@ -363,7 +377,7 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
 
 
 def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Return frequencies (n, 2) of a lattice within reach of the pupil and the condenser."""
+    """Return the frequencies of a lattice at which light of the condenser can pass the pupil."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
@@ -381,7 +395,7 @@ def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floa
 
 
 def _passing(system: _System, lags: Floats) -> NDArray[np.bool_]:
-    """Return whether light from any point of the condenser passes the pupil at lags (n, 2)."""
+    """Return whether light from any point of the condenser passes the pupil, for each lag."""
     passes = np.zeros(len(lags), bool)
     for term in system.condenser:
         for pupil in system.pupil:
@@ -403,7 +417,7 @@ def _check_orders(count: float, size: int) -> None:
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
-    """Raise GeometryError if elements of a mask overlap each other, or the copies of the mask."""
+    """Raise GeometryError if elements of a mask overlap each other or copies of the mask."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
@@ -432,7 +446,7 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
 def _amplitudes(
     mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
-    """Return the amplitudes (n,) of the diffraction orders of a mask."""
+    """Return the amplitude of each diffraction order of a mask."""
     inside, around = (
         _checked_amplitude(name, value)
         for name, value in (("transmission", transmission), ("background", background))

@@ -1,6 +1,7 @@
 """Projections of the four-dimensional phase-space functions onto pairs of coordinates.
 
-Each of these projections (tiles) has a closed form. The tables at the end of the module list them.
+A projection onto two coordinates is called a tile. Each tile has a closed form, which is listed in
+a table at the end of the module.
 """
 
 from __future__ import annotations
@@ -48,16 +49,17 @@ if TYPE_CHECKING:
 PhaseSpaceFunction = Literal["autocorrelation", "wigner", "ambiguity"]
 
 LARGEST_SAMPLES = 4096
-"""Largest number of samples along each axis, with which a complex square tile takes 256 MiB."""
+"""Largest number of samples along each axis. A square tile of complex numbers with this number of
+samples takes 256 MiB."""
 
 # Default range of lags, as a multiple of the width of the source. The default range of positions
-# extends a sixteenth of the width beyond the outline.
+# extends beyond the outline by a sixteenth of the width.
 _MARGIN = 9 / 8
-# Default range of frequencies, in units of 1/width of the source.
+# Default range of frequencies, in units of the reciprocal width of the source.
 _LOBES = 8.0
 
-# Bound on the rounding error of a tile, relative to its scale. The largest error for the shapes of
-# the tests was 2e-13, for |nu| times diameter up to 1e3.
+# Upper bound of the rounding error of a tile, relative to its scale. The largest error for the
+# shapes of the tests was 2e-13, with |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
 Array = NDArray[Any]
@@ -72,9 +74,10 @@ def projections(
     tiles: Iterable[str] | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
-    """Integrate R, W or A over two of its four coordinates, for every pair of the other two.
+    """Compute the projections of a phase-space function onto pairs of its four coordinates.
 
-    The projections are the tiles of the paper's Fig. (projs) and two further pairs of coordinates.
+    A projection, also called a tile, is the integral of the function over two of its coordinates.
+    The tiles are those of the paper's Fig. (projs) and those of two further pairs of coordinates.
     Each tile is named after its two remaining coordinates:
 
     =================  ============================  ==========================================
@@ -89,45 +92,46 @@ def projections(
                                                      upsilon_y_xi_x, upsilon_x_xi_y
     =================  ============================  ==========================================
 
-    Every tile is a closed form without quadrature (docs/projections.md, (P2) to (P13)), so its
-    values do not depend on the sampling. The functions of slits have only two coordinates, and
-    their single tile is the function itself: x_xi, x_nu or upsilon_xi.
+    Every tile is computed in closed form without quadrature (docs/projections.md, (P2) to (P13)),
+    so its values do not depend on the sampling. The functions of slits have only two coordinates.
+    Their single tile x_xi, x_nu or upsilon_xi is the function itself.
 
-    Tiles may be discontinuous at vertical and horizontal edges of the outline, and |u|^2 is
-    discontinuous at all edges. The value at an edge is the limit from its right or upper side.
+    Tiles may be discontinuous at vertical and horizontal edges of the outline, and the tile |u|^2
+    is discontinuous at all edges. The value at an edge is the limit from its right or upper side.
 
-    For s samples along an axis and n edges, the tiles x_nu_x and upsilon_x_xi_x need s overlaps of
-    the outline with its mirror image, and plane waves on some n edges at s^2 points. The tile
-    x_xi_y of the autocorrelation needs up to n^2 pairs of edges at s^2 points. All other tiles cost
-    less. An Array has overlaps of all pairs of elements whose boxes meet. With an illumination,
-    waves are counted once for every different frequency along the axis of integration, or every
-    different shift of pairs of waves (up to m^2 for m waves), and x_xi_y takes s^2 overlaps.
+    The computing time depends on the number n of edges and the number s of samples along an axis.
+    The tiles x_nu_x and upsilon_x_xi_x need s overlaps of the outline with its mirror image, and n
+    plane-wave integrals at each of s^2 points. The tile x_xi_y of the autocorrelation needs up to
+    n^2 pairs of edges at each of s^2 points. All other tiles take less time. For an Array, all
+    pairs of elements with overlapping bounding boxes contribute. For an illumination with m plane
+    waves, the time is multiplied by up to m^2, and the tile x_xi_y needs s^2 overlaps.
 
     Parameters
     ----------
     source : Aperture, Slits or Array
         Apertures and slits with or without an illumination.
     kind : {"autocorrelation", "wigner", "ambiguity"}, default "wigner"
-        The function.
+        Function to be integrated.
     samples : int, default 129
-        Number of samples along every axis without ``coordinates``, from 2 to 4096; an odd number
-        includes zero frequency and zero lag. Positions reach a sixteenth of the width of the source
-        beyond the outline, lags 9/8 of the width, and frequencies 8/width; the same with the height
-        along y.
+        Number of samples along every axis without ``coordinates``, from 2 to 4096. An odd number
+        includes zero frequency and zero lag. With the width b of the source, positions extend
+        beyond the outline by b/16, lags extend to 9 b/8, and frequencies extend to 8/b. Along y, b
+        is the height of the source.
     coordinates : mapping of str to array_like, shape (n,), optional
-        Values along axes by the name of the coordinate, in m or 1/m, with n up to 4096.
+        Values along an axis in m or 1/m, with the name of the coordinate as the key. Each axis may
+        have up to 4096 values.
     tiles : iterable of str, optional
-        Names of the tiles to compute; default: all.
+        Names of the tiles to compute. By default all tiles are computed.
     engine : str, default "auto"
-        Engine of the tiles that are marginals, see :func:`fourier`.
+        Engine for tiles that are marginals, see :func:`fourier`.
 
     Returns
     -------
     xarray.Dataset
-        Tiles are complex for "ambiguity", and for the "autocorrelation" of an Array or with an
-        illumination; all others are real. The attributes of a tile: ``units``, ``long_name``,
-        ``method`` (its closed form) and ``error``, a bound of the rounding error for \\|nu\\| times
-        diameter up to 1e3.
+        The tiles. They are complex for "ambiguity", and for the "autocorrelation" of an Array or of
+        a source with an illumination. All other tiles are real. Each tile has the attributes
+        ``units``, ``long_name``, ``method``, which names its closed form, and ``error``, which is
+        an upper bound of the rounding error for \\|nu\\| times diameter up to 1e3.
 
     Raises
     ------
@@ -203,7 +207,7 @@ def _axes(
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Floats]:
-    """Return the values along every coordinate of the tiles."""
+    """Return the sample values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
@@ -240,7 +244,7 @@ def _numbers(name: str, values: ArrayLike) -> Floats:
 
 
 def _largest_amplitude(source: PhaseSpaceSource) -> float:
-    """Return a bound on |u|: the sum of moduli of all waves on elements whose boxes meet."""
+    """Return an upper bound of the modulus of the field on a source."""
     elements = normal_form(source).in_plane.elements
     moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements])
     low, high = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in elements]).swapaxes(0, 1)
@@ -248,14 +252,14 @@ def _largest_amplitude(source: PhaseSpaceSource) -> float:
     return float((meets @ moduli).max())
 
 
-# Power of a length in each unit of tiles.
+# Exponent of the metre in each unit of tiles.
 _POWERS = {"1": 0, "m": 1, "m2": 2, "m4": 4}
 
 Compute = Callable[[PhaseSpaceSource, Floats, Floats, Engine], Array]
 
 
 class Tile(NamedTuple):
-    """Two coordinates, and the function that is integrated over the other coordinates."""
+    """A projection onto two coordinates, and the function that computes it."""
 
     first: str
     second: str
@@ -264,11 +268,12 @@ class Tile(NamedTuple):
     label: str
     """Label of the formula in docs/projections.md."""
     values: Compute
-    """Function (source, n first values, m second values, engine) -> values (n, m)."""
+    """Function (source, first coordinates, second coordinates, engine) that returns the tile's
+    values."""
 
 
 def _on_grid(function: Callable[..., Array]) -> Compute:
-    """Return a function that evaluates ``function`` (source, points, engine) on a tile's grid."""
+    """Return a function that computes a tile by evaluating ``function`` at all grid points."""
 
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
@@ -278,7 +283,7 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 
 
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
-    """Return a function that evaluates ``function`` on a field, possibly with x and y exchanged."""
+    """Return a function that computes a tile from a field, optionally with x and y exchanged."""
 
     def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
         field = field_of(source)
@@ -288,7 +293,7 @@ def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
 
 
 def _of_slits(function: Callable[..., Array]) -> Compute:
-    """Return a function that evaluates a function of slits on the grid of its two coordinates."""
+    """Return a function that computes a tile by evaluating a function of slits on a grid."""
 
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         result = function(source, first[:, None, None], second[None, :, None], engine=engine)
@@ -299,7 +304,7 @@ def _of_slits(function: Callable[..., Array]) -> Compute:
 
 
 def _along_x(values: Floats, y: float = 0.0) -> Floats:
-    """Return points (n, 2) at one y."""
+    """Return points with different x and the same y, shape (n, 2)."""
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
@@ -325,7 +330,7 @@ def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
 
 
 def _of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts and rates for the columns at a and 2x - a, one of which is moved up, (P5)."""
+    """Return the frequency shifts and phase rates of pairs of waves for formula (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
@@ -340,7 +345,8 @@ def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -
 
 def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
     x = x - field.centre[0]
-    # The overlap is symmetric and its field Hermitian, so the transform of the field is real.
+    # The overlap is symmetric and its field is Hermitian, so the Fourier transform of the field is
+    # real.
     ahead: Image = (2.0, 1.0), _along_x(-2 * x)
     behind: Image = (-2.0, 1.0), _along_x(2 * x)
     regions = overlaps(field, ahead, behind)
@@ -348,7 +354,7 @@ def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
 
 
 def _of_one_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts and rates for two points of one row, with their midpoint at x, (P8)."""
+    """Return the frequency shifts and phase rates of pairs of waves for formula (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
 
@@ -381,7 +387,7 @@ def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Ar
 
 
 def _of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts and rates for points of the rows at eta and -eta, (P12)."""
+    """Return the frequency shifts and phase rates of pairs of waves for formula (P12)."""
     shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
     return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])
 
@@ -401,8 +407,8 @@ _SLITS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
     "wigner": ("x", "nu", "m", wigner),
     "ambiguity": ("upsilon", "xi", "m", ambiguity),
 }
-# Tiles that are computed at points: both coordinates, unit, coordinates of the integral, label of
-# the formula, and function.
+# Tiles that are computed point by point. Each entry contains both coordinates, the unit, the
+# coordinates of integration, the label of the formula, and the function.
 _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("x", "y", "m2", "xi_x, xi_y", "P2", position_marginal),
@@ -417,9 +423,9 @@ _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] 
         ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product),
     ],
 }
-# Tiles that are computed from the field, in m2: both coordinates, coordinates of the integral,
-# label of the formula, and function. {0} and {1} stand for x and y, and in a second tile for y and
-# x.
+# Tiles that are computed from the field, in m2. Each entry contains both coordinates, the
+# coordinates of integration, the label of the formula, and the function. An entry defines two
+# tiles: {0} and {1} are replaced by x and y for the first tile, and by y and x for the second tile.
 _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("{0}", "xi_{0}", "{1}, xi_{1}", "P4", _shadow_product),
@@ -437,7 +443,10 @@ _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
 
 
 def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
-    """Return the tiles of a function by name, for slits (dimension 1) or plane sources (2)."""
+    """Return the tiles of a phase-space function, with their names as keys.
+
+    ``dimension`` is 1 for slits and 2 for plane sources.
+    """
     letter = _LETTERS[kind]
     if dimension == 1:
         first, second, units, function = _SLITS[kind]

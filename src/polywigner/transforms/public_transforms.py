@@ -1,4 +1,4 @@
-"""The public transforms: F, autocorrelation, Wigner and ambiguity functions, marginals."""
+"""Public functions for the Fourier transform, phase-space functions and marginals of sources."""
 
 from __future__ import annotations
 
@@ -40,44 +40,48 @@ def fourier(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Compute the Fourier transform (SFT) F(nu), the integral of u(x) exp(-2 pi i nu.x).
+    """Compute the Fourier transform F(nu) of a source.
 
-    The transform has a closed form at any nu, including zero (docs/theory.md, (F2), (F3), (S1),
-    (C1), (I1)). Its error is 1e-13 of the length, area or volume (2e-6 in single precision) for any
-    size and direction of nu. Bodies and outlines with thin walls, and lattices of more than 100
-    cycles, lose digits (docs/accuracy.md).
+    The transform is the integral of u(x) exp(-2 pi i nu.x) over the source, where u is the field.
+    It has a closed form at any frequency nu, including zero (docs/theory.md, (F2), (F3), (S1),
+    (C1), (I1)). The error is 1e-13 of the length, area or volume of the source, or 2e-6 in single
+    precision, for any size and direction of nu. Polyhedra and outlines with thin walls, and
+    lattices of more than 100 cycles, lose digits (docs/accuracy.md).
 
     In contrast, the paper's eq. (FVT) has the kernel exp(+2 pi i nu.x) and is singular at nu = 0.
     Its factor (nu/|nu|).n for collections is an obliquity factor, which is not part of the
     transform (docs/theory/fields.md).
 
-    The computing time is proportional to the number of edges, or of triangles of a polyhedron's
-    faces, and to the number of waves of an illumination. If the illumination of a rectangle is a
-    product of two functions along its sides, the waves along each side are summed separately (I4).
-    A grid of frequencies (n, m, 2) from ``numpy.meshgrid`` takes a fraction of the time of other
-    points if edges are parallel and equally long, or parallel to the axes (F4).
+    The computing time is proportional to the number of edges of an outline, or the number of
+    triangles in the faces of a polyhedron, and to the number of waves of the illumination. If the
+    illumination of a rectangle is a product of two functions along its sides, the waves along each
+    side are summed separately, (I4). If the frequencies form a grid from ``numpy.meshgrid``, the
+    time per frequency is much shorter for outlines whose edges are parallel and equally long, or
+    parallel to the axes, (F4).
 
     Parameters
     ----------
     source : Aperture, Slits, PlacedAperture, Polyhedron, Array or Wavefront
-        Uniform (u = 1) or with an illumination; or the result of :func:`differentiable`.
+        Source, either uniform (u = 1) or with an illumination, or the result of
+        :func:`differentiable`.
     nu : array_like, shape (..., d)
         Spatial frequencies in 1/m. The number of components d is 1 for Slits, 2 for an Aperture,
         and 3 for polyhedra and placed apertures. An Aperture also accepts d = 3 and ignores the
         last component, because without a pose it lies in the plane z = 0.
     precision : {"double", "single"}, optional
-        Default: double for NumPy input, and the precision of Dr.Jit input.
+        Precision of the result. The default is "double" for NumPy input, and the precision of the
+        input for Dr.Jit arrays.
     engine : {"auto", "numpy", "llvm", "cuda"}, default "auto"
         Engine of the computation.
 
     Returns
     -------
     ndarray of complex, shape (...)
-        Values of F in m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or for
-        tensors a tensor (..., 2) of real and imaginary parts. An ``xarray.DataArray`` with
-        components along its last dimension gives a DataArray over its other dimensions, broadcast
-        by name, with their coordinates, a unit and a name. The result for chunked input is lazy
-        (docs/howto/notebook.md).
+        Values of F in m^d, with the type complex64 for single precision. For Dr.Jit input the
+        result is a ``Complex2f``, and for a Dr.Jit tensor it is a tensor of real and imaginary
+        parts, shape (..., 2). For an ``xarray.DataArray`` with components along its last dimension,
+        the result is a DataArray over the other dimensions, with their coordinates, a unit and a
+        name. The result for chunked input is lazy (docs/howto/notebook.md).
 
     Raises
     ------
@@ -113,7 +117,7 @@ def _on_components(
 
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
-    """Return F of any source; it is NaN or inf if terms of a sum overflow."""
+    """Return the Fourier transform of a source, which is NaN or inf if a sum overflows."""
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
@@ -137,7 +141,7 @@ def _field_of(source: Source) -> Illumination | None:
 
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
-    """Return sum_m c_m F(nu - kappa_m) of the uniform source, (I1)."""
+    """Return the Fourier transform of a source with an illumination, as a sum over waves, (I1)."""
     field, uniform = _field_of(source), source
     assert field is not None
     total: Values = 0.0
@@ -151,7 +155,8 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     if isinstance(source, PlacedAperture):
         uniform = uniform.placed(source.pose)
     frequencies = field.frequencies @ rotation.T
-    # The phases of the waves are relative to the origin of the placed aperture, not of the world.
+    # The phases of the waves are relative to the origin of the placed aperture, not to the origin
+    # of the world.
     amplitudes = field.amplitudes * shift_phases(frequencies, shift)
     for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
         shifted, lost = _difference(nu, kappa)
@@ -163,7 +168,10 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
 
 
 def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np.float64] | None]:
-    """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
+    """Return the difference nu - kappa of two frequencies and its rounding error.
+
+    The rounding error is important for sources far from the origin.
+    """
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
     array = checked_points("nu", nu, len(kappa))
@@ -174,7 +182,10 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return sum_k w_k F_k(nu), (C1), or F of a repeated element times an array factor, (L3)."""
+    """Return the Fourier transform of an array, (C1).
+
+    If the array repeats an element, the transform is computed from the array factor, (L3).
+    """
     if array.repeated is not None:
         first, shifts = array.repeated
         plane = in_plane(nu) if shifts.shape[1] == 2 else nu
@@ -194,18 +205,19 @@ def array_factor(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Compute the array factor sum_k w_k exp(-2 pi i nu.p_k) of isotropic sources at positions.
+    """Compute the array factor of isotropic sources.
 
-    The Fourier transform of a `phased_array` is F of its element times this factor (docs/theory.md,
-    (L3)). On a lattice whose weights are a product of two profiles, the factor is the product of
-    the sums along both directions.
+    The array factor is the sum of w_k exp(-2 pi i nu.p_k) over all sources, with positions p_k and
+    weights w_k. The Fourier transform of a `phased_array` is the transform of its element times the
+    array factor (docs/theory.md, (L3)). For a lattice whose weights are a product of two profiles,
+    the array factor is the product of two sums, one along each direction.
 
     Parameters
     ----------
     positions : array_like, shape (n, d) or (n,)
-        Positions in m, d = 1, 2 or 3.
+        Positions in m, with d = 1, 2 or 3 components.
     weights : array_like, shape (n,), or None
-        Complex weights; None: all 1.
+        Complex weights. None sets all weights to 1.
     nu : array_like, shape (..., d)
         Spatial frequencies in 1/m.
     precision, engine : str, optional
@@ -214,7 +226,7 @@ def array_factor(
     Returns
     -------
     ndarray of complex, shape (...)
-        Values in the unit of the weights. The type of the array depends on ``nu`` as in
+        Values in the unit of the weights. The type of the array depends on ``nu``, see
         :func:`fourier`.
 
     Raises
@@ -235,7 +247,7 @@ def array_factor(
     -1.0
     """
     sites = Sites(*checked_sites(positions, weights))
-    # The phases of distant sites need float64, even if the result has single precision.
+    # The phases of distant sources need float64, even if the result has single precision.
     execution.checked_precision(precision)
     rounded = precision == "single" and not execution.is_drjit(nu)
     inner = None if rounded else precision
@@ -257,10 +269,11 @@ def autocorrelation(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Compute the autocorrelation R(x, xi) = u(x + xi/2) conj(u(x - xi/2)) of a field.
+    """Compute the autocorrelation of the field on a source.
 
-    This is the paper's eq. (auto_lag). The source includes its boundary on the left and lower
-    sides, and excludes it on the right and upper sides.
+    The autocorrelation is R(x, xi) = u(x + xi/2) conj(u(x - xi/2)), where u is the field; it is the
+    paper's eq. (auto_lag). The source includes its boundary on the left and lower sides, and
+    excludes it on the right and upper sides.
 
     Parameters
     ----------
@@ -268,17 +281,17 @@ def autocorrelation(
         The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
         may be uniform, a sum of plane waves, curved or partly coherent.
     x : array_like, shape (..., d)
-        Positions in m, the mean of the two points.
+        Positions in m. A position is the midpoint of the two points.
     xi : array_like, shape (..., d)
-        Lags in m, the difference of the two points.
+        Lags in m. A lag is the difference of the two points.
     precision, engine : str, optional
         See :func:`fourier`.
 
     Returns
     -------
     ndarray of complex, shape (...)
-        Values of R without unit, which are 0 or 1 for a uniform source. Dr.Jit arrays and
-        DataArrays as in :func:`fourier`.
+        Dimensionless values of R, which are 0 or 1 for a uniform source. For Dr.Jit arrays and
+        DataArrays see :func:`fourier`.
 
     Raises
     ------
@@ -310,12 +323,14 @@ def wigner(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Compute the Wigner function, int u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
+    """Compute the Wigner function W(x, nu) of a source.
 
-    The closed form is the Fourier transform of the lag slice at x. (Erratum: in the paper's
-    definition of the slice, the matrices M must translate by 2x.) W of an Array is given by (W2),
-    even if its elements overlap. The computing time is proportional to the number of pairs of edges
-    that can cross. Frequencies at the same x share the slice.
+    The Wigner function is ``int u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi``, where u is the
+    field on the source. It is computed in closed form, as the Fourier transform of the lag slice at
+    x. (Erratum: in the paper's definition of the slice, the matrices M must translate by 2x.) The
+    elements of an Array may overlap, (W2). The computing time is proportional to the number of
+    pairs of edges that can cross. The slice at a position x is computed only once for all
+    frequencies.
 
     Parameters
     ----------
@@ -327,9 +342,9 @@ def wigner(
     nu : array_like, shape (..., d)
         Real spatial frequencies in 1/m.
     through : FirstOrder, optional
-        Optical system between the source and the plane of ``x`` and ``nu``. W in this plane equals
-        W of the source at the point from which the ray comes, (O2). For slits the system must not
-        couple x and y.
+        Optical system between the source and the plane of ``x`` and ``nu``. The Wigner function in
+        this plane equals the Wigner function of the source, at the position and direction from
+        which the ray comes, (O2). For slits the system must not couple x and y.
     wavelength : float, optional
         Wavelength in m; only used together with ``through``.
     precision, engine : str, optional
@@ -338,8 +353,8 @@ def wigner(
     Returns
     -------
     ndarray of float, shape (...)
-        Values of W in m^d, which are zero outside the automean; float32 for single precision.
-        Dr.Jit arrays and DataArrays as in :func:`fourier`.
+        Values of W in m^d, which are zero outside the automean. The type is float32 for single
+        precision. For Dr.Jit arrays and DataArrays see :func:`fourier`.
 
     Raises
     ------
@@ -374,11 +389,12 @@ def ambiguity(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Values:
-    """Compute the ambiguity function, int u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
+    """Compute the ambiguity function A(upsilon, xi) of a source.
 
-    The closed form is the Fourier transform of the position slice at xi. (Erratum: the paper has
-    x.xi in place of upsilon.x in the kernel.) The computing time is proportional to twice the
-    number of pairs of edges that can cross.
+    The ambiguity function is ``int u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x``, where u
+    is the field on the source. It is computed in closed form, as the Fourier transform of the
+    position slice at xi. (Erratum: the paper has x.xi in place of upsilon.x in the kernel.) The
+    computing time is proportional to twice the number of pairs of edges that can cross.
 
     Parameters
     ----------
@@ -400,7 +416,7 @@ def ambiguity(
     Returns
     -------
     ndarray of complex, shape (...)
-        Values of A in m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+        Values of A in m^d. For Dr.Jit arrays and DataArrays see :func:`fourier`.
 
     Raises
     ------
@@ -428,9 +444,10 @@ def ambiguity(
 def position_marginal(
     source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Values:
-    """Compute the position marginal R_x(x), the autocorrelation integrated over lag: W(x, 0).
+    """Compute the position marginal R_x(x), the integral of the autocorrelation over all lags.
 
-    For a uniform source the marginal is the area of the lag slice at x.
+    The position marginal equals the Wigner function W(x, 0). For a uniform source it is the area of
+    the lag slice at x.
 
     Parameters
     ----------
@@ -445,7 +462,7 @@ def position_marginal(
     Returns
     -------
     ndarray of float, shape (...)
-        Values of R_x in m^d. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+        Values of R_x in m^d. For Dr.Jit arrays and DataArrays see :func:`fourier`.
 
     Raises
     ------
@@ -470,10 +487,11 @@ def position_marginal(
 def lag_marginal(
     source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Values:
-    """Compute the lag marginal R_xi(xi), the autocorrelation integrated over position: A(0, xi).
+    """Compute the lag marginal R_xi(xi), the integral of the autocorrelation over all positions.
 
-    For a uniform source the marginal is the area of the position slice: the area of the source
-    times the optical transfer function of a pupil of this shape.
+    The lag marginal equals the ambiguity function A(0, xi). For a uniform source it is the area of
+    the position slice, which is the area of the source times the optical transfer function of a
+    pupil of this shape.
 
     Parameters
     ----------
@@ -489,7 +507,7 @@ def lag_marginal(
     -------
     ndarray, shape (...)
         Values of R_xi in m^d. They are real for a uniform source, and complex for an Array and for
-        a source with an illumination. Dr.Jit arrays and DataArrays as in :func:`fourier`.
+        a source with an illumination. For Dr.Jit arrays and DataArrays see :func:`fourier`.
 
     Raises
     ------
@@ -511,10 +529,10 @@ def lag_marginal(
 
 
 def energy_of(source: PhaseSpaceSource) -> float:
-    """Return int |u|^2 = R_xi(0) of a source, in m^d times the unit of |u|^2.
+    """Return the integral of |u|^2 over a source, where u is the field.
 
-    Rounding errors may make the value negative if elements cancel each other everywhere.
+    Rounding errors may make the value negative if the elements cancel each other everywhere.
     """
-    # NumPy computes a single value in less time than a kernel takes to compile.
+    # NumPy computes a single value in less time than the compilation of a kernel takes.
     lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

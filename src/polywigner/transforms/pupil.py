@@ -1,4 +1,4 @@
-"""Apertures as pupils: transfer functions, Strehl ratio and rms wavefront error."""
+"""Transfer functions, Strehl ratio and rms wavefront error of pupils."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 # Smallest ratio of the energy of a pupil to the sum of the energies of its elements. If the fields
-# cancel, rounding errors leave a ratio of 1e-15. At a ratio of 1e-13, normalised values have hardly
-# any correct digits.
+# of the elements cancel, rounding errors leave a ratio of 1e-15. At a ratio of 1e-13, normalised
+# values have hardly any correct digits.
 _DARK = 1e-13
 
 
@@ -61,53 +61,57 @@ def otf(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.complexfloating[Any]]:
-    """Compute the optical transfer function of a pupil, in or out of focus; OTF(0) = 1.
+    """Compute the optical transfer function (OTF) of a pupil, in or out of focus.
 
-    ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function A of the pupil in focus,
-    because the difference of the aberration exp(2 pi i w |x|^2/a^2) on both copies is linear in x.
+    With a defocus of w waves at the radius a, the OTF is ``A(-2 w xi/a^2, xi)/A(0, 0)``, where A is
+    the ambiguity function of the pupil in focus and xi is the lag in the pupil. This formula holds
+    because the phase difference of the defocus between two copies of the pupil is linear in x.
     Source: K.-H. Brenner, A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an
-    ``aberration``, Gauss rules integrate over the position slice, in which the integrand is smooth
-    (docs/imaging.md, (IM4)).
+    ``aberration``, the OTF is integrated numerically over the position slice, in which the
+    integrand is smooth (docs/imaging.md, (IM4)).
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The field in the pupil; d = 2, or 1 for slits. The optical axis passes through the origin. A
-        curved wave is a defocus of w = a^2/(2 wavelength radius).
+        Field in the pupil, with d = 2, or d = 1 for slits. The optical axis passes through the
+        origin. A curved wave with the radius of curvature r is equivalent to a defocus of a^2/(2
+        wavelength r) waves.
     xi : array_like, shape (..., d)
-        Lags in the pupil in m: lambda z times the frequency at the image distance z.
+        Lags in the pupil in m. A lag is the wavelength, times the image distance, times the spatial
+        frequency in the image.
     defocus : float, default 0
         Wavefront aberration w = W20 at ``pupil_radius``, in waves.
     pupil_radius : float, optional
-        Radius a in m; default: the largest distance of a vertex from the origin. For a disc of
-        radius R pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The disc is a polygon with n
-        vertices and the area of the disc, so its vertices are farther out. With the default, the
-        error for one wave of defocus is up to 1.3e-3 for n = 64 (1e-5 with R), or 2e-2 for n = 16
-        (1.4e-3 with R).
+        Radius a in m. The default is the largest distance of a vertex from the origin. For a disc
+        of radius R pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The disc is a polygon with n
+        vertices and the area of the disc, so its vertices are farther out than R. With the default
+        radius, the error for one wave of defocus is up to 1.3e-3 for n = 64 and 2e-2 for n = 16.
+        With the radius R it is up to 1e-5 and 1.4e-3.
     aberration : Aberration, optional
-        Path length in m, in addition to the defocus; not for slits.
+        Path length in m, in addition to the defocus. Not supported for slits.
     wavelength : float, optional
-        Wavelength in m of the aberration, and of pistons and tilts of segments. Required with an
-        aberration.
+        Wavelength in m, for the aberration and for pistons and tilts of segments. It is required
+        with an aberration.
     tolerance : float, default 1e-10
-        Allowed error of aberrated pupils, estimated by a second rule; at least 1e-13.
+        Allowed error for aberrated pupils, at least 1e-13. The error is estimated with a second
+        quadrature rule.
     precision, engine : str, optional
-        See :func:`fourier`; aberrated pupils are computed in double precision by NumPy.
+        See :func:`fourier`. Aberrated pupils are computed in double precision by NumPy.
 
     Returns
     -------
     ndarray of complex, shape (...)
-        Values of the OTF, without unit. Points may be NumPy arrays or DataArrays, as in
-        :func:`fourier`. For a :func:`differentiable` pupil, and for an aberration with Dr.Jit
-        coefficients, the result is a Dr.Jit ``Complex2f`` (n,) with derivatives.
+        Dimensionless values of the OTF, with a value of 1 at zero lag. DataArrays are supported as
+        in :func:`fourier`. For a :func:`differentiable` pupil, and for an aberration with Dr.Jit
+        coefficients, the result is a Dr.Jit ``Complex2f`` with n entries and derivatives.
 
     Raises
     ------
     ArgumentError
         If an argument has the wrong type, shape or range, or an aberration has no wavelength.
     IlluminationError
-        For an Array whose fields cancel everywhere, and for partly coherent sources, whose images
-        are not linear in the field of the object.
+        For an Array whose fields cancel everywhere, and for partly coherent sources, because their
+        images are not linear in the field of the object.
     EngineError
         If the engine is not available.
 
@@ -142,14 +146,14 @@ def _otf_jets(
     source: Any, numbers: PupilNumbers, lags: Floats, bend: float, aberration: Aberration | None,
     wavelength: float | None, tolerance: float, **how: Any,
 ) -> Jets:  # fmt: skip
-    """Return the OTF of one wavelength at lags (..., d) with its derivatives, (n, 1 + m).
+    """Return the OTF at one wavelength and its derivatives, as jets of shape (n, 1 + m).
 
-    ``bend``: defocus in waves divided by the square of the pupil's radius.
+    ``bend`` is the defocus in waves, divided by the square of the pupil's radius.
     """
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
-        # In focus the OTF is an area, which needs no sines.
+        # In focus the OTF is the ratio of two areas, which needs no sines.
         if bend == 0.0:
             values = lag_marginal(source, lags, **how) + 0j
         else:
@@ -166,7 +170,7 @@ def _otf_jets(
 def energy_jets(
     source: Any, pupil: AberratedPupil | None, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return int |u|^2 with its derivatives, shape (1, 1 + m)."""
+    """Return the integral of |u|^2 over a pupil and its derivatives, shape (1, 1 + m)."""
     energy = checked_energy(source)
     if pupil is None or not numbers.arrays:
         return np.full((1, 1), energy, np.complex128)
@@ -190,37 +194,39 @@ def mtf(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> NDArray[np.float64]:
-    """Compute the modulation transfer function |OTF| of a lens in its focal plane.
+    """Compute the modulation transfer function (MTF) of a lens in its focal plane.
 
-    The lag in the pupil is wavelength times focal length times frequency. For several wavelengths
-    the result is the modulus of the mean OTF, as a detector measures it.
+    The MTF is the modulus of :func:`otf`, at the lag wavelength times focal length times frequency.
+    For several wavelengths the result is the modulus of the mean OTF, as measured by a detector.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The field in the pupil, see :func:`otf`.
+        Field in the pupil, see :func:`otf`.
     frequency : array_like, shape (..., d)
-        Spatial frequencies in the image in cycles per metre: 50e3 for 50 cycles per mm.
+        Spatial frequencies in the image in cycles per metre. For 50 cycles per mm pass 50e3.
     wavelength : float or array_like, shape (k,)
         Wavelength in m, or k wavelengths of a polychromatic source.
     focal_length : float, optional
         Focal length, or distance of the image from the pupil, in m. Pass either this or
         ``numerical_aperture``.
     defocus : float, default 0
-        Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength; all
-        wavelengths have the same aberration in m.
+        Wavefront aberration W20 at ``pupil_radius`` in waves of the mean wavelength. The aberration
+        in m is the same at all wavelengths.
     pupil_radius : float, optional
         See :func:`otf`.
     numerical_aperture : float, optional
-        Sine of the marginal ray's angle in the image. By Abbe's sine condition the focal length is
-        a/numerical_aperture, where a is the ``pupil_radius``. For a disc pass its radius.
+        Sine of the angle of the marginal ray in the image. The focal length is then ``pupil_radius
+        / numerical_aperture`` (Abbe's sine condition). For a disc pass its radius as
+        ``pupil_radius``.
     aberration : Aberration, optional
-        Path length in m, the same at all wavelengths, in addition to the defocus; see :func:`otf`.
+        Path length in m, in addition to the defocus, see :func:`otf`. It is the same at all
+        wavelengths.
     weights : array_like, shape (k,), optional
-        Weights of the wavelengths, zero or more; default: equal.
+        Weights of the wavelengths, at least 0. By default all weights are equal.
     pixel : float or array_like, shape (d,), default 0
-        Side p in m of a detector's pixels, which multiply the MTF by sin(pi f p)/(pi f p) for each
-        axis.
+        Side p of the pixels of a detector in m. The MTF is multiplied by sin(pi f p)/(pi f p) for
+        the frequency f along each axis.
     tolerance : float, default 1e-10
         See :func:`otf`.
     precision, engine : str, optional
@@ -229,12 +235,13 @@ def mtf(
     Returns
     -------
     ndarray of float, shape (...)
-        Values of the MTF from 0 to 1, with 1 at frequency 0. DataArrays as in :func:`fourier`.
+        Values of the MTF from 0 to 1, with a value of 1 at zero frequency. For DataArrays see
+        :func:`fourier`.
 
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type, shape or range; other errors as :func:`otf`.
+        If an argument has the wrong type, shape or range. For other errors see :func:`otf`.
 
     Examples
     --------
@@ -269,7 +276,7 @@ def mtf(
 
 
 def _checked_pupil(source: Any) -> PhaseSpaceSource:
-    """Return the source. Raises IlluminationError if it is partly coherent."""
+    """Return the source if it is coherent. Raises IlluminationError otherwise."""
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
@@ -282,7 +289,7 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
 
 
 def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
-    """Return wavelengths (k,) in m and their weights as fractions of the sum."""
+    """Return the wavelengths in m, and their weights divided by the sum of all weights."""
     lengths = checked_row(wavelength, "expected a wavelength in m, or wavelengths of shape (k,)")
     for length in lengths.tolist():
         checked_wavelength(length)
@@ -300,19 +307,22 @@ def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
 
 
 def checked_waves(defocus: float) -> float:
-    """Return a defocus in waves. Raises ArgumentError if it is not a finite number."""
+    """Return the defocus in waves. Raises ArgumentError if it is not a finite number."""
     return checked_number(defocus, "defocus", "a finite defocus in waves")
 
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
-    """Return the given radius, or the largest distance of a vertex from the origin."""
+    """Return the radius of a pupil, by default the largest distance of a vertex from the origin."""
     if given is None:
         return max(float(np.linalg.norm(points, axis=1).max()) for points in _vertices(source))
     return checked_length(given, "pupil_radius")
 
 
 def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
-    """Return the distance of the image from the pupil, from one of the first two arguments."""
+    """Return the distance of the image from the pupil.
+
+    Exactly one of ``focal_length`` and ``numerical_aperture`` must be specified.
+    """
     if (focal_length is None) == (numerical_aperture is None):
         raise ArgumentError(
             "expected either focal_length or numerical_aperture, got "
@@ -330,7 +340,7 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
 
 
 def _vertices(source: PhaseSpaceSource) -> Iterator[Floats]:
-    """Yield the vertices (n, 2) of each ring, or the ends (n, 1) of slits."""
+    """Yield the vertices of each ring of a source, or the ends of slits."""
     flat: Any = flat_source(source)
     for element in flat.elements_in_plane:
         if isinstance(element, Slits):
@@ -340,7 +350,7 @@ def _vertices(source: PhaseSpaceSource) -> Iterator[Floats]:
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:
-    """Return the integral of |u|^2, A(0, 0). Raises IlluminationError if it is zero."""
+    """Return the integral of |u|^2 over a source. Raises IlluminationError if it is zero."""
     source = flat_source(source)
     energy = incoherent = energy_of(source)
     if isinstance(source, Array):
@@ -355,7 +365,7 @@ def checked_energy(source: PhaseSpaceSource) -> float:
 
 # Allowed error of the rms wavefront error, relative to the largest path length.
 _PRECISE = 1e-12
-# Band of frequencies of an integral that contains no further waves.
+# Lowest and highest frequency of the waves in an integral without waves.
 _NO_BAND = np.zeros(2), np.zeros(2)
 
 
@@ -369,15 +379,17 @@ def strehl(
     weights: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
 ) -> float:
-    """Compute the Strehl ratio of a pupil, |int u exp(2 pi i W/lambda)|^2/(int |u|)^2.
+    """Compute the Strehl ratio of a pupil.
 
-    The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance of a
-    pupil with the same |u| and no phase. Pistons and tilts of segments count as aberrations.
+    The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance for a
+    pupil with the same |u| and no phase, where u is the field in the pupil. With the path length W
+    of the aberration it is ``|int u exp(2 pi i W/lambda)|^2/(int |u|)^2``. Pistons and tilts of
+    segments are aberrations as well.
 
     Parameters
     ----------
     source : Aperture or Array
-        Field in the pupil, of elements that do not overlap.
+        Field in the pupil. The elements must not overlap.
     wavelength : float or array_like, shape (k,)
         Wavelength in m, or k wavelengths of a polychromatic source.
     aberration : Aberration, optional
@@ -387,14 +399,15 @@ def strehl(
     pupil_radius : float, optional
         See :func:`otf`.
     weights : array_like, shape (k,), optional
-        Weights of the wavelengths, at least 0; equal by default.
+        Weights of the wavelengths, at least 0. By default all weights are equal.
     tolerance : float, default 1e-10
-        Allowed error, estimated by a second rule; at least 1e-13.
+        Allowed error, at least 1e-13. The error is estimated with a second quadrature rule.
 
     Returns
     -------
     float
-        Strehl ratio from 0 to 1; for several wavelengths the weighted mean of their ratios.
+        Strehl ratio from 0 to 1. For several wavelengths it is the weighted mean of the Strehl
+        ratios.
 
     Raises
     ------
@@ -438,10 +451,10 @@ def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
 
 
 def wavefront_error(source: Aperture | Array, aberration: Aberration | None = None) -> float:
-    """Compute the rms wavefront error over a pupil in metres, about its mean.
+    """Compute the rms wavefront error over a pupil in metres, relative to the mean path length.
 
-    The mean is over the pupil with the weight |u|^2. Pistons and tilts of :func:`segmented_pupil`
-    are included.
+    The averages over the pupil are weighted with |u|^2, where u is the field in the pupil. Pistons
+    and tilts of :func:`segmented_pupil` are included.
 
     Parameters
     ----------
@@ -476,7 +489,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     paths = normal_form(source).paths
 
     def moments(extra: int) -> tuple[Floats, Floats]:
-        """Return the path lengths and the weights of all quadrature nodes."""
+        """Return the path lengths and the weights at all quadrature nodes."""
         lengths, weights = [], []
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
@@ -494,7 +507,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
 
 
 def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
-    """Return the path length of a segment's piston and tilt at x (..., 2) in m."""
+    """Return the path length of a segment's piston and tilt at points, in m."""
     if paths is None:
         return 0.0
     return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

@@ -1,12 +1,12 @@
 """Derivatives of transfer and spread functions with respect to the parameters of the pupil.
 
-The parameters are vertices, weights and aberration coefficients. Quadrature rules on triangles and
-trapezoids give the values. The derivative of an integral with respect to the vertices of a polygon
-is an integral of the integrand along the edges, (G1), computed by Gauss rules. The derivative with
-respect to a coefficient of the path length is the integral of the integrand times 2 pi i/lambda
-times the term of the coefficient. Values and derivatives are the columns of one array (n, 1 + m),
-called a jet, so that sums over wavelengths are sums of jets. If edges of both copies of a pupil
-coincide, the derivative is the mean of both one-sided derivatives.
+The parameters are the vertices of the pupil, the weights of its elements, and the coefficients of
+the aberration. The derivative of an integral with respect to the vertices of a polygon is an
+integral of the integrand along the edges, (G1), which is computed by Gauss rules. The derivative
+with respect to a coefficient of the path length is the integral of the integrand times 2 pi
+i/lambda times the term of the coefficient. The values and derivatives are the columns of one array
+of shape (n, 1 + m), called a jet, so that sums over wavelengths are sums of jets. If edges of two
+copies of a pupil coincide, the derivative is the mean of both one-sided derivatives.
 """
 
 from __future__ import annotations
@@ -35,39 +35,41 @@ from polywigner.transforms.aberrated_pupils import (
 from polywigner.transforms.aberrations import Aberration
 
 Jets = NDArray[np.complex128]
-"""Values in column 0, and their derivatives with respect to the parameters of a pupil in the other
-columns."""
+"""Values in column 0, and in the other columns their derivatives with respect to the parameters of
+a pupil."""
 Parts = tuple[Indices, Floats, Floats]
-"""Parts of edges: indices (k,) of the edges, and the positions t (k,) at which the parts start and
-end."""
+"""Parts of edges, given by the index of the edge, and the fractions of the edge at which the part
+starts and ends."""
 
-# Number of additional nodes of the rules for derivatives, and number of lags that are computed
-# together.
+# Number of additional nodes for derivatives, and number of lags that are computed together.
 _EXTRA, _LAGS = 6, 128
-# Largest distance at which edges of both copies count as coincident, relative to the size of the
-# pupil.
+# Largest distance, relative to the size of the pupil, at which edges of two copies of the pupil are
+# treated as coincident.
 _NEAR = 1e-9
 
 
 class Derivatives(Protocol):
-    """Derivatives of n integrals over a pupil with respect to the parameters of the pupil."""
+    """Derivatives of integrals over a pupil with respect to the parameters of the pupil.
+
+    The arrays have one row for each integral.
+    """
 
     def vertices(self) -> Complex:
-        """Return the derivatives (n, vertices, 2) with respect to the vertices."""
+        """Return the derivatives with respect to the coordinates of the vertices."""
         ...
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives (n, elements) with respect to the weights and their conjugates."""
+        """Return the derivatives with respect to the weights and their complex conjugates."""
         ...
 
     def coefficients(self) -> Complex:
-        """Return the derivatives (n, terms) with respect to the aberration coefficients."""
+        """Return the derivatives with respect to the aberration coefficients."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class PupilNumbers:
-    """Dr.Jit variables of a pupil and of its aberration; None for constants."""
+    """Dr.Jit arrays of a pupil and of its aberration. Constant numbers are None."""
 
     vertices: Any = None
     """Vertices as an ``Array2f``."""
@@ -78,7 +80,7 @@ class PupilNumbers:
 
     @classmethod
     def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers]:
-        """Return the source without Dr.Jit variables, and these variables."""
+        """Return a source without Dr.Jit arrays, and the Dr.Jit arrays of the original source."""
         coefficients = aberration.traced if isinstance(aberration, Aberration) else None
         if isinstance(source, Differentiable):
             return source.source, cls(source.vertices, source.weights, coefficients)
@@ -86,13 +88,13 @@ class PupilNumbers:
 
     @cached_property
     def arrays(self) -> list[Any]:
-        """Dr.Jit floats in the order of the columns of a jet; empty if there are no variables."""
+        """Dr.Jit floats in the order of the columns of a jet, without constants."""
         pairs = [pair for pair in (self.vertices, self.weights) if pair is not None]
         arrays = [pair[k] for pair in pairs for k in (0, 1)]
         return arrays if self.coefficients is None else [*arrays, self.coefficients]
 
     def joined(self, values: Complex, derivatives: Derivatives) -> Jets:
-        """Return the jet of values (n,) and of their derivatives with respect to all parameters."""
+        """Return the jet that consists of values and their derivatives."""
         columns = [values[:, None]]
         if self.vertices is not None:
             by_vertices = derivatives.vertices()
@@ -105,7 +107,11 @@ class PupilNumbers:
         return np.concatenate(columns, axis=1)
 
     def result(self, jets: Jets, shape: tuple[int, ...], is_complex: bool) -> Any:
-        """Return an array of a given shape, or a ``Complex2f`` or ``Float`` with derivatives."""
+        """Return the values of jets in the form that the user receives.
+
+        If the pupil contains Dr.Jit arrays, the result is a ``Complex2f`` or ``Float`` with
+        derivatives. Otherwise it is a NumPy array with the specified shape.
+        """
         if not self.arrays:
             values = jets[:, 0].reshape(shape)
             return (values if is_complex else values.real.copy())[()]
@@ -119,13 +125,13 @@ class PupilNumbers:
 
 
 def quotient(jets: Jets, divisor: Jets) -> Jets:
-    """Return the jet of the quotient of two jets."""
+    """Return the quotient of two jets as a jet."""
     value = jets[:, :1] / divisor[:, :1]
     return np.concatenate([value, (jets[:, 1:] - value * divisor[:, 1:]) / divisor[:, :1]], axis=1)
 
 
 def modulus(jets: Jets) -> Jets:
-    """Return the jet of |V|; its derivative at V = 0 is zero."""
+    """Return the modulus of a jet as a jet. At a value of 0 the derivative is set to 0."""
     size = np.abs(jets[:, :1])
     phase = np.divide(jets[:, :1].conj(), size, where=size > 0, out=np.zeros_like(jets[:, :1]))
     slopes = (phase * jets[:, 1:]).real
@@ -133,7 +139,7 @@ def modulus(jets: Jets) -> Jets:
 
 
 def squared_modulus(jets: Jets) -> Jets:
-    """Return the jet of |V|^2."""
+    """Return the squared modulus of a jet as a jet."""
     products = (jets[:, :1].conj() * jets).real
     products[:, 1:] *= 2.0
     return np.asarray(products, np.complex128)
@@ -141,18 +147,18 @@ def squared_modulus(jets: Jets) -> Jets:
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The edges of an element."""
+    """The edges of an element of a pupil."""
 
     begin: Floats
     vector: Floats
     ends: Indices
     """Indices of the first and the second vertex of each edge within the element, shape (n, 2)."""
     vertices: slice
-    """The vertices of the element among the vertices of the pupil."""
+    """Range of the element's vertices among the vertices of the pupil."""
 
     @property
     def normals(self) -> Floats:
-        """Outward normals (n, 2) times the lengths of the edges."""
+        """Outward normal of each edge, multiplied by the length of the edge."""
         return np.stack([self.vector[:, 1], -self.vector[:, 0]], axis=-1)
 
     def rule(
@@ -163,9 +169,10 @@ class Edges:
         error: float,
         extra: int,
     ) -> tuple[Floats, Floats]:
-        """Return nodes (k, m, 2) on parts of edges, and weights (k, m, 2) times (1 - t, t).
+        """Return the nodes and weights of quadrature rules on parts of edges.
 
-        ``slopes``, ``half_band``: see :func:`region_integrals`.
+        Each node has two weights, which are the weight of the rule times 1 - t and times t, where t
+        is the fraction of the edge. For ``slopes`` and ``half_band`` see :func:`region_integrals`.
         """
         edge, low, high = parts
         begin, vector, length = self.begin[edge], self.vector[edge], high - low
@@ -179,7 +186,7 @@ class Edges:
         return x, fractions * np.outer(length, weights)[..., None]
 
     def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
-        """Return sums (..., vertices, 2) of terms (..., k, 2) at ends of edges, times normals."""
+        """Return the sums at all vertices of the terms at the ends of edges, times the normals."""
         total = np.zeros((len(self.begin), 2, *terms.shape[:-2]), np.complex128)
         moments = terms[..., None] * self.normals[edge][:, None]
         np.add.at(total, self.ends[edge], np.moveaxis(moments, (-3, -2, -1), (0, 1, 2)))
@@ -187,7 +194,7 @@ class Edges:
 
 
 def edges_of(pupil: AberratedPupil) -> list[Edges]:
-    """Return the edges of each element."""
+    """Return the edges of each element of a pupil."""
     result, start = [], 0
     for element in pupil.elements:
         begin = np.concatenate(element.rings)
@@ -204,7 +211,10 @@ def edges_of(pupil: AberratedPupil) -> list[Edges]:
 def autocorrelation_jets(
     pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return jets (n, 1 + m) of int u(x + xi/2) u*(x - xi/2) dx at lags (n, 2)."""
+    """Return the autocorrelation integral of a pupil at lags, with its derivatives, as jets.
+
+    The integral is int u(x + xi/2) u*(x - xi/2) dx, where u is the field and xi the lag.
+    """
     finite = np.isfinite(lags).all(axis=1, keepdims=True)
     lags = np.where(finite, lags, 0.0)
     jets = [
@@ -228,7 +238,7 @@ def _autocorrelation_jets(
 
 @dataclass(frozen=True, eq=False)
 class _OfSlices:
-    """Derivatives of autocorrelations with respect to the parameters of a pupil."""
+    """Derivatives of autocorrelation integrals with respect to the parameters of a pupil."""
 
     pupil: AberratedPupil
     regions: Slices
@@ -239,8 +249,8 @@ class _OfSlices:
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
         pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
         for row, i, j, weight in pairs:
-            # For edges of the copy ahead, the other copy is displaced by minus the lag, and vice
-            # versa.
+            # Relative to the copy whose element is ``i``, the other copy is displaced by minus the
+            # lag. Relative to the other copy, the displacement is plus the lag.
             ahead = self._along_edges(edges, i, j, -regions.lags[row])
             behind = self._along_edges(edges, j, i, regions.lags[row]).conj()
             total[row, edges[i].vertices] += weight * ahead
@@ -248,10 +258,12 @@ class _OfSlices:
         return total
 
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
-        """Return derivatives (n, 2) with respect to the vertices of element ``one`` of one copy.
+        """Return the derivatives with respect to the vertices of element ``one`` of one copy.
 
-        The derivatives are int N (1 - t, t) u_one(p) u_other*(p + shift) dt along the edges, over
-        points p for which p + shift lies in element ``other``.
+        They are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges, where N is
+        the normal of the edge, t is the fraction of the edge, and u_one and u_other are the fields
+        on the elements. The integrals extend over the points p for which p + shift lies in element
+        ``other``.
         """
         pupil, moving = self.pupil, edges[one]
         near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())
@@ -288,9 +300,9 @@ class _OfSlices:
 def _pieces(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
 ) -> tuple[Parts, Floats]:
-    """Return the parts of edges that lie in a polygon after a shift, and factors (k,).
+    """Return the parts of edges that lie in a polygon after a shift, and a factor for each part.
 
-    The factors are 1 inside the polygon and 1/2 along its boundary.
+    The factor is 1 inside the polygon and 1/2 along its boundary.
     """
     begin, vector = edges.begin + shift, edges.vector
     edge, cut = _cuts(begin, vector, others, near)
@@ -306,7 +318,10 @@ def _pieces(
 
 
 def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
-    """Return indices (k,) of edges and t (k,), sorted, of their ends and crossings with others."""
+    """Return the positions at which edges end or cross the edges of another polygon.
+
+    A position is the index of an edge and the fraction of the edge. The positions are sorted.
+    """
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]
@@ -315,7 +330,7 @@ def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[In
     with np.errstate(divide="ignore", invalid="ignore"):
         t, s = along / cross, across / cross
     meets = (t > 0) & (t < 1) & (s > -_NEAR) & (s < 1 + _NEAR)
-    # If two edges coincide, vertices of the other polygon on an edge divide the edge.
+    # If two edges coincide, the edge is also divided at vertices of the other polygon.
     at = (away * vector[:, None]).sum(axis=-1) / length[:, None] ** 2
     touches = (at > 0) & (at < 1) & (np.abs(across) < near * length[:, None])
     every = np.arange(len(vector))

@@ -1,13 +1,15 @@
 """Sections of a field along y, and its overlap with its mirror image, as functions of x.
 
 If a phase-space function of a plane source is integrated over two of its four coordinates, the
-result consists of such sections and overlaps (docs/projections.md). All functions here integrate
-along y or reflect x; the transposed field provides the other direction. Coordinates are relative to
-the centre of the field, so that sources far from the origin lose no digits.
+result consists of such sections and overlaps (docs/projections.md). All functions in this module
+integrate along y or reflect x. For the other direction, callers exchange x and y of the field.
+Coordinates are relative to the centre of the field, so that sources far from the origin lose no
+digits.
 
-A plane wave on the source shifts the frequency of the transform of a section or an overlap, and
-multiplies the transform by a phase (P16). Each overlap is therefore computed once for all waves.
-Waves, or pairs of waves, with equal shifts are summed before the transform.
+A plane wave on the source shifts the frequency of the Fourier transform of a section or an overlap,
+and multiplies the transform by a phase factor, (P16). Each overlap is therefore computed only once
+for all waves. Waves, or pairs of waves, with equal frequency shifts are summed before the
+transform.
 """
 
 from __future__ import annotations
@@ -35,29 +37,29 @@ from polywigner.source.normal_form import SourceElement, normal_form
 
 _OPS = NumpyOperations()
 
-# Number of values in a temporary array, which takes some tens of megabytes with intermediate
-# results.
+# Number of values in a temporary array. Together with intermediate results, the array takes some
+# tens of megabytes.
 _BLOCK = 1 << 20
 
-# Largest difference of shifts that count as equal, as a fraction of the largest shift. Sums of the
-# same terms in a different order differ by rounding.
+# Largest difference of two frequency shifts that are treated as equal, as a fraction of the largest
+# shift. Equal shifts may differ by rounding errors if they are sums in a different order.
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""Function of the frequencies (m, 2) of the first waves and (m, 2) of the second waves, which
-returns shifts (m, 2) and rates (m, r). The transform of the overlap is evaluated at its frequency
-minus the shift. The rates are frequencies of the pair's phase along r coordinates."""
+"""Function that converts the frequencies of pairs of waves, each of shape (m, 2), to shifts and
+rates. The Fourier transform of the overlap is evaluated at its frequency minus the shift. The rates
+are the frequencies of the pair's phase along the coordinates of a tile."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneField:
-    """The elements of a source in the plane, relative to the centre of its bounds."""
+    """The elements of a plane source, relative to the centre of its bounding box."""
 
     elements: tuple[SourceElement, ...]
     weights: NDArray[Any]
     """Weights of the elements, which are real for an aperture."""
     centre: Floats
-    """Centre of the bounds of the source in m, shape (2,)."""
+    """Centre of the bounding box of the source in m."""
 
     @cached_property
     def is_uniform(self) -> bool:
@@ -90,7 +92,7 @@ def field_of(source: Aperture | Array) -> PlaneField:
 
 @dataclass(frozen=True)
 class Sections:
-    """Weighted intervals [low, high] of y, each of which belongs to one of ``count`` abscissae."""
+    """Intervals of y with weights, each of which belongs to one of ``count`` values of x."""
 
     count: int
     row: Indices
@@ -103,12 +105,12 @@ class Sections:
 
 @dataclass(frozen=True)
 class _Upright:
-    """Edges that are not vertical, from left to right."""
+    """All edges of a field that are not vertical, directed from left to right."""
 
     left: Floats
     right: Floats
     step: NDArray[Any]
-    """Change of the field on crossing the edge upwards."""
+    """Change of the field if the edge is crossed upwards."""
     element: Indices
 
 
@@ -126,21 +128,21 @@ def _upright(field: PlaneField) -> _Upright:
 
 
 def _height(left: Floats, right: Floats, x: Floats) -> Floats:
-    """Return the y of edges at x, which rounding does not move beyond the ends of the edge."""
+    """Return the y coordinate of each edge at x, limited to the range of y of the edge."""
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
 
 def sections(field: PlaneField, x: Floats) -> Sections:
-    """Return the intervals of y in the outlines at abscissae x (n,), relative to the centre.
+    """Return the intervals of y inside the outlines at each x, relative to the centre.
 
-    At the abscissa of a vertical edge, the intervals are those to the right of the edge.
+    At a vertical edge, the intervals are those to the right of the edge.
     """
     edges = _upright(field)
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
     height = _height(edges.left[edge], edges.right[edge], x[row])
     order = np.lexsort((height, edges.element[edge], row))
-    # With increasing y, edges alternately enter and leave an outline.
+    # Along a vertical line with increasing y, edges alternately enter and leave an outline.
     below, above = order[0::2], order[1::2]
     element = edges.element[edge[below]]
     weight = field.weights[element]
@@ -148,7 +150,7 @@ def sections(field: PlaneField, x: Floats) -> Sections:
 
 
 def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
-    """Return the Fourier transforms (count, n) of the field on the sections at nu (n,)."""
+    """Return the Fourier transforms of all sections along y, one row for each section."""
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
         low, high = intervals.low[chosen, None], intervals.high[chosen, None]
@@ -162,7 +164,10 @@ def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
 def _row_sums(
     row: Indices, count: int, columns: int, term: Callable[[Indices], tuple[Floats, Floats]]
 ) -> Complex:
-    """Return the sums of cosine - i sine over the entries of each row; ``row`` is ascending."""
+    """Return the sum of cosine - i sine over all entries with the same index in ``row``.
+
+    The indices must be in ascending order.
+    """
     total = np.zeros((count, columns), np.complex128)
     rank = np.arange(len(row)) - np.searchsorted(row, row)
     for k in range(rank.max(initial=-1) + 1):
@@ -173,10 +178,10 @@ def _row_sums(
 
 
 def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
-    """Return the transform (n, m) along y at abscissae x (n,) from the centre, (P9)."""
+    """Return the Fourier transform of the field along y, for each x and each frequency, (P9)."""
     intervals = sections(field, x)
     at = x[intervals.row]
-    # The weights of the sections are summed over all waves with the same frequency along y.
+    # All waves with the same frequency along y are summed before the transform.
     weights: dict[float, Complex] = {}
     for k, element in enumerate(field.elements):
         inside = np.flatnonzero(intervals.element == k)
@@ -192,20 +197,20 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
 
 
 def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
-    """Return the integral (n,) of the field along y at abscissae x (n,); real for real fields."""
+    """Return the integral of the field along y for each x, which is real for a real field."""
     values = column_spectra(field, x, np.zeros(1))[:, 0]
     return values.real if field.is_uniform and not np.iscomplexobj(field.weights) else values
 
 
 def phase(centre: float, nu: Floats) -> Complex:
-    """Return exp(-2 pi i nu centre), from error-free products."""
+    """Return exp(-2 pi i nu centre), computed from error-free products."""
     cosine, sine = cos_sin_cycles(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)
 
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Boundary edges (m, 2) of weighted regions, each of which belongs to one of ``count`` rows."""
+    """Boundary edges of regions with weights, each of which belongs to one of ``count`` rows."""
 
     count: int
     row: Indices
@@ -219,15 +224,15 @@ class Overlaps:
 
 
 Image = tuple[tuple[float, float], Floats]
-"""Images of a field: their scales along x and y, and n shifts (n, 2) that are added after scaling.
-"""
+"""Images of a field, given by the scale factors along x and y, and by shifts that are added after
+scaling, one for each image. """
 
 
 def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
-    """Return the common regions of the images ``ahead`` and ``behind`` with equal index k.
+    """Return the intersections of each image in ``ahead`` with the same image in ``behind``.
 
-    The weight of a region is the weight of its first element times the conjugate weight of its
-    second element.
+    The weight of an intersection is the weight of its first element times the conjugate of the
+    weight of its second element.
     """
     images, others = _images(field, *ahead), _images(field, *behind)
     pairs = [
@@ -243,7 +248,7 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
 
 
 def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
-    """Return the polygons of n images of all elements, (n, elements)."""
+    """Return the polygons of all elements in all images, one row for each image."""
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
     copies = np.tile(polygons, (len(shifts), 1))
@@ -253,10 +258,10 @@ def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> ND
 
 
 def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
-    """Return the edges of the polygons among geometries; holes run clockwise.
+    """Return the edges of all polygons in an array of geometries.
 
-    Returns the starts (n, 2) and ends (n, 2) of the edges, the index (n,) of the geometry of each
-    edge, and the first corner (n, 2) of its ring.
+    The results are the start and the end of each edge, the index of its geometry, and the first
+    corner of its ring. Holes run clockwise.
     """
     parts, index = shapely.get_parts(geometries, return_index=True)
     inner, outer = shapely.get_parts(parts, return_index=True)
@@ -271,7 +276,7 @@ def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]
 
 
 def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
-    """Return transforms (count, n) of the regions at the frequencies (nu, nu_y), (F2)."""
+    """Return the Fourier transforms of the regions at the frequencies (nu, nu_y), (F2)."""
     begin, end = regions.begin, regions.end
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
 
@@ -286,9 +291,10 @@ def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Comple
 def mutual_spectra(
     field: PlaneField, regions: Overlaps, nu: Floats, points: Floats, pairing: Pairing
 ) -> Complex:
-    """Return the sum (rows, m) of the overlaps' transforms at (nu, 0) over all pairs of waves.
+    """Return the Fourier transforms of overlaps at (nu, 0), summed over all pairs of waves.
 
-    ``points`` (rows, r): coordinates along which the phase of a pair advances; see ``Pairing``.
+    The result has one row for each overlap. ``points`` contains the coordinates of each overlap
+    that multiply the rates of ``pairing``.
     """
     if field.is_uniform:
         return _overlap_spectra(regions, nu)
@@ -306,7 +312,7 @@ def mutual_spectra(
 
 
 def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
-    """Yield the overlaps of each pair of elements, and the indices of both elements."""
+    """Yield the overlaps for each pair of elements, with the indices of both elements."""
     pair = regions.first * elements + regions.second
     for number in np.unique(pair).tolist():
         members = np.flatnonzero(pair == number)
@@ -318,7 +324,7 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
-    """Yield groups of shifts that are equal up to rounding, as their mean and their indices."""
+    """Yield the mean and the indices of each group of shifts that are equal up to rounding."""
     unit = _EQUAL * max(float(np.abs(shifts).max()), np.finfo(np.float64).tiny / _EQUAL)
     _, number = np.unique(np.round(shifts / unit), axis=0, return_inverse=True)
     for k in range(number.max() + 1):
@@ -327,17 +333,17 @@ def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
 
 
 def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[Any]:
-    """Return twice the product of a uniform field and its mirror image at x (n,) and lag (m,).
+    """Return twice the integral of the product of a uniform field and its mirror image.
 
-    The image is reflected at the vertical line at x, moved up by the lag and conjugated, (P5). The
-    result has the shape (n, m). No edges are cut, and the sum is continuous in all arguments.
+    The image is reflected at the vertical line at x, moved up by the lag, and conjugated, (P5). The
+    result has one row for each x and one column for each lag. No edges are cut, and the result is a
+    continuous function of x and the lag.
     """
     edges = _upright(field)
     left, right = edges.left, edges.right
     values = np.zeros((len(x), len(lag)), edges.step.dtype)
     for row, abscissa in enumerate(x):
-        # Edge i of the field and edge j of the image overlap for abscissae from ``low`` to
-        # ``high``.
+        # An edge of the field and an edge of the image overlap for x from ``low`` to ``high``.
         low = np.maximum(left[:, None, 0], 2 * abscissa - right[:, 0])
         high = np.minimum(right[:, None, 0], 2 * abscissa - left[:, 0])
         i, j = np.nonzero(low < high)
@@ -356,10 +362,11 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
 
 
 def _mean_distance(u: Floats, v: Floats) -> Floats:
-    """Return the mean of |t| over t from u to v."""
+    """Return the mean of |t| for t between u and v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    # If the product is negative, the numbers are not zero, and ``total`` is positive.
+    # If the product of the two numbers is negative, neither number is zero, so ``total`` is
+    # positive.
     crosses_zero = u * v < 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

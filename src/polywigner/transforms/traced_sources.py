@@ -17,7 +17,8 @@ from polywigner.geometry.rings import signed_area
 from polywigner.source import Array, Illumination
 
 PlainFourier = Callable[[Aperture, Drjit], Drjit]
-"""Function (source without Dr.Jit arrays, component array nu) -> F."""
+"""Function (source without Dr.Jit arrays, nu) that returns the Fourier transform of the source at a
+component array."""
 
 
 def check_no_drjit(**arguments: object) -> None:
@@ -39,26 +40,28 @@ def differentiable(
 ) -> Differentiable:
     """Return a source whose vertices or weights are Dr.Jit arrays with derivatives.
 
-    `fourier`, `wigner` and `ambiguity` accept the result as their source. They return Dr.Jit
-    arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients).
-    All other numbers, and the division of vertices into rings, are those of ``source``.
+    The functions `fourier`, `wigner` and `ambiguity` accept the result as their source and return
+    Dr.Jit arrays. The functions ``dr.backward`` and ``dr.forward`` differentiate these arrays in
+    closed form (docs/gradients). All other numbers, and the division of vertices into rings, are
+    taken from ``source``.
 
     Parameters
     ----------
     source : Aperture or Array, optional
-        An Aperture, or an Array of apertures in the plane z = 0. None (default) stands for the
+        An Aperture, or an Array of apertures in the plane z = 0. By default, the source is the
         aperture with the ring ``vertices``.
     vertices : Array2f (2, n) or tensor (n, 2), optional
         Points in m that replace the vertices of all rings (``Aperture.rings``) of all elements, one
-        ring after the other. Unlike an Aperture, the source keeps vertices on the line between
-        their neighbours.
+        ring after the other. An Aperture omits vertices on the line between their neighbours, but
+        this source keeps them.
     weights : Complex2f or Float (k,), or tensor (k,) or (k, 2), optional
-        Weights of the elements of an Array; a second axis contains real and imaginary parts.
+        Weights of the elements of an Array. The second axis of a tensor contains the real and
+        imaginary parts.
 
     Returns
     -------
     Differentiable
-        Source with derivatives. Its attribute ``source`` is an Aperture or Array with the current
+        Source with derivatives. The attribute ``source`` is an Aperture or Array with the current
         values.
 
     Raises
@@ -66,7 +69,7 @@ def differentiable(
     ArgumentError
         If an array has the wrong kind or number of entries.
     GeometryError
-        For vertices that form no valid outline or reverse its orientation.
+        If the vertices form no valid outline, or reverse the orientation of an outline.
     IlluminationError
         If the weights are not finite numbers, or all zero.
 
@@ -109,7 +112,8 @@ def _with_vertices(
 ) -> tuple[Aperture | Array, Drjit]:
     points = execution.columns_of(vertices)
     if source is None:
-        # Outlines run counter-clockwise, so the vertices are reversed if necessary.
+        # The vertices of an outline must be in counter-clockwise order, so they are reversed if
+        # necessary.
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
             vertices, points = (
                 execution.entries(vertices, np.arange(len(points))[::-1]),
@@ -130,7 +134,7 @@ def _with_vertices(
 
 
 def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
-    """Return an aperture with other vertices, in the order of ``rings``: exteriors first."""
+    """Return an aperture with new vertices, in the order of ``Aperture.rings``."""
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])
@@ -142,7 +146,7 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
 def _of_rings(
     parts: list[list[NDArray[np.float64]]], illumination: Illumination | None
 ) -> Aperture:
-    """Return an aperture with exactly these vertices. Raises GeometryError if it is not valid."""
+    """Return an aperture with exactly these vertices. Raises GeometryError if it is invalid."""
     for part in parts:
         for number, ring in enumerate(part):
             area = signed_area(ring) if len(ring) > 2 and np.isfinite(ring).all() else 0.0
@@ -169,7 +173,10 @@ def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex12
 
 
 def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
-    """Return F at a component array, as a sum over all waves on all elements, (C1) and (I1)."""
+    """Return the Fourier transform of a source with Dr.Jit arrays.
+
+    The transform is a sum over all plane waves on all elements, (C1) and (I1).
+    """
     array = source.source
     is_array = isinstance(array, Array)
     if is_array and array.repeated is not None and source.vertices is None:

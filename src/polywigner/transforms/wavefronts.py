@@ -1,12 +1,13 @@
-"""Curved and partly coherent sources: spectra, degrees of coherence, and means over tilts.
+"""Transforms of curved and partly coherent sources.
 
-F of a curved wave is a sum of Fresnel integrals along edges. A and R of a partly coherent source
-are A and R of the coherent source times the degree of coherence exp(-xi^2/(2 width^2)). W is an
-integral over the lag slice with this weight, in closed form (docs/coherence.md, (PC3), (I5)). The
-degree of coherence is also the mean of exp(2 pi i t.xi) over tilts t with a normal density, whose
-standard deviation is 1/(2 pi width) along each axis (PC2). |F|^2, exact fields and W of large
-arrays are therefore means over shifted frequencies. The number of tilts is determined by the
-longest lag, which is the size of the box (:mod:`polywigner.numerics.nodes`).
+The Fourier transform of a curved wave is a sum of Fresnel integrals along edges. The ambiguity
+function and the autocorrelation of a partly coherent source are those of the coherent source, times
+the degree of coherence exp(-xi^2/(2 width^2)). The Wigner function is an integral over the lag
+slice with this weight, in closed form (docs/coherence.md, (PC3), (I5)). The degree of coherence is
+also the mean of exp(2 pi i t.xi) over tilts t with a normal density, whose standard deviation is
+1/(2 pi width) along each axis, (PC2). The power spectrum, exact fields, and the Wigner function of
+large arrays are therefore averages over shifted frequencies. The required number of tilts depends
+on the longest lag, which is the size of the bounding box (:mod:`polywigner.numerics.nodes`).
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
 
 TILT_ERROR = {True: 1e-11, False: 1e-7}
-"""Error of means over tilts in double and in single precision, relative to the largest value of A.
-"""
+"""Error of averages over tilts in double and in single precision, relative to the largest value of
+the ambiguity function. """
 
 # Largest ratio of the coherence width to the diagonal of a source, in double and in single
-# precision, for which W is computed in closed form. For larger ratios the closed form loses digits
-# by cancellation. W then differs from the coherent W by a term in 1/width^2; the next term is
-# 1.3e-13 of W, or 8e-7 in single precision.
+# precision, for which the Wigner function W is computed in closed form. For larger ratios the
+# closed form loses digits by cancellation. W then equals the coherent W plus a term proportional to
+# 1/width^2. The next term is 1.3e-13 of W, or 8e-7 in single precision.
 _WIDEST = {True: 1e3, False: 20.0}
 
 # Number of floats in a block.
@@ -43,12 +44,12 @@ _BLOCK = 1 << 20
 
 
 def flat_source(source: Any) -> Any:
-    """Return the flat source of a Wavefront, or any other source unchanged."""
+    """Return the flat source of a Wavefront. Any other source is returned unchanged."""
     return source.source if isinstance(source, Wavefront) else source
 
 
 def checked_wavefront(wave: Wavefront) -> Wavefront:
-    """Return the source. Raises IlluminationError if it is partly coherent."""
+    """Return the source if it is coherent. Raises IlluminationError otherwise."""
     if not wave.is_coherent:
         raise IlluminationError(
             "expected a coherent source, got one with a coherence width of "
@@ -64,7 +65,7 @@ def is_partly_coherent(source: Any) -> bool:
 
 
 def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
-    """Return the curvatures (d,), and their axes as the columns of a rotation matrix (d, d)."""
+    """Return the principal curvatures, and their axes as the columns of a rotation matrix."""
     if not np.any(curvature - np.diag(np.diagonal(curvature))):
         return np.diagonal(curvature).copy(), np.eye(len(curvature))
     values, axes = np.linalg.eigh(curvature)
@@ -72,13 +73,15 @@ def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
 
 
 def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Floats) -> Complex:
-    """Return int u(x) exp(i pi (x - c).Q (x - c) - 2 pi i nu.x) dx at nu (n, d), shape (n,).
+    """Return the Fourier transform of a source with a quadratic phase.
 
-    ``q`` (n, d) or (d,): curvatures along the columns of ``axes`` (d, d).
+    The transform is int u(x) exp(i pi (x - c).Q (x - c) - 2 pi i nu.x) dx, where u is the field of
+    the source and c is ``centre``. The matrix Q has the principal curvatures ``q`` along the
+    columns of ``axes``.
     """
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
-    # Frequencies that are NaN give NaN without a warning.
+    # NaN frequencies give NaN without a warning.
     with np.errstate(invalid="ignore"):
         for element in normal_form(source).in_plane.elements:
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
@@ -91,7 +94,7 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
 def _uniform(
     element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
 ) -> Complex:
-    """Return the transform of an element without weight, in coordinates relative to its centre."""
+    """Return the transform of a uniform element without its weight, relative to its centre."""
     origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
     away = (origin - centre) @ axes
     inner = nu @ axes - q * away
@@ -109,36 +112,42 @@ def _uniform(
 def _bent(
     element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
-    """Return the transform relative to an origin, with the larger curvature along ``axis``."""
+    """Return the transform of a uniform element relative to an origin.
+
+    ``axis`` is the index of the axis with the larger curvature.
+    """
     if isinstance(element, Slits):
         return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
     order = [axis, 1 - axis]
     rotation = axes[:, order]
     rings = tuple((ring - origin) @ rotation for ring in element.rings)
     values = chirp_over_rings(rings, q[:, order], nu[:, order])
-    # An exchange of the axes reverses the orientation.
+    # If the axes are exchanged, the orientation of the outline is reversed.
     return values * np.sign(np.linalg.det(rotation))
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
-    """Return the coherent source with its curved wave, multiplied by exp(2 pi i tilt.x)."""
+    """Return the coherent source with the same curved wave, optionally tilted.
+
+    The field is multiplied by exp(2 pi i tilt.x).
+    """
     flat = source.source if tilt is None else normal_form(source.source).tilted(tilt).public
     return Wavefront(flat, source.curvature, source.centre).coherent
 
 
 def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
-    """Return the degree of coherence exp(-xi^2/(2 width^2)) (...) at lags xi (..., d), (PC1)."""
+    """Return the degree of coherence exp(-xi^2/(2 width^2)) at lags xi, (PC1)."""
     with np.errstate(over="ignore"):
         scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
 def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
-    """Return tilts (n, d) in 1/m and weights (n,) for means with the given error.
+    """Return the tilts in 1/m and their weights for averages with the specified error.
 
-    The error is relative to the value if all points of the source are in phase. ``longest``:
-    largest lag in m along each axis that contributes to the mean. Raises ArgumentError if the mean
-    needs too many tilts.
+    The error is relative to the value for a source whose points are all in phase. ``longest`` is
+    the largest lag in m along each axis that contributes to the average. Raises ArgumentError if
+    the average needs too many tilts.
     """
     sides = sides_of(source.bounds)
     reaches = np.minimum(sides, longest) / source.coherence_width
@@ -176,8 +185,8 @@ def mean_over_tilts(
 ) -> Values:
     """Return the mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
 
-    ``nu`` and ``others`` (..., d) broadcast. The tilts form the last axis of the samples, so that
-    each slice is cut only once. ``evaluate`` computes about 1e6 values at a time.
+    ``nu`` and ``others`` broadcast. The tilts form the last axis of the samples, so that each slice
+    is cut only once. Each call of ``evaluate`` computes about 1e6 values.
     """
     tilts, weights = tilts_of(source, TILT_ERROR[double])
     arrays = [np.asarray(points) for points in (*others, nu)]

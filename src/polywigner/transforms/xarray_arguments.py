@@ -1,9 +1,9 @@
-"""Arguments and results of public functions as ``xarray.DataArray``.
+"""Public functions with ``xarray.DataArray`` objects as arguments and results.
 
 The last dimension of a DataArray argument contains the components and may have any name. All other
 dimensions are broadcast by name, and remain in the result with their coordinates. Chunked arguments
-give lazy results. Other arguments are passed on unchanged. This module does not import xarray: a
-caller with a DataArray has imported it.
+give lazy results. Arguments of other types are passed on unchanged. This module does not import
+xarray, because a caller with a DataArray has already imported it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from polywigner.source import Array
 def labelled_array(
     values: ArrayLike, dims: Sequence[str], attrs: Mapping[str, Any] | None = None
 ) -> xarray.Variable:
-    """Return values with named axes and attributes, such as the unit."""
+    """Return a DataArray with named axes and attributes, such as the unit."""
     import xarray
 
     return xarray.Variable(tuple(dims), values, dict(attrs or {}))
@@ -39,7 +39,7 @@ def labelled_arrays(
     coords: Mapping[str, Any],
     attrs: Mapping[str, Any] | None = None,
 ) -> xarray.Dataset:
-    """Return arrays with common axes as a dataset, by name."""
+    """Return a Dataset of arrays with common axes."""
     import xarray
 
     return xarray.Dataset(dict(data_vars), coords=dict(coords), attrs=dict(attrs or {}))
@@ -69,7 +69,7 @@ Units = str | Callable[[Arguments], str]
 
 
 def content_units(arguments: Mapping[str, Any]) -> str:
-    """Return the unit of a source's length, area or volume, which is the unit of its transforms."""
+    """Return the unit of a source's transforms, which is the unit of its length, area or volume."""
     source = arguments["source"]
     source = source.source if isinstance(source, Wavefront) else source
     while isinstance(source, Array):
@@ -84,12 +84,12 @@ def takes_xarray(
     components: Mapping[str, Sequence[str]] | None = None,
     with_error: bool = False,
 ) -> Callable[[F], F]:
-    """Return a decorator for functions whose arguments of these names may be DataArrays.
+    """Return a decorator for functions that accept DataArrays for the named arguments.
 
-    If an argument is a DataArray, the results are DataArrays with the attributes ``units``, which
-    may depend on the arguments, and ``long_name``. ``components``: dimension and coordinate of
-    results that are vectors. ``with_error``: whether the function returns a pair of results and
-    errors.
+    If an argument is a DataArray, the results are DataArrays with the attributes ``units`` and
+    ``long_name``. The units may depend on the arguments. ``components`` contains the dimension and
+    the coordinate of results that are vectors. ``with_error`` states whether the function returns a
+    pair of results and errors.
     """
 
     def decorate(function: F) -> F:
@@ -118,7 +118,7 @@ def takes_xarray(
 def _called(
     module: str, name: str, names: Sequence[str], others: Arguments, *values: Any
 ) -> NDArray[Any] | tuple[NDArray[Any], ...]:
-    """Call a public function by its name, which other processes can import."""
+    """Call a public function by its name, so that Dask can send the call to other processes."""
     result: NDArray[Any] | tuple[NDArray[Any], ...] = getattr(import_module(module), name)(
         **others, **dict(zip(names, values, strict=True))
     )
@@ -126,7 +126,10 @@ def _called(
 
 
 def _called_lazily(*arguments: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
-    """Call a public function from one of Dask's threads, one at a time because of Dr.Jit's pool."""
+    """Call a public function from one of Dask's threads.
+
+    Only one thread at a time may use the thread pool of Dr.Jit.
+    """
     with kernel_threads():
         return _called(*arguments)
 
@@ -172,7 +175,7 @@ def _labelled(
         *prepared,
         input_core_dims=[[_dimension(name)] for name in points],
         output_core_dims=[list(components)] * len(names),
-        # The attributes of coordinates are kept; the attributes of results are replaced below.
+        # The attributes of coordinates are kept. The attributes of results are replaced below.
         keep_attrs="override",
         **lazily,
     )
@@ -192,11 +195,11 @@ def _dimension(name: str) -> str:
 
 
 def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
-    """Return the value with its dimension of components renamed to ``_dimension(name)``."""
+    """Return an argument with its last dimension renamed to ``_dimension(name)``."""
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
-        # NumPy raises a ValueError for a list of rows of unequal lengths.
+        # NumPy raises a ValueError for a list whose rows have different lengths.
         except ValueError:
             is_point = False
         if not is_point:
@@ -219,7 +222,10 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
-    """Return the types of the results, from a call without points, which checks the arguments."""
+    """Return the types of the results, from a call with empty arrays of points.
+
+    The call also checks the other arguments.
+    """
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]

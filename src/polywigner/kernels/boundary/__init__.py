@@ -1,6 +1,7 @@
 """Exact fields at points, as integrals along the edges of apertures.
 
-``integrals`` contains fields and integrals along panels. ``steepest_descent`` contains fields from
-the ends of edges. ``edge_waves`` contains the contributions of an edge to a plane wave, and to the
-wave of a point source behind an opening.
+``integrals`` computes fields as integrals along short pieces of edges, called panels.
+``steepest_descent`` computes fields from the ends of edges. ``edge_waves`` contains the
+contributions of an edge to the field of a plane wave, and to the field of a point source behind an
+opening.
 """

@@ -1,19 +1,20 @@
-"""Contributions of edges to the field at a point, for travelling and evanescent waves, (B3).
+"""Contributions of an edge to the field at a point, for travelling and evanescent waves.
 
-The paths N = R - p.(P - Q) and N' = R - p'.(P - Q) belong to the direction p of the wave and to its
-mirror image p'. E is the wave at the edge, and e and e' are the waves at the point along p and p'.
-The integrand times R/2 is
+The contribution is the integral (B3) of docs/theory/exact_fields.md along the edge. R is the
+distance from the point P to the position Q on the edge. The path differences N = R - p.(P - Q) and
+N' = R - p'.(P - Q) belong to the direction p of the wave and to its mirror image p'. E is the wave
+at the edge, and e and e' are the waves at the point along p and p'. The integrand times R is
 
     a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
 
-Both E - e and N vanish on the ray of the wave through the point, so they are divided without
-cancellation. E - e' and N' vanish on the ray of the mirrored wave, which runs behind the plane, or
-in the plane for grazing waves. For a point close to the plane and to that ray, the wave *grazes*
-the point. The integrand is then
+where ``share`` is the factor m of (B3), and a and b' are constants of the edge, (B2). On the ray of
+the wave through the point, both E - e and N vanish, so their quotient is computed without
+cancellation. On the ray of the mirrored wave, both E - e' and N' vanish. If the point is close to
+the plane and to the mirrored ray, the wave *grazes* the point. The integrand times R is then
 
     a (E - e)/2N + (1/2 - share) b' (E - e')/N' + b'/N' [(1/2 - share) e' - e/2]
 
-and its last term is integrated in closed form (B4).
+and its last term is integrated in closed form, (B4).
 """
 
 from __future__ import annotations
@@ -36,29 +37,30 @@ Point = tuple[Any, ...]
 # Largest phase difference of two waves, in cycles, for which their difference is computed as a
 # product to avoid cancellation.
 _CLOSE = 0.5
-# A travelling wave counts as grazing at a point if the height of the point is below _LOW
-# wavelengths and the sine of the angle to the mirrored ray is below _GRAZING.
+# A travelling wave grazes a point if the height of the point is below _LOW wavelengths and the sine
+# of the angle between the point and the mirrored ray is below _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
-# An evanescent wave counts as grazing at points where it has decayed by less than exp(2 pi _LOST) =
-# exp(pi).
+# An evanescent wave grazes all points at which it has decayed by a factor of less than exp(2 pi
+# _LOST) = exp(pi).
 _LOST = 0.5
-# Distance that stands for "no singularity", in half-lengths of the panel. It exceeds the largest
+# Distance that represents "no singularity", in half-lengths of the panel. It exceeds the largest
 # ellipse of the quadrature rules.
 _NONE = 100.0
 
 
 @dataclass(frozen=True)
 class PanelView:
-    """A panel as seen from a point. The position s along the panel runs from ``first`` to ``last``.
+    """A panel in the coordinates of a point, where a panel is a straight piece of an edge.
 
-    The other numbers are the same for all positions along the panel.
+    The position s along the panel runs from ``first`` to ``last``. All other numbers are constant
+    along the panel.
     """
 
     first: Any
     last: Any
     length: Any
-    """The difference last - first. Far from the panel, it is smaller than the rounding errors of
-    both."""
+    """Length of the panel, last - first. If the point is far away, the length is smaller than the
+    rounding errors of ``first`` and ``last``."""
     radius_first: Any
     radius_last: Any
     b: Any
@@ -66,25 +68,26 @@ class PanelView:
     along: Any
     across: Any
     pz: Any
-    """Direction cosine p_z of a travelling wave. For an evanescent wave with p_z = i q, the number
+    """Direction cosine p_z of a travelling wave. For an evanescent wave, the number q with p_z = i
     q."""
 
 
 class _Travelling:
-    """Waves with a real direction cosine p_z >= 0."""
+    """Travelling waves, whose direction cosine p_z is real and at least 0."""
 
     directions = 3
-    """Number of components of the direction that determine the free wave."""
+    """Number of direction cosines that determine the unobstructed wave."""
 
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return the data shared by all nodes, and lower bounds on the distance of singularities.
+        """Return the data that all quadrature nodes of a panel share, and two lower bounds.
 
-        ``moment``: components of p x (P - Q) along e, -n and z at the start of the panel; () for
-        waves along z. The results are: the waves e and e', whether the wave grazes the point, and
-        the moment; the sine of the angle to the mirrored ray; and the distance from that ray. One
-        of the last two is None.
+        ``moment`` contains the components of p x (P - Q) along e, -n and z at the start of the
+        panel. It is empty for waves along z. The shared data are the waves e and e', whether the
+        wave grazes the point, and the moment. The bounds are lower bounds of the distance of
+        singularities: the sine of the angle to the mirrored ray, and the distance from the mirrored
+        ray. One of the bounds is None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -96,7 +99,7 @@ class _Travelling:
         return data, ops.select(is_grazing, _NONE, tilt), None
 
     def closed(self, ops: Any, view: PanelView) -> Pair:
-        """Return the integral of b'/(N' R), (B4)."""
+        """Return the integral of b'/(N' R) along the panel, (B4)."""
         beta = view.pz * view.b - view.z * view.across
         first, last = (view.first, view.radius_first), (view.last, view.radius_last)
         level = view.b * view.across + view.pz * view.z
@@ -108,7 +111,7 @@ class _Travelling:
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand times the radius, at the position t from the start of the panel."""
+        """Return the integrand times R, at the distance t from the start of the panel."""
         tiny = 1e-300 if ops.double else 1e-37
         lean, path = detour(ops, t, s, radius, along, b, z, across, pz, *moment)
         mirror = path + 2.0 * (pz * z)
@@ -125,7 +128,7 @@ class _Travelling:
 
 
 class _Evanescent:
-    """Waves with an imaginary direction cosine, p_z = i q with q > 0."""
+    """Evanescent waves, whose direction cosine p_z = i q is imaginary, with q > 0."""
 
     directions = 2
 
@@ -147,11 +150,9 @@ class _Evanescent:
         return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
     def closed(self, ops: Any, view: PanelView) -> Pair:
-        """Return the integral of b'/(N' R), (B4).
-
-        The integral is a difference of logarithms along two vertical lines.
-        """
-        # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
+        """Return the integral of b'/(N' R) along the panel, (B4)."""
+        # The sign is applied to the position s, so that the factor 1 + |along| of the logarithm is
+        # never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
         end = _total(ops, view, view.last, view.radius_last)
@@ -170,9 +171,9 @@ class _Evanescent:
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand times the radius, at the position t from the start of the panel.
+        """Return the integrand times R, at the distance t from the start of the panel.
 
-        N' is the conjugate of N, and b' is minus the conjugate of a.
+        For evanescent waves, N' is the conjugate of N, and b' is minus the conjugate of a.
         """
         path = radius + (s * along + b * across)
         height = q * z
@@ -198,9 +199,10 @@ def detour(
     ops: Any, t: Any, s: Any, radius: Any, along: Any, b: Any, z: Any, across: Any, pz: Any,
     *moment: Any,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return a and N = R - p.(P - Q) of (B2), without cancellation for P - Q parallel to p.
+    """Return the constant a and the path difference N = R - p.(P - Q) of (B2).
 
-    ``moment``: as for :meth:`_Travelling.shared_data`.
+    The result is accurate even if P - Q is parallel to p. ``moment`` is the argument of
+    :meth:`_Travelling.shared_data`.
     """
     if not moment:
         return b, (s * s + b * b) / (radius + z)
@@ -214,9 +216,9 @@ def detour(
 def wave_difference(
     ops: Any, edge: Pair, free: Pair, path: Any, factor: Any = None, lost: Any = None
 ) -> Pair:
-    """Return E - e without cancellation, where e = E exp(-2 pi i path) factor.
+    """Return the difference E - e of two waves without cancellation.
 
-    ``lost``: 1 - factor, without cancellation.
+    The second wave is e = E exp(-2 pi i path) factor. ``lost`` is 1 - factor, without cancellation.
     """
     close = abs(path) < _CLOSE
     c, d = cos_sin_cycles(ops, 0.5 * ops.select(close, path, 0.0))
@@ -230,10 +232,10 @@ def wave_difference(
 def swept_angle(
     ops: Any, view: PanelView, factor: Any, level: Any, first: Values, last: Values, length: Any
 ) -> Number:
-    """Return the integral of factor/(M R) along a part of an edge, M = R + p_e s + level, (B4).
+    """Return the integral of factor/(M R) along a part of an edge, (B4).
 
-    ``factor``: a for M = N, and b' for M = N'. ``first``, ``last``: s and R at the ends of the
-    part.
+    M = R + p_e s + level is either N or N', and ``factor`` is a for N and b' for N'. ``first`` and
+    ``last`` contain the position s and the distance R at the ends of the part.
     """
     begin, end = (_total(ops, view, *at) for at in (first, last))
     rise = factor * length * (begin + end) / (first[1] + last[1])
@@ -241,10 +243,7 @@ def swept_angle(
 
 
 def _total(ops: Any, view: PanelView, s: Any, radius: Any) -> Number:
-    """Return (1 + |along|) (R +- s) with the sign of ``along``, without cancellation.
-
-    The sign multiplies s, so that the factor 1 + |along| is never 0.
-    """
+    """Return (1 + |along|) (R +- s) without cancellation, where the sign is that of ``along``."""
     t = ops.select(view.along < 0.0, -s, s)
     foot2 = view.b * view.b + view.z * view.z
     total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
@@ -256,8 +255,8 @@ def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point)
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
-    # Only the components perpendicular to the axis from source to point are needed. Differences of
-    # the long vectors would lose digits.
+    # Only the components perpendicular to the axis from the source to the point are used, because
+    # differences of the complete vectors would lose digits.
     first, last = (_across(axis, difference(end_point, point)) for end_point in (start, end))
     return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
 
@@ -270,19 +269,20 @@ def _across(axis: Point, vector: Point) -> Point:
 
 @dataclass(frozen=True)
 class EdgeRule:
-    """Quadrature nodes for the boundary wave of a straight edge."""
+    """Quadrature rule for the boundary wave of a straight edge."""
 
     turns: float
-    """Largest detour up to which the wave is integrated along the edge, in wavelengths more than
-    the shortest detour."""
+    """Excess of the detour over the shortest detour, in wavelengths, up to which the wave is
+    integrated along the edge."""
     nodes: tuple[tuple[float, float], ...]
     """Gauss-Legendre nodes on [-1, 1] with weights, for the part along the edge."""
     tails: tuple[tuple[float, float], ...]
-    """Gauss-Laguerre nodes with weights, for the part beyond, along a path in the complex plane."""
+    """Gauss-Laguerre nodes with weights, for the rest of the edge, along a path in the complex
+    plane."""
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
-        """Return the rule with the given numbers of nodes, along the edge and beyond."""
+        """Return the rule with ``nodes`` nodes along the edge and ``tails`` nodes beyond."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
@@ -293,7 +293,7 @@ def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) ->
 
 
 class _EdgePaths:
-    """Paths from a source over a straight edge (unit vector ``along``) to a point."""
+    """Paths from a point source over a straight edge to an observation point."""
 
     def __init__(
         self, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
@@ -309,19 +309,20 @@ class _EdgePaths:
         away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
         axis = difference(point, source)
         gap, height = s_last - s_first, h_first + h_last
-        # ``both``: product of the distances of the source and the point from the line of the edge.
+        # ``both`` is the product of the distances of the source and the point from the line of the
+        # edge.
         self.both = both = h_first * h_last
         self.shortest = shortest = ops.sqrt(gap * gap + height * height)
         self.distance = ops.sqrt(dot(axis, axis))
-        # ``total`` and ``detour``: sum and difference of the shortest path over the line of the
-        # edge and the distance from source to point.
+        # ``total`` and ``detour`` are the sum and the difference of two lengths: the shortest path
+        # over the line of the edge, and the distance from the source to the point.
         self.total = shortest + self.distance
         self.detour = both * dot(near, near) / self.total
-        # ``closing``: 1 - cos of the angle at the edge between the source and the point. It is 2 at
-        # the shadow boundary.
+        # ``closing`` is 1 - cos(angle), where the angle at the edge is between the source and the
+        # point. It is 2 at the shadow boundary.
         self.closing = 0.5 * dot(away, away)
-        # ``turn``: product of both distances from the line of the edge and the sine of this angle;
-        # positive to the left of the edge.
+        # ``turn`` is the product of both distances from the line of the edge and the sine of this
+        # angle. It is positive to the left of the edge.
         self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Number:
@@ -331,14 +332,14 @@ class _EdgePaths:
             size = ops.sqrt(both * both + lean * lean) + both
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # Square roots of the detours over both ends of the edge, measured from the shortest detour.
-        # A root is negative before the foot of the perpendicular.
+        # ``low`` and ``high`` are the square roots of the detours over both ends of the edge, minus
+        # the shortest detour. A root is negative before the position of the shortest detour.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` divided by the sine of half the angle at the edge, for a thin plate.
+        """Return ``turn`` for a thin plate, divided by the sine of half the angle at the edge.
 
-        The sign is the sign of ``turn`` behind the plate, and positive in front of the plate.
+        Behind the plate the result has the sign of ``turn``. In front of the plate it is positive.
         """
         near = 2.0 * self.both * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
@@ -346,17 +347,21 @@ class _EdgePaths:
         return ops.select(self._is_hidden(in_front), -size, size)
 
     def _is_hidden(self, in_front: Any) -> Any:
-        """Return whether the point is in the half-space of the shadow of the edge.
+        """Return whether the point lies in the half-space that contains the shadow of the edge.
 
-        ``in_front``: 1 for points on the side of the source of a thin plate, 0 for other points.
+        ``in_front`` is 1 if the point and the source lie on the same side of a thin plate, and 0
+        otherwise.
         """
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
-        """Return the angle that the edge subtends about the axis, with roots clipped to a limit."""
+        """Return the angle that the edge subtends about the axis from the source to the point.
+
+        The edge is restricted to positions with a root of the detour below ``limit``.
+        """
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
-        # Near the shadow boundary, a product replaces the square root of the detour, which would
-        # lose digits by cancellation.
+        # Near the shadow boundary, the square root of the detour loses digits by cancellation, so
+        # it is computed from a product.
         steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
@@ -372,33 +377,33 @@ def edge_wave(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None, in_front: Any = None,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return 2 pi times the ratio (real, imag) of an edge's boundary wave to the free wave.
+    """Return 2 pi times the ratio of the boundary wave of an edge to the unobstructed wave.
 
     The boundary wave of a straight edge is the integral of the wave of a point source along a
-    directed edge of a silhouette. With v the square root of the detour beyond the shortest detour,
-    it is an integral of exp(2 pi i v^2) times a smooth even function. The poles of that function at
-    the boundary of the shadow are subtracted and integrated in closed form. Beyond ``rule.turns``
-    the path of integration is deformed into the complex plane, where the wave decays. Source:
-    (SB3).
+    directed edge of a silhouette, (SB3). The variable of integration v is the square root of the
+    detour minus the shortest detour. The integrand is exp(2 pi i v^2) times a smooth even function.
+    The poles of this function at the shadow boundary are subtracted and integrated in closed form.
+    Beyond ``rule.turns`` the path of integration is deformed into the complex plane, where the wave
+    decays. The result is a tuple of the real and the imaginary part.
 
     Parameters
     ----------
     rule : EdgeRule
-        Nodes along the edge and beyond.
+        Quadrature nodes along the edge and beyond.
     source, point, start, end : tuple of arrays
         Coordinates of the point source, the observer and both ends of the edge, in wavelengths.
     aside : tuple of arrays, optional
-        Position next to the point that decides on which side of the shadow boundary the point is.
+        Position near the point that decides on which side of the shadow boundary the point lies.
     when : callable, optional
-        Function (condition, compute, arguments) -> the computed numbers, or zeros if the condition
-        is false.
+        Function (condition, compute, arguments) that returns the computed numbers, or zeros if the
+        condition is false.
     blocked : array, optional
-        Fraction, from 0 to 1, to which another surface hides the boundary of the shadow. If it is
-        1, the step of the wave at this boundary is omitted, (SB5).
+        Fraction, from 0 to 1, of the shadow boundary that another surface hides. If it is 1, the
+        step of the wave at the shadow boundary is omitted, (SB5).
     in_front : array, optional
-        For edges of conducting plates: 1 if the point is on the same side of the plate as the
-        source, 0 if not. The result is the boundary wave of the incident field, (SB9). Default: a
-        black edge.
+        For edges of conducting plates: 1 if the point and the source lie on the same side of the
+        plate, 0 otherwise. The result is then the boundary wave of the incident field, (SB9). By
+        default the edge is black.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -406,17 +411,17 @@ def edge_wave(
     paths = _EdgePaths(ops, source, point, start, along, length)
     detour, total_path = paths.detour, paths.total
     distance = paths.distance
-    # A factor of the integrand distinguishes conducting from black edges, (SB9). It cancels the
-    # growth of a root of (SB3), and changes ``turn`` and ``half_closing``.
+    # The integrand of a conducting edge differs from that of a black edge by a factor, (SB9). The
+    # factor cancels a growing root of (SB3), and changes ``turn`` and ``half_closing``.
     is_black = in_front is None
     if is_black:
         turn, half_closing, side = paths.turn, 0.5 * paths.closing, 0.0
     else:
         turn, half_closing, side = paths.sheet_turn(ops, in_front), 1.0, in_front
     slant = 0.5 / paths.shortest
-    # From here on, v denotes the position along the edge, such that the detour is ``detour + v^2``.
+    # The variable v is defined along the edge such that the detour is ``detour + v^2``.
     foot = 4.0 * paths.both * slant
-    # ``branch``: |v|^2 at the branch point of the integrand that is nearest to the foot, v = 0.
+    # ``branch`` is |v|^2 at the branch point of the integrand that is nearest to v = 0.
     branch = foot if is_black else 2.0 * paths.shortest
 
     def density(q: Any) -> Number:
@@ -430,7 +435,7 @@ def edge_wave(
     tiny = 1e-300 if ops.double else 1e-37
 
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
-        """Return the integral over v from ``low`` to ``high``, with the pole subtracted."""
+        """Return the integral from ``low`` to ``high`` of the integrand without its pole."""
         scale = ops.sqrt(ops.minimum(branch, 4.0 * rule.turns))
         first, last = (
             inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
@@ -481,9 +486,9 @@ def edge_wave(
     step = 4.0 * distance * pole * ops.sqrt(half_closing * paths.both * total_path)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
-    # The angle of the edge is discontinuous where the axis meets the edge, and winds around the
-    # ends of the edge. All edges evaluate the angle at a position with the same offset from the
-    # point, so that their sum is smooth.
+    # The angle that the edge subtends is discontinuous if the axis from the source to the point
+    # meets the edge. All edges evaluate the angle at the same position near the point, so that the
+    # sum over all edges is smooth.
     beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * beside.angle(ops, limit, side)
     return real + step + farther[0], imag + farther[1]
@@ -494,7 +499,7 @@ def edge_wave_and_rate(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None, in_front: Any = None,
 ) -> tuple[Pair, Pair]:  # fmt: skip
-    """Return the boundary wave of :func:`edge_wave`, and its derivative d/dz at the source."""
+    """Return the boundary wave of :func:`edge_wave`, and its derivative along z at the source."""
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
@@ -508,10 +513,10 @@ def edge_wave_and_rate(
 def path_over(
     ops: Any, source: Point, point: Point, start: Point, end: Point
 ) -> tuple[Any, Any, Any]:
-    """Return the shortest path over a straight edge.
+    """Return the shortest path from a source over a straight edge to a point.
 
-    The results are its detour, the cosine of its deflection, and the position of its bend along the
-    edge, from 0 to 1.
+    The path is returned as its detour, the cosine of its deflection at the edge, and the position
+    of the bend as a fraction of the edge.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -529,15 +534,15 @@ def path_over(
     axis = difference(point, source)
     rho, radius, distance = (ops.sqrt(dot(v, v)) for v in (first, last, axis))
     product, ahead, normal = rho * radius, dot(first, last), cross(first, last)
-    # ``bent`` is product - ahead, in a form without cancellation for paths that are almost
-    # straight.
+    # ``bent`` is the difference product - ahead, in a form that is accurate for almost straight
+    # paths.
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
     return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
-    """Return the inverse hyperbolic sine v of ``sinh``; ``cosh`` is the hyperbolic cosine of v."""
+    """Return the number v with the hyperbolic sine ``sinh`` and the hyperbolic cosine ``cosh``."""
     logarithm = ops.log(abs(sinh) + cosh)
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 

@@ -1,10 +1,11 @@
 """Fields of plane waves behind an aperture, as integrals along panels of its edges.
 
-Lengths are in wavelengths and phases in cycles. Edges are cut into panels, which are straight
-pieces. Each panel and point define axes: e along the panel, n to its left, and the origin at the
-foot of the point in the plane. In these axes the point is at the height z, positions on the panel
-are (s, b) with constant b, and the wave has direction cosines (along, across, p_z). Source: (B1) to
-(B5).
+Lengths are in wavelengths and phases in cycles. Edges are cut into straight pieces, called panels.
+Each pair of a panel and a point defines coordinates: the axis e is parallel to the panel, the axis
+n points to its left, and the origin is the projection of the point onto the plane of the aperture.
+In these coordinates the point has the height z, a position on the panel is (s, b) with constant b,
+and the wave has the direction cosines (along, across, p_z). The formulas are (B1) to (B5) of
+docs/theory/exact_fields.md.
 """
 
 from __future__ import annotations
@@ -36,18 +37,20 @@ from polywigner.numerics.nodes import (
 )
 from polywigner.numerics.phases import Doubled, Pair, cos_sin_cycles, unit_wave
 
-# Distance in wavelengths beyond which a sum of two floats does not resolve the phase, and the
-# computation of rounding errors of products overflows.
+# Largest distance of a point in wavelengths. Beyond it, a sum of two floats does not resolve the
+# phase, and the rounding errors of products overflow.
 _FARTHEST = 1e30
 
 
 def point_in_wavelengths(
     ops: Any, centre: tuple[float, float], wavelength: float, x: Any, y: Any, z: Any
 ) -> tuple[Doubled, Doubled, Doubled]:
-    """Return the point (x, y, z) relative to the centre, in wavelengths; ``ops`` has float64."""
+    """Return a point relative to the centre of the source, in wavelengths.
+
+    The operations ``ops`` must be in float64.
+    """
     scale = phases.doubled(1 / Fraction(wavelength))
-    # For sources centred at the origin, which are the most frequent ones, the centre is not
-    # subtracted.
+    # Most sources are centred at the origin. For them, the subtraction is skipped.
     aside = (
         phases.difference(v, c) if c else (v, 0.0) for v, c in zip((x, y), centre, strict=True)
     )
@@ -57,7 +60,7 @@ def point_in_wavelengths(
 
 
 def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
-    """Return sqrt(x^2 + y^2 + z^2) as two floats, refined by one step of Newton's method."""
+    """Return the distance of a point from the centre as the sum of two floats."""
     highs = tuple(high for high, _ in point)
     root = ops.sqrt(sum(high * high for high in highs))
     total, rest = phases.dot(ops, (*highs, -root), (*highs, root))
@@ -68,7 +71,7 @@ def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
 
 
 def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
-    """Return Fresnel's distance z + (x^2 + y^2)/(2 z) as two floats."""
+    """Return the paraxial distance z + (x^2 + y^2)/(2 z) of a point as the sum of two floats."""
     (x, x_low), (y, y_low), (z, z_low) = point
     rise = (x * x + y * y) / (2.0 * z)
     total, rest = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
@@ -79,31 +82,33 @@ def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
 
 
 Row = tuple[float, ...]
-"""A panel and a wave. Panel: x and y of its start relative to the centre, unit vector (e_x, e_y),
-and length. Wave: direction cosines p_x, p_y, p_z (q for an evanescent wave with p_z = i q), each as
-the nearest float and the remainder; phase at the start of the panel; real and imaginary part of the
-amplitude over 2 pi; and 1 for an evanescent wave, otherwise 0."""
+"""Numbers that describe a panel and a wave. The panel has the coordinates of its start relative to
+the centre, its unit vector and its length. The wave has its three direction cosines, its phase at
+the start of the panel, both parts of its amplitude divided by 2 pi, and 1 for an evanescent wave or
+0 otherwise. Each direction cosine is the sum of two floats. For an evanescent wave with p_z = i q,
+q replaces p_z."""
 
-# Half-width of the strip without singularities in the complex plane of v, where s = |foot| sinh(v).
-# Singularities lie pi/2 from the real axis; the strip is narrower by about 10 %.
+# Half-width of the strip in the complex plane of the variable v that is assumed to contain no
+# singularities. The position along the panel is a multiple of sinh(v). The singularities have a
+# distance of pi/2 from the real axis, and the strip is about 10 % narrower.
 _STRIP = 1.4
 
 
 @dataclass(frozen=True)
 class BoundaryFrame:
-    """Frame of boundary integrals: lengths are in wavelengths from the centre of the source."""
+    """Coordinates of boundary integrals, relative to the centre of the source in wavelengths."""
 
     centre: tuple[float, float]
     wavelength: float
     double: bool
     """Whether the field is summed in float64."""
     paraxial: bool
-    """Whether phases are relative to the paraxial distance z + rho^2/(2 z)."""
+    """Whether phases are relative to the paraxial distance instead of the distance."""
 
 
 @dataclass(frozen=True)
 class BoundaryTables:
-    """Rows for each panel and wave, and the quadrature rules for integrals along panels."""
+    """One row for each panel and wave, and the quadrature rules for integrals along panels."""
 
     frame: BoundaryFrame
     edges: tuple[Row, ...]
@@ -114,10 +119,10 @@ class BoundaryTables:
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
-    """Return the position and its distance from the centre, the phase, and the digits.
+    """Return the coordinates, the distance and the phase of a point, and the digits.
 
-    Each coordinate and the distance are two floats. ``digits``: minus the natural logarithm of the
-    allowed error.
+    Each coordinate and the distance are sums of two floats. ``digits`` is minus the natural
+    logarithm of the allowed error.
     """
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
@@ -127,21 +132,21 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """Return the field including the phase of the distance from the centre, and its error."""
+    """Return the field with the phase of the distance from the centre, and its error estimate."""
     real, imag, error = sums
     cosine, sine = cos_sin_cycles(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
 
 
 def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """Return the field without the phase of the distance from the centre, and its error."""
+    """Return the field without the phase of the distance, and its error estimate."""
     return sums
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the (real, imaginary) field and its error, without the phase of the distance.
+    """Return both parts of the field at a point, and the error estimate.
 
-    The distance is that of the point from the centre of the source.
+    The field lacks the phase of the distance from the centre of the source to the point.
     """
     totals: Values = ()
     for wave, flag in ((TRAVELLING, 0.0), (EVANESCENT, 1.0)):
@@ -162,7 +167,7 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
-    """Return the contribution of one panel to the field of one wave, and its error estimate."""
+    """Return the contribution of a panel to the field of a plane wave, and its error estimate."""
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
 
@@ -186,10 +191,10 @@ def _panel(
 def seen_from(
     ops: Any, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Values]:
-    """Return the view of a panel, the free wave, the moment, and the phase along the panel.
+    """Return the quantities of a panel that depend on the point and the wave.
 
-    The moment is () for waves along z. The phase along the panel is given as arguments of
-    :func:`edge_wave`.
+    The quantities are the panel in the coordinates of the point, the unobstructed wave at the
+    point, the moment, and arguments of :func:`edge_wave`. The moment is empty for waves along z.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
@@ -207,7 +212,8 @@ def seen_from(
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
     """Return the components of p x (P - Q) along e, -n and z at the start of a panel.
 
-    For points far away along p, the terms are large, but their differences are small.
+    p is the direction of the wave, P the point and Q the start of the panel. The products are
+    computed without cancellation, because P - Q may be long and almost parallel to p.
     """
     px, py, pz = zip(cosines[::2], cosines[1::2], strict=True)
     x, y, z = offset
@@ -219,7 +225,10 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
 def panel_view(
     ops: Any, first: Any, length: Any, b: Any, z: Any, cosines: tuple[Any, Any, Any]
 ) -> PanelView:
-    """Return the view of a panel that begins at (first, b), with direction cosines of a wave."""
+    """Return a panel that begins at (first, b) in the coordinates of a point.
+
+    ``cosines`` are the direction cosines of the wave.
+    """
     last, foot2 = first + length, b * b + z * z
     ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
     return PanelView(first, last, length, *ends, b, z, *cosines)
@@ -229,17 +238,17 @@ def sums_over_panel(
     ops: Any, rules: Rules, view: PanelView, bounds: tuple[Any, Any, Any],
     node: Callable[..., Values], values: int, *data: Any,
 ) -> tuple[Values, Values]:  # fmt: skip
-    """Return the sums of ``node`` over a panel, and the errors expected beforehand.
+    """Return the integrals of the values of ``node`` along a panel, and their expected errors.
 
-    The variable of integration is the length along the panel, or the angle for points close to the
-    panel.
+    The variable of integration is the length along the panel, or an angle if the point is close to
+    the panel.
 
     Parameters
     ----------
     bounds : tuple
-        Sine and depth, which bound the distance of singularities, and digits of accuracy.
+        Two lower bounds of the distance of singularities, and the required digits of accuracy.
     node : callable
-        (t, s, radius, step over the radius, weights, *data) -> values at a node.
+        Function (t, s, radius, step / radius, weights, *data) that returns the values at a node.
     values : int
         Number of values of ``node``.
     """
@@ -253,7 +262,7 @@ def sums_over_panel(
     def far_node(
         at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
     ) -> Values:
-        """Return the values at a node at the length t along the panel."""
+        """Return the values at a node whose variable is the length along the panel."""
         t = half * (1.0 + at)
         s = first + t
         radius = ops.sqrt(s * s + foot2)
@@ -263,7 +272,11 @@ def sums_over_panel(
         at: Any, w: Any, v1: Any, v2: Any,
         midpoint: Any, span: Any, away: Any, first: Any, *data: Any,
     ) -> Values:  # fmt: skip
-        """Return values at a node v: s = away sinh v, radius = away cosh v, dt/radius = dv."""
+        """Return the values at a node whose variable is an angle v.
+
+        The position on the panel is s = away sinh v, and its distance from the point is away cosh
+        v.
+        """
         grown = ops.exp(midpoint + span * at)
         shrunk = 1.0 / grown
         s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
@@ -280,8 +293,8 @@ def sums_over_panel(
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """Return the data of the quadrature rule whose variable is the length along the panel.
 
-    The data are: whether the rule is sufficient; the distance of singularities in half-lengths of
-    the panel; the phase over half of the panel in cycles; and half of the length.
+    The data are whether the rule is sufficient, the distance of singularities in half-lengths of
+    the panel, the phase over half of the panel in cycles, and half of the panel's length.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -295,10 +308,11 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of the rule whose variable is v, where s = sqrt(b^2 + z^2) sinh v.
+    """Return the data of the quadrature rule whose variable is the angle v.
 
-    The data are: the distance of singularities in half-lengths of the interval of v; the phase over
-    half of the interval in cycles; the centre of the interval; and half of its length.
+    The position along the panel is s = sqrt(b^2 + z^2) sinh v. The data are the distance of
+    singularities in half-lengths of the interval of v, the phase over half of the interval in
+    cycles, the centre of the interval, and half of the interval's length.
     """
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
@@ -309,8 +323,8 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # For points far from the panel the interval of v rounds to 0, and the rule in the length is
-    # used instead.
+    # If the point is far from the panel, the interval of the angle v may round to 0. The rule whose
+    # variable is the length is then used instead.
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
@@ -323,9 +337,9 @@ def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
-    The phase is the size of the source plus the rounding error of the distance. All panels have the
-    same rounding error of the distance. It therefore cancels in fields far outside the pattern of a
-    shadow, except for the fraction ``slope`` along the plane.
+    The phase is the size of the source in wavelengths, plus the rounding error of the distance. All
+    panels have the same rounding error of the distance. Far outside the shadow pattern this error
+    therefore cancels, except for the fraction ``slope``.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
@@ -342,16 +356,21 @@ def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
 
 
 def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
-    """Return the constant and the slope of radius^2 - distance^2, for a point above (x, y).
+    """Return two coefficients of the squared distance between a point and a panel.
 
-    At the position t along the panel, the difference is constant + t (slope + t).
+    At the length t along the panel, radius^2 - distance^2 is constant + t (slope + t). ``radius``
+    is the distance from the point to the panel, and ``distance`` the distance from the point to the
+    centre of the source.
     """
     constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
     return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the point relative to the start of the panel, each component as two floats."""
+    """Return the vector from the start of the panel to the point.
+
+    Each component is the sum of two floats.
+    """
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -362,8 +381,8 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
     """Return the unobstructed wave at the point, relative to the phase of the distance.
 
-    ``cosines``: direction cosines as pairs of floats. If the pair for z is missing, the result is
-    the wave at the foot of the point in the plane.
+    ``cosines`` contains the direction cosines, each as two floats. If the direction cosine along z
+    is missing, the result is the wave at the projection of the point onto the plane.
     """
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
@@ -384,12 +403,13 @@ def edge_wave(
 def seen_in_parabolic_waves(
     ops: Any, row: Values, inner: Values, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Any]:
-    """Return the four values of :func:`seen_from` for the parabolic waves of (B6).
+    """Return the quantities of a panel for the parabolic waves of (B6).
 
-    The values are the view of the panel, the free wave, the arguments of :func:`edge_wave`, and the
-    phase, in cycles, whose rounding error contributes to the error of the panel. The origin of the
-    view is the position at which the ray of the wave through the point crosses the plane.
-    :func:`edge_wave` returns the parabolic wave if z replaces the distances in the phase.
+    The quantities are the panel in the coordinates of the point, the unobstructed wave, the
+    arguments of :func:`edge_wave`, and the phase in cycles whose rounding error contributes to the
+    error of the panel. The origin of the coordinates is the position at which the ray of the wave
+    through the point crosses the plane. For parabolic waves, the height z replaces the distance in
+    the arguments of :func:`edge_wave`.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, offset = inner[4] + inner[5], _offset_of(inner, x, y)
@@ -409,19 +429,19 @@ def seen_in_parabolic_waves(
 
 
 # The kernel STRIPS computes integrals along single panels, for gradients (G6) and polarised fields
-# (VP4). t is the length from the start of the panel, R the distance from a point, and G =
-# exp(2 pi i R)/R. The integrands are u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R,
-# relative to the phase of the point's distance from the centre. Panels are arguments, like points,
-# so one compiled kernel handles all outlines.
+# (VP4). The integrands are u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R, where u is the
+# field, t the length from the start of the panel, R the distance from the point, and G = exp(2 pi i
+# R)/R. Phases are relative to the phase of the point's distance from the centre. Panels are
+# arguments of the kernel, so one compiled kernel handles all outlines.
 
-# Logarithm of the growth of the integrand within the strip of the angle variable, where 1/R^2
-# exceeds its value on the panel by up to the factor 1/cos^2(1.4) = 35.
+# Logarithm of the growth of the integrand for complex values of the angle v. Within the strip of
+# half-width _STRIP, 1/R^2 exceeds its value on the panel by a factor of up to 1/cos^2(1.4) = 35.
 _GROWN = 3.6
 
 
 @dataclass(frozen=True)
 class _Strips:
-    """Quadrature rules of the kernel STRIPS, and one empty row: its arguments contain all data."""
+    """Constants of the kernel STRIPS: only quadrature rules, because panels are arguments."""
 
     frame: None
     edges: tuple[tuple[()], ...]

@@ -1,11 +1,12 @@
-"""Fields of plane waves behind an aperture by steepest descent from the ends of its edges.
+"""Fields of plane waves behind an aperture, by steepest descent from the ends of its edges.
 
-The phase R + p.Q of a wave at an edge is stationary where its diffracted ray (Keller's cone) meets
-the line of the edge. Let c be the phase at this position and x^2 the cycles beyond c, with negative
-x before the position. Integrals along an edge are divided at x^2 = X, a few cycles. The part within
-is a sum over Gauss-Legendre nodes. For the part beyond, the path of integration is deformed into
-the complex plane, where the wave decays. The number of nodes depends on the tolerance, but not on
-the wavelength. Source: (B10), (B11).
+The phase of a wave along an edge is stationary at the position from which the diffracted ray
+(Keller's cone) reaches the point. An integral along an edge is divided at the positions where the
+phase exceeds the stationary phase by a few cycles. The inner part is a sum over Gauss-Legendre
+nodes. For the outer parts, the path of integration is deformed into the complex plane, where the
+wave decays. The number of nodes depends on the tolerance, but not on the wavelength. The formulas
+are (B10) and (B11) of docs/theory/exact_fields.md. In this module, c is the stationary phase and
+x^2 is the difference of the phase from c, in cycles.
 """
 
 from __future__ import annotations
@@ -38,14 +39,15 @@ from polywigner.numerics import Number
 from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
 from polywigner.numerics.phases import Pair
 
-# Numbers of nodes of the quadrature rules for tails: integrals from an end of an edge to infinity.
+# Numbers of nodes of the quadrature rules for tails. A tail is an integral from an end of an edge
+# to infinity.
 _SIZES = (2, 3, 4, 5, 6, 8, 10)
-# Logarithms of the numerators of the error bound (B11). The bound follows from the derivative of
-# order 2n: n Gauss-Laguerre nodes integrate exp(-2 pi y) times (1 + iy/x^2)^-2 with an error of at
-# most sqrt(2) (2n + 1) n!^2/(2 pi x^2)^(2n). The bound also holds for products of such factors
-# whose powers add up to -2, if each factor has a larger x^2.
+# Logarithms of the numerators of the error bound (B11). With n Gauss-Laguerre nodes, the integral
+# of exp(-2 pi y) times (1 + iy/x^2)^-2 has an error of at most sqrt(2) (2n + 1) n!^2/(2 pi
+# x^2)^(2n). The bound also holds for products of such factors whose powers add up to -2, if each
+# factor has a larger x^2.
 _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
-# Distance that stands for "no singularity", in half-lengths of the edge. It exceeds the largest
+# Distance that represents "no singularity", in half-lengths of the edge. It exceeds the largest
 # ellipse of the quadrature rules.
 _NO_SINGULARITY = 100.0
 # Number of cycles of phase along an edge above which two tails need fewer quadrature nodes than the
@@ -55,16 +57,16 @@ _FEW = 2.0
 
 @cache
 def _tail_rules() -> Rules:
-    """Return Gauss-Laguerre rules in cycles, shape (n, 2) of nodes and weights."""
+    """Return the Gauss-Laguerre rules of all sizes, as columns of nodes and weights in cycles."""
     rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
     return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
 
 
 def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the (real, imaginary) field of the travelling waves, and its error estimate.
+    """Return both parts of the field of travelling waves at a point, and the error estimate.
 
-    The rows of ``tables`` are complete edges. The field lacks the phase of the distance from the
-    centre.
+    Each row of ``tables`` is a complete edge. The field lacks the phase of the distance from the
+    centre of the source.
     """
     rows = [row[:-1] for row in tables.edges]
     oblique = any(row[5] or row[7] for row in rows)
@@ -78,36 +80,36 @@ def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 
 @dataclass(frozen=True)
 class _End:
-    """A position on an edge, at the length t from its start and the distance R from the point."""
+    """A position on an edge, and the phase of the wave at this position."""
 
     t: Any
     s: Any
     radius: Any
     slope: Any
-    """s + p_e R, which is R times the derivative of the phase in s."""
+    """Derivative of the phase along the edge, multiplied by the distance R from the point."""
     phase: Any
-    """Phase R + p_e s of the wave at this position."""
+    """Phase R + p_e s of the wave at this position, in cycles."""
     beyond: Any
-    """x^2: the phase minus the stationary phase."""
+    """Phase minus the stationary phase, in cycles."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """The line of an edge as seen from a point, and quantities constant along the line."""
+    """Quantities that are constant along the line of an edge, for one point and one wave."""
 
     view: PanelView
     upright: Any
-    """1 - p_e^2, the squared sine of the angle between the wave and the edge."""
+    """Squared sine of the angle between the direction of the wave and the edge."""
     least: Any
-    """Stationary phase c."""
+    """Stationary phase c, in cycles."""
     ahead: Any
-    """N - x^2, which equals c - p.(P - Q)."""
+    """Path difference N of (B2), minus the phase difference x^2."""
     lean: Any
-    """Numerator a of (B2)."""
+    """Constant a of (B2)."""
     beta: Any
-    """Numerator b' of (B2)."""
+    """Constant b' of (B2)."""
     lift: Any
-    """Difference N' - N."""
+    """Difference N' - N of the path differences of (B2)."""
     rest: float
     """Factor 1/2 - m of (B3)."""
     curved: float
@@ -119,7 +121,7 @@ class _Line:
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
-        # This form of ``ahead`` has no cancellation close to the shadow boundary.
+        # In this form, ``ahead`` is accurate close to the shadow boundary.
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
@@ -129,13 +131,14 @@ class _Line:
     def parabolic(cls, view: PanelView) -> _Line:
         """Return the line of an edge for paraxial waves, relative to the ray through the point.
 
-        All formulas then contain z instead of R and of c, except for the square of the phase.
+        In all formulas except the square of the phase, z replaces the distance R and the stationary
+        phase c.
         """
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the position at the length t from the start of the edge."""
+        """Return the position on the edge at the distance t from its start."""
         view, s = self.view, self.view.first + t
         radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
         slope, phase = s + view.along * radius, radius + view.along * s
@@ -145,9 +148,10 @@ class _Line:
         return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the inner part of an edge, which is integrated with nodes on the edge.
+        """Return the ends of the inner part of an edge, which is integrated along the edge.
 
-        If an edge has only a few cycles of phase, the whole edge is the inner part.
+        If the phase along an edge changes by only a few cycles, the inner part is the complete
+        edge.
         """
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
@@ -164,7 +168,7 @@ class _Line:
         return self.end(ops, low), self.end(ops, high)
 
     def angles(self, ops: Any, begin: _End, low: _End, high: _End, end: _End) -> tuple[Any, Any]:
-        """Return the integrals of a/(N R) outside the inner part, and of b'/(N' R)."""
+        """Return the integral of a/(N R) over the outer parts, and of b'/(N' R) over the edge."""
         view = self.view
         level, height = view.b * view.across, view.pz * view.z
 
@@ -184,7 +188,7 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
-        """Return the sums over nodes between ``low`` and ``high``, and their expected errors."""
+        """Return the integrals along the edge from ``low`` to ``high``, and expected errors."""
         view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
@@ -202,7 +206,7 @@ class _Line:
             lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
             over = 0.5 * lean / ops.maximum(path, tiny)
             value = wave_difference(ops, edge, Pair(free_r, free_i), path).scaled(over)
-            # The sum of moduli uses the largest possible |E - e|, because the rounding errors of
+            # The modulus of E - e is replaced by its upper bound, because the rounding errors of
             # both waves do not cancel even if the waves do.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
             if rest:
@@ -224,7 +228,7 @@ class _Line:
     def _nodes_needed(
         self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Return :func:`nodes_needed` for an integral over the length from ``low`` to ``high``."""
+        """Return the number of nodes needed for the integral from ``low`` to ``high``."""
         half = ops.maximum(half, 1e-30)
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
@@ -233,17 +237,18 @@ class _Line:
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
-            # ``tilt``: lower bound on the sine of the angle between the point and the mirrored ray.
+            # ``tilt`` is a lower bound of the sine of the angle between the point and the mirrored
+            # ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
-        # For a phase of q radians that is quadratic in the position, the logarithm of the integrand
-        # grows by q sinh(u) cosh(u) within the ellipse with parameter u. The function nodes_needed
-        # assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
+        # If the phase is quadratic in the position and changes by q radians, the logarithm of the
+        # integrand grows by q sinh(u) cosh(u) within the ellipse of parameter u. The function
+        # nodes_needed assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # ``extra`` is this excess plus the logarithm of pi N, the factor by which the integrand may
-        # be larger at complex positions with E = e.
+        # ``extra`` is this excess plus the logarithm of pi N. The integrand may be larger by the
+        # factor pi N at complex positions at which E = e.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)
@@ -251,9 +256,10 @@ class _Line:
         return needed, (digits, growth + extra, last + extra)
 
     def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
-        """Return ``sign`` times the tail integral of E from an end to infinity, and a bound on it.
+        """Return the integral from an end of an edge to infinity, and an upper bound.
 
-        ``wave``: the wave at the end. The error is at most exp(-digits) times the bound.
+        ``wave`` is the wave at the end, and the integral is multiplied by ``sign``. The error is at
+        most exp(-digits) times the upper bound.
         """
         path = at.beyond + self.ahead
         slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
@@ -263,7 +269,7 @@ class _Line:
             y: Any, weight: Any,
             slope2: Any, phase: Any, path: Any, lift: Any, half: Any, beta: Any,
         ) -> Values:  # fmt: skip
-            """Return the integrand of (B10) divided by E."""
+            """Return the integrand of (B10), divided by the wave E at the end of the edge."""
             speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
             if rest:
@@ -298,7 +304,7 @@ def _quotient(real: Any, divisor: Pair) -> Pair:
 
 
 def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
-    """Return the contribution of one edge to the field of one wave, and its error estimate."""
+    """Return the contribution of an edge to the field of a plane wave, and its error estimate."""
     if tables.frame.paraxial:
         view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
         line, moment = _Line.parabolic(view), ()
@@ -312,7 +318,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
     low, high = line.inner_part(ops, begin, end, digits)
     sums, expected = line.inner_sums(ops, tables.rules, low, high, digits, free, moment, phase)
     outside, mirrored = line.angles(ops, begin, low, high, end)
-    # The waves e of (B2) are constant along the edge.
+    # The wave e of (B2) is constant along the edge, so it is a factor of the integrals.
     total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
     size, missing = abs(outside) + abs(mirrored), missed(ops, sums, expected, turns)
     for at, sign in _signed_ends(ops, begin, low, high, end):
@@ -330,9 +336,9 @@ def _signed_ends(
 ) -> tuple[tuple[_End, Any], ...]:
     """Return the ends of the outer parts of an edge, with the signs of their tails.
 
-    The integral from ``high`` to ``end`` is the tail at ``high`` minus the tail at ``end``. The
-    tails at both limits of the inner part are equal, so one tail is counted once for each limit
-    that lies on the edge.
+    A tail is an integral from a position on the edge to infinity. The integral from ``high`` to
+    ``end`` is the tail at ``high`` minus the tail at ``end``. The tails at ``low`` and ``high`` are
+    equal, so a single tail is computed and multiplied by the number of these positions on the edge.
     """
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)

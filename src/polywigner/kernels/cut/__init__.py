@@ -1,12 +1,12 @@
-"""Cuts: the parts of the edges of one copy of an outline that lie inside a second copy.
+"""Cuts, which are the parts of the edges of an outline inside a copy of the outline.
 
 ================  ==========================================================================
 module            content
 ================  ==========================================================================
-``clipping``      few edges as constants of compiled code, clipped by convex pieces
-``pair_grid``     the edges of two copies that can meet, by cells of the offset between them;
-                  cuts of edges on NumPy
-``cell_lists``    builds the lists of these cells
-``winding``       cuts in compiled code, by winding numbers, with edges as data
+``clipping``      cuts of a few edges whose coordinates are constants of compiled code
+``pair_grid``     lists of pairs of edges that can cross, for each cell of the offset between
+                  two copies of an outline; cuts of edges with NumPy
+``cell_lists``    construction of these lists
+``winding``       cuts in compiled code that reads the edges from memory
 ================  ==========================================================================
 """

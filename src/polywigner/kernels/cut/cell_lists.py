@@ -1,7 +1,9 @@
-"""Cells of the offset between two copies of an outline, with lists of edges and pairs of edges.
+"""Construction of lists of edges, and pairs of edges, that bound the slices of an outline.
 
-Each cell lists the edges that lie inside the other copy, and the pairs whose parallelograms meet
-the cell, in order along the rings: docs/theory/edges.md, (K1).
+A slice is the overlap of two copies of an outline, and depends on the offset between the copies.
+The plane of offsets is divided into cells. Each cell lists the edges that lie inside the other
+copy, and the pairs of edges that cross for some offset in the cell. The entries are in order along
+the rings of the outline (docs/theory/edges.md, (K1)).
 """
 
 from __future__ import annotations
@@ -28,20 +30,22 @@ from polywigner.kernels.cut.pair_grid import (
 )
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Start and vector of an edge that stands for "no second edge" in a row of a list. It crosses no
-# edge of an outline and is parallel to none.
+# Start and vector of a placeholder for the second edge, in rows of a list that contain only one
+# edge. It crosses no edge of an outline and is parallel to none.
 _NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
-# Largest number of pairs of edges, and of cells times edges, per block, so that temporary arrays
-# stay in the cache of a core.
+# Largest number of pairs of edges, and largest product of the numbers of cells and edges, in a
+# block. With this size, temporary arrays fit into the cache of a core.
 _BLOCK = 1 << 15
 _DENSE = 1 << 18
-# Margin by which cells are enlarged, in units of the frame. It is far larger than rounding errors.
+# Distance by which cells are enlarged, in units of the frame. It is far larger than rounding
+# errors.
 _MARGIN = 1e-12
-# Levels are sums of weights. A level below _NO_WEIGHT times the largest weight counts as 0, and
-# levels that differ by less than 1/_LEVELS of the largest weight are merged.
+# A level is the sum of the weights of all elements at a point. A level below _NO_WEIGHT times the
+# largest weight is treated as 0. Levels that differ by less than 1/_LEVELS of the largest weight
+# are treated as equal.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
-# Largest number of cells along a side, and largest number of list entries in all cells. With 64
-# cells along a side, a cell of a regular 30-gon has about 4 pairs of edges
+# Largest number of cells along a side, and largest total number of list entries. With 64 cells
+# along a side, a cell of a regular 30-gon contains about 4 pairs of edges
 # (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
@@ -54,8 +58,7 @@ class _Exact:
     @staticmethod
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         rough = np.asarray(ax * by - ay * bx)
-        # The bound ROUNDED on the rounding error of a cross product holds for vectors shorter than
-        # 8.
+        # The error bound ROUNDED of a cross product is valid for vectors shorter than 8.
         near = np.abs(rough) < ROUNDED
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
@@ -64,7 +67,7 @@ class _Exact:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Square cells in the plane of offsets T; the origin T = 0 is a common corner of four cells."""
+    """Square cells in the plane of offsets. The origin is a common corner of four cells."""
 
     size: float
     """Side of a cell, a power of two, so that the cell of an offset on the grid is computed
@@ -74,7 +77,10 @@ class _Cells:
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
-        """Return cells for |T| up to ``reach`` (2,), at least ``across`` along the longer side."""
+        """Return cells for offsets up to ``reach`` along both axes.
+
+        ``across`` is the smallest number of cells along the longer side.
+        """
         size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
         nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
         return cls(size, nx, ny)
@@ -94,16 +100,17 @@ class _Cells:
 
 @lru_cache(maxsize=256)
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
-    """Return the number of cells along the longer side of the plane of offsets T.
+    """Return the number of cells along the longer side of the plane of offsets.
 
-    Smaller cells have shorter lists, but take longer to build and need more memory.
+    The lists of smaller cells are shorter, but take more time to build and need more memory.
     """
     size, outlines = float(_reach(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
     counts = [len(o.edges) for o in outlines]
     pairs, across = math.prod(counts), 2
     while across < _ACROSS:
-        # The parallelogram of the edges e and f meets about (1 + |e|/cell)(1 + |f|/cell) cells.
+        # Two edges cross for offsets in a parallelogram whose sides are the edges. With lengths e
+        # and f and cell size c, the parallelogram meets about (1 + e/c)(1 + f/c) cells.
         finer = zip(counts, perimeters, strict=True)
         rows = math.prod(count + length * across / size for count, length in finer)
         pays = 4 * across * across < samples or rows < 2 * pairs
@@ -114,22 +121,24 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 
 
 def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
-    """Return, by cells, the pairs of edges of one outline and of copies {T - p} of another outline.
+    """Return the lists of edges and pairs of edges for two outlines.
 
-    For W both outlines are the same. For A the second outline is the first one rotated by 180
-    degrees, so that its copy is a shifted outline.
+    The second outline is mirrored, so a point p becomes T - p at the offset T. For the Wigner
+    function both outlines are the same. For the ambiguity function the second outline is the first
+    outline rotated by 180 degrees, so that the mirrored copy is a shifted copy of the first
+    outline.
     """
     cells = _Cells.of(_reach(first, second), across)
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
-    # Each block has two tables of rows: the edges inside the other copy, and all other rows.
+    # Each block consists of two tables. The first lists the edges inside the other copy.
     blocks = list(_rows_of_cells(first, cells, edges, others))
     cell, table, level = (
         np.concatenate([part[k] for block in blocks for part in block]) for k in range(3)
     )
     inside = np.bincount(cell[table[:, 2] == INSIDE], minlength=cells.count)
-    # In the list of a cell, the edges inside the other copy come first.
+    # The list of a cell begins with the edges inside the other copy.
     order = np.argsort(cell, kind="stable")
     rows, level = table[order], level[order]
     rows[:, 3], levels = _numbered(level, abs(others[:, 5] + 1j * others[:, 6]).max(initial=0.0))
@@ -150,16 +159,17 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
 
 
 def _reach(first: Outline, second: Outline) -> Array:
-    """Return the largest |T_x| and |T_y| for which the two copies overlap."""
+    """Return the largest offsets along x and y at which the two copies overlap."""
     sizes = (np.abs(outline.vertices).max(axis=0) for outline in (first, second))
     return np.asarray(np.maximum(sum(sizes), 1e-300))
 
 
 def _leads(outline: Outline, far: float) -> Array:
-    """Return (2 rings, 8) lines to the first vertex of each ring, from the left and the right.
+    """Return two lines to the first vertex of each ring, from the left and from the right.
 
-    The line from the left begins outside the other copy if T_x >= 0, and the line from the right if
-    T_x < 0.
+    A line must begin outside the other copy, where the winding number is 0. The line from the left
+    does so if the offset along x is positive or zero, and the line from the right does so if it is
+    negative.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -171,10 +181,11 @@ def _leads(outline: Outline, far: float) -> Array:
 def _rows_of_cells(
     outline: Outline, cells: _Cells, edges: Array, others: Array
 ) -> Iterator[tuple[tuple[Array, ...], ...]]:
-    """Yield the edges inside the other copy and the other rows, as (cell, row, level), in blocks.
+    """Yield two tables in blocks: the edges inside the other copy, and all other list entries.
 
-    Levels are those at the centre of a cell. The level at the start of an edge changes within the
-    cell only if both this edge and the preceding edge have pairs there.
+    Each entry consists of its cell, its row and its level. The level is evaluated at the centre of
+    the cell. The level at the start of an edge can change within a cell only if both this edge and
+    the preceding edge cross edges of the other copy in this cell.
     """
     count, null = len(outline.vertices), len(others)
     weights: Array = others[:, 5]
@@ -206,7 +217,7 @@ def _rows_of_cells(
         jumps = (
             summed(jump.real) + 1j * summed(jump.imag) if np.iscomplexobj(jump) else summed(jump)
         )
-        # In each cell, only one of the two lines that lead to a ring has pairs.
+        # In each cell, only one of the two lines to a ring is used.
         first = jumps[:, count::2] + jumps[:, count + 1 :: 2]
         jumps = jumps[:, :count]
         before = np.cumsum(jumps, axis=1) - jumps
@@ -223,11 +234,11 @@ def _rows_of_cells(
 def _other_rows(
     pairs: tuple[Array, Array, Array], starts: Array, changes: Array, level: Array, null: int
 ) -> tuple[Array, Array, Array]:
-    """Return (cell, row, level) of pairs along rings, and of edges whose level changes."""
+    """Return the list entries of crossing edges, and of edges whose level changes."""
     at, i, j = pairs
     count = changes.shape[1]
-    # If the level of the first vertex of a ring changes within a cell, it is determined by the
-    # edges that cross the line leading to the ring.
+    # If the level of the first vertex of a ring changes within a cell, it is the sum of the weights
+    # of the edges that cross the line to the ring.
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count
@@ -254,9 +265,10 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return the index of each level in a table of distinct levels, and the table.
+    """Return a table of the distinct levels, and the index of each level in this table.
 
-    Levels that are equal up to rounding share an entry. ``unit``: largest modulus of a weight.
+    Levels that differ only by rounding errors share an entry. ``unit`` is the largest modulus of a
+    weight.
     """
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
@@ -267,14 +279,14 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
 
 
 def _table(edge: Array, other: Array | int, kind: Array | int) -> Array:
-    """Return rows for :attr:`PairGrid.rows`, in which the indices of levels are still 0."""
+    """Return rows of :attr:`PairGrid.rows`, with the indices of levels set to 0."""
     rows = np.zeros((len(edge), 4), np.uint32)
     rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, kind
     return rows
 
 
 def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
-    """Return the start points and vectors of edges; differences on the grid are exact."""
+    """Return the start points and vectors of edges, which are exact for vertices on the grid."""
     ax, ay, bx, by = (column.take(number) for column in edges.T[:4])
     return ax, ay, bx - ax, by - ay
 
@@ -282,10 +294,10 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield (cell, edge, other edge) if the cell meets the parallelogram of the pair, in blocks.
+    """Yield, in blocks, the indices of a cell and of two edges that can cross in this cell.
 
-    Edges from the index ``count`` on are the lines from the left and the right, each for its half
-    of the cells.
+    Edges with indices of ``count`` or more are the lines to the rings. A line from the left is used
+    in the right half of the cells, and a line from the right in the left half.
     """
     step = max(1, _BLOCK // len(others))
     c, d = others[:, :2], others[:, 2:4]
@@ -314,7 +326,10 @@ def _meeting(
 
 
 def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
-    """Return whether cells in the bounding boxes of pairs meet the parallelograms of the pairs."""
+    """Return whether two edges can cross for an offset in a cell.
+
+    The cell meets the bounding box of the parallelogram of such offsets.
+    """
     e, f, centre = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
     half = 0.5 * cells.size
     x, y = np.subtract(cells.centre(cell), centre.take(pair, axis=0).T)
@@ -329,7 +344,7 @@ def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, ce
 
 
 def _touches(cells: _Cells, edge: Any, other: Any, x: Array, y: Array) -> Array:
-    """Return whether cells contain offsets for which the first edge starts on the other edge."""
+    """Return whether a cell contains offsets for which one edge starts on the other edge."""
     (ax, ay, _, _), (cx, cy, fx, fy) = edge, other
     half = 0.5 * cells.size
     px, py = x - (ax + cx + 0.5 * fx), y - (ay + cy + 0.5 * fy)

@@ -1,12 +1,14 @@
-"""Edges as constants of compiled code, and their parts that lie inside the other copy.
+"""Cuts of the edges of an outline, if the edges are constants of compiled code.
 
-A slice is the intersection of two copies of the outline. Its boundary consists of the edges of both
-copies, cut to the parts inside the other copy. This module clips edges by the sides of the convex
-pieces of the other copy. Vertices lie on a grid, so nearly parallel and coincident edges are cut as
-in exact arithmetic (docs/theory/edges.md). All other lines meet at a well-conditioned point.
+A slice is the intersection of two copies of an outline. Its boundary consists of the edges of each
+copy, cut to the parts that lie inside the other copy. This module clips edges by the sides of the
+convex pieces of the other copy. The vertices lie on a grid, so nearly parallel and coincident edges
+are cut as in exact arithmetic (docs/theory/edges.md). The intersection of two lines that are not
+nearly parallel is well conditioned.
 
-A point of an edge is p = a + t e, 0 <= t <= 1, in the coordinates of the outline G. It lies inside
-the other copy if the point p' lies in G:
+An edge starts at the vertex a of the outline G and has the vector e. A point p = a + t e of the
+edge, with t from 0 to 1, lies inside the other copy if the point p' of the following table lies
+inside G:
 
 =============  ===========  =====================================================
 view           p'           slice
@@ -16,9 +18,10 @@ view           p'           slice
 ``AHEAD``      p + xi       position slice at xi, edges of G + xi/2 inside G - xi/2
 =============  ===========  =====================================================
 
-Every bound on t is affine in the offset, so it costs one fused multiply-add and one minimum or
-maximum. Ties are decided as if the offset 2x (or xi) were shifted by an infinitesimal vector that
-points to the right of every line. AHEAD and BEHIND have the same xi, so their decisions agree.
+Each bound on t is an affine function of the offset, so it costs one fused multiply-add and one
+minimum or maximum. If a point lies exactly on a line, the decision is made as if the offset 2x (or
+xi) were shifted by an infinitesimal vector that points to the right of every line. The views AHEAD
+and BEHIND have the same offset xi, so their decisions agree.
 """
 
 from __future__ import annotations
@@ -40,8 +43,8 @@ from polywigner.numerics.grid_arithmetic import (
     with_vertices_on_sides,
 )
 
-# Sine of the angle below which an edge and a line count as nearly parallel. At this angle, rounding
-# moves their intersection by 1/0.03 ulps.
+# Sine of the angle below which an edge and a line are treated as nearly parallel. At this angle,
+# rounding moves their intersection by 1/0.03 ulps.
 _NEARLY_PARALLEL = 0.03
 
 T = TypeVar("T")
@@ -49,7 +52,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Edge:
-    """A boundary edge from a to a + e, with the polygon to its left."""
+    """A boundary edge of an outline. It runs from a to a + e, and the polygon lies to its left."""
 
     ax: Any
     ay: Any
@@ -58,23 +61,23 @@ class Edge:
     ux: Any
     uy: Any
     length: Any
-    """Signed length of e relative to a unit vector u shared by all parallel edges: e = length u. It
-    is negative if e points against u."""
+    """Length of the edge, or minus its length. The vector e of the edge is ``length`` times the
+    unit vector u, which all parallel edges share."""
     real: Any = 1.0
-    """Real part of the complex weight of the element that the edge bounds; ``imag`` is the
+    """Real part of the complex weight of the element that the edge belongs to. ``imag`` is the
     imaginary part."""
     imag: Any = 0.0
     group: Any = 0
-    """Index of the field of the element in ``Tables.groups``."""
+    """Index in ``Tables.groups`` of the field on the element."""
     begin: Any = 0
-    """Index of the vertex a among all vertices of all rings of all elements; ``end`` is the index
-    of a + e."""
+    """Index of the start vertex among the vertices of all elements. ``end`` is the index of the end
+    vertex."""
     end: Any = 0
 
 
 @dataclass(frozen=True)
 class Line:
-    """The line through p along d. To its left, cross(d, . - p) is positive."""
+    """A line, defined by a point and a direction."""
 
     dx: float
     dy: float
@@ -84,19 +87,22 @@ class Line:
 
 @dataclass(frozen=True)
 class Piece:
-    """A convex piece, as pairs (line, side); the side is +1 if it lies left of the line."""
+    """A convex piece of an element, as pairs of a line and a side.
+
+    The side is +1 if the piece lies to the left of the line, and -1 otherwise.
+    """
 
     sides: tuple[tuple[int, int], ...]
     real: float
-    """Weight of the element. A triangle whose orientation was reversed by rounding has the opposite
-    sign."""
+    """Real part of the weight of the element. For a triangle whose orientation was reversed by
+    rounding, the weight has the opposite sign."""
     imag: float
     group: int
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Edges, lines and convex pieces of all elements, with coordinates on the grid."""
+    """Edges, lines and convex pieces of all elements of a source, with coordinates on a grid."""
 
     edges: tuple[Edge, ...]
     lines: tuple[Line, ...]
@@ -107,7 +113,7 @@ class Constants:
 
 @lru_cache(maxsize=128)
 def constants_of(tables: Tables) -> Constants:
-    """Return the edges, lines and convex pieces of a source, whose elements share lines."""
+    """Return the edges, lines and convex pieces of the elements of a source."""
     frame = tables.frame
     step = frame.grid_step(tables.double)
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
@@ -127,8 +133,8 @@ def constants_of(tables: Tables) -> Constants:
             for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
                 length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
                 unit = (ex / length, ey / length)
-                # Edges whose directions are equal up to rounding share one unit vector u, and thus
-                # one product nu.u.
+                # Edges whose directions are equal up to rounding share a unit vector u, so that the
+                # product nu.u is computed only once.
                 ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
                 ends = names[k], names[(k + 1) % len(names)]
                 edges.append(
@@ -144,12 +150,12 @@ def constants_of(tables: Tables) -> Constants:
 
 
 def _sides(polygon: Floats) -> list[list[float]]:
-    """Return the start point and vector of each side of a closed polygon (n, 2)."""
+    """Return the start point and the vector of each side of a closed polygon."""
     return list(np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist())
 
 
 def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
-    """Return the index of the line of a side, and 1 or -1 for the direction along the line."""
+    """Return the index of the line through a side, and 1 or -1 for the side's direction."""
     ax, ay, ex, ey = side
     if ey > 0 or (ey == 0 and ex > 0):
         return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1
@@ -158,14 +164,17 @@ def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class View:
-    """The map p' = ``offset`` T + ``point`` p; both factors are 1 or -1."""
+    """The map from a point p of an edge to p' = ``offset`` T + ``point`` p, where T is the offset.
+
+    Both factors are 1 or -1. The point p lies inside the other copy if p' lies inside the outline.
+    """
 
     offset: int
     point: int
 
     @property
     def side(self) -> float:
-        """Sign of T relative to the copy with the edges, and of the shift that decides ties."""
+        """Sign of the offset relative to the copy with the edges, and of the shift for ties."""
         return float(-self.offset * self.point)
 
 
@@ -174,13 +183,15 @@ BEHIND = View(offset=-1, point=+1)
 AHEAD = View(offset=+1, point=+1)
 
 Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
-"""The parts of an edge in each view, as `Clipper.intervals` yields them."""
+"""Parts of an edge inside the other copy for each view, as `Clipper.intervals` yields them."""
 
 
 class Clipper:
-    """Cuts of edges for one offset T = 2x or xi; edges and views share common subexpressions.
+    """Cuts of edges for one offset between two copies of an outline.
 
-    Edges are constants, so parallel edges are recognised during tracing.
+    The offset T is 2x for the Wigner function and xi for the ambiguity function. Edges are
+    constants, so parallel edges are recognised, and their common subexpressions are computed only
+    once.
     """
 
     def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any) -> None:
@@ -194,10 +205,10 @@ class Clipper:
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> tuple[Any, ...]:
-        """Return the sums of the ``values`` results of ``term(edge)`` over the edges of a group.
+        """Return the sums of the results of ``term(edge)`` over the edges of a group of elements.
 
-        A group consists of the elements that have the same field. Their edges are cut by the
-        elements of the group ``other``.
+        A group consists of the elements that have the same field. The edges are cut by the elements
+        of the group ``other``. ``values`` is the number of results of ``term``.
         """
         totals = [0.0] * values
         for edge in (edge for edge in self.edges if edge.group == group):
@@ -207,11 +218,11 @@ class Clipper:
     def sums_of_runs(
         self, runs: Sequence[Any], group: int, other: int
     ) -> Iterator[tuple[Any, list[Any]]]:
-        """Yield (run, results) for several sums, from one pass over the edges of a group.
+        """Yield the results of several sums, from one pass over the edges of a group of elements.
 
-        A run is the sum for one pair of waves. Its attributes are ``views``, a sequence of
-        (view, side); ``values``, the number of its results; and ``terms(edge, cuts)``, the
-        contribution of an edge.
+        Each item of ``runs`` represents the sum for one pair of plane waves. It has the attributes
+        ``views``, a sequence of (view, side); ``values``, the number of results; and ``terms(edge,
+        cuts)``, which returns the contribution of an edge.
         """
         views = dict.fromkeys(view for run in runs for view, _ in run.views)
 
@@ -224,7 +235,7 @@ class Clipper:
             yield run, [next(values) for _ in range(run.values)]
 
     def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
-        """Return ``compute()``; if edges are constants, parallel edges share the result."""
+        """Return ``compute()``; constant edges that are parallel share the result."""
         if type(self) is not Clipper:
             return compute()
         key = (edge.ux, edge.uy, *what)
@@ -234,7 +245,7 @@ class Clipper:
         return value
 
     def level(self, line: Line) -> Number:
-        """Return cross(direction, T) of a line; lines parallel to an axis need only one product."""
+        """Return the cross product of the direction of a line and the offset."""
         key = (line.dx, line.dy)
         if key not in self._levels:
             x, y = self.tx * -line.dy, self.ty
@@ -247,11 +258,11 @@ class Clipper:
     def intervals(
         self, edge: Edge, view: View, group: int = 0
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """Yield (t0 + t1, t1 - t0, real, imag) for the part of an edge inside each piece.
+        """Yield the part of an edge inside each convex piece of the other copy.
 
-        The length t1 - t0 is 0 if the edge lies outside the piece. real + i imag is the product of
-        the weights in u(x + xi/2) u*(x - xi/2). Edges of the copy AHEAD bound the second factor,
-        all other edges the first factor.
+        A part runs from the fraction t0 to the fraction t1 of the edge. It is yielded as the sum t0
+        + t1, the length t1 - t0, and the real and imaginary part of the product of one weight and
+        the conjugate of the other. The length is 0 if the edge lies outside the piece.
         """
         cuts: dict[int, Any] = {}
         for piece in (piece for piece in self.pieces if piece.group == group):
@@ -268,8 +279,8 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # The cross product is accurate to an ulp, because the edge and the line may be nearly
-            # parallel.
+            # The edge and the line may be nearly parallel, so their cross product must be accurate
+            # to an ulp.
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
                 distance = self._exact_distance(edge, line, view)
@@ -289,7 +300,7 @@ class Clipper:
         return low + high, length
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
-        """Return the fraction t at which the edge meets a line of the other copy."""
+        """Return the fraction of an edge at which it meets a line of the other copy."""
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:
@@ -299,7 +310,10 @@ class Clipper:
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
-        """Return cross(line, start of the edge) to one ulp, positive to the left of the line."""
+        """Return the cross product of a line's direction and the vector to the start of an edge.
+
+        The result is accurate to an ulp, and positive if the edge starts to the left of the line.
+        """
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

@@ -1,9 +1,10 @@
-"""Lists of pairs of edges of two copies of an outline that can cross, and cuts by these lists.
+"""Lists of pairs of edges that can cross, for two copies of an outline.
 
-An edge from a to a + e of the first outline and one from c to c + f of the second, in the copy
-{T - p}, meet if the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets is
-divided into square cells, whose lists ``cell_lists`` builds. This module cuts edges with NumPy;
-``winding`` cuts them in a compiled loop, with the lists as data (docs/theory/edges.md, (K1)).
+The second copy is mirrored: a point p of the second outline becomes T - p, where T is the offset.
+An edge of the first outline and an edge of the second outline cross if the offset lies in a
+parallelogram whose sides are the two edges. The plane of offsets is divided into square cells, and
+each cell has a list of pairs of edges, which ``cell_lists`` builds. This module cuts edges with
+NumPy. The module ``winding`` cuts edges in compiled code (docs/theory/edges.md, (K1)).
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # Kinds of list entries. CROSSING: a crossing of two edges. START: a crossing before which the
 # winding number is set. WHOLE: an edge at full length. INSIDE: an edge that lies inside the other
-# copy, which is both START and WHOLE. LEAD: a crossing with the line that leads to a ring from
-# outside. START is the first bit and WHOLE the second bit.
+# copy, which is both START and WHOLE. LEAD: a crossing with the line from outside to the first
+# vertex of a ring. START is the first bit and WHOLE is the second bit.
 CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
-# Bound on the rounding error of a cross product of two vectors in the frame.
+# Upper bound of the rounding error of a cross product of two vectors in the frame.
 ROUNDED = 1e-13
-# A number that is smaller than all nonzero levels on the grid (2^-106, in single precision 2^-48),
-# but not subnormal.
+# A normal number that is smaller than all nonzero levels on the grid, which are at least 2^-106 in
+# double precision and 2^-48 in single precision.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -36,22 +37,23 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The elements of a source that have one field: rings of vertices on a grid, in the frame.
+    """The elements of a source that have the same field, with their vertices on a grid.
 
-    On the grid, sums and differences of an offset and two vertices are exact. The side of an edge
-    on which a vertex lies is therefore decided as in exact arithmetic (docs/theory/edges.md, (K2)).
+    Sums and differences of an offset and two vertices are exact on the grid. The decision on which
+    side of an edge a vertex lies is therefore the same as in exact arithmetic
+    (docs/theory/edges.md, (K2)).
     """
 
     step: float
     """Spacing of the grid, a power of two."""
     edges: Array
-    """Shape (n, 8): start and end of each edge, 0, complex weight of the element, and 0. The
+    """Start and end of each edge, 0, complex weight of the element, and 0. Shape (n, 8). The
     polygon lies to the left of the edge."""
     starts: Array
-    """Index of the first edge of each ring, and n at the end, shape (rings + 1,)."""
+    """Index of the first edge of each ring, followed by the number of edges."""
     names: Array
-    """Shape (n, 4): indices of the vertices at which each edge begins and ends, index of its
-    element, and 0."""
+    """Indices of the start vertex, the end vertex and the element of each edge, and 0. Shape (n,
+    4)."""
 
     @property
     def vertices(self) -> Array:
@@ -60,7 +62,7 @@ class Outline:
 
     @property
     def following(self) -> Array:
-        """Index of the next edge along the ring, shape (n,)."""
+        """Index of the next edge along the ring, for each edge."""
         following = np.arange(1, len(self.edges) + 1)
         following[self.starts[1:] - 1] = self.starts[:-1]
         return following
@@ -73,7 +75,7 @@ class Outline:
 
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
-    """Return the elements that have the field ``group``, for kernels in float64 or float32."""
+    """Return the elements with the field number ``group``, for kernels in float64 or float32."""
     in_group = tables.names[:, 3] == group
     names = np.zeros((int(in_group.sum()), 4), np.uint32)
     names[:, :3] = tables.names[in_group, :3]
@@ -90,39 +92,38 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
 
 @dataclass(frozen=True, eq=False)
 class PairGrid:
-    """Lists of edges and pairs of edges by cells, as tables of NumPy or of an engine."""
+    """Lists of edges and pairs of edges for each cell, as tables of NumPy or Dr.Jit arrays."""
 
     numbers: Any
-    """Shape (1, 8): lower and upper corner of the region of cells, number of cells per unit length,
-    number of cells in a row, number of all cells, and spacing of the grid."""
+    """Lower and upper corner of the region of cells, number of cells per unit length, number of
+    cells in a row, total number of cells, and spacing of the grid. Shape (1, 8)."""
     cells: Any
-    """Shape (cells + 1, 4): for each cell its first row, its first row that is not INSIDE, the end
-    of its rows, and 0. The last cell stands for all offsets outside the region and is empty.
+    """First row, first row that is not INSIDE, and end of the rows of each cell, and 0. Shape
+    (number of cells + 1, 4). The last cell represents all offsets outside the region and is empty.
     """
     rows: Any
-    """Shape (k, 4): edge of the first outline, edge of the second outline, kind of the row, and
-    index of a level. The level is a winding number in the other copy times the weight of its
-    element.
+    """Edge of the first outline, edge of the second outline, kind of the row, and index of a level.
+    Shape (k, 4). The level is a winding number in the other copy times the weight of its element.
     """
     first: Any
-    """Shape (n, 8): start and vector of each edge of the first outline, 0, complex weight, and 0.
-    The lines that lead to its rings follow, with weight 1."""
+    """Start and vector of each edge of the first outline, 0, complex weight, and 0. Shape (n, 8).
+    The last rows are the lines to the rings, with a weight of 1."""
     second: Any
-    """Shape (m + 1, 8): the same for the edges of the second outline. The last row is an edge of
-    weight 1 that crosses no other edge."""
+    """Start, vector and weight of each edge of the second outline, in the same form as ``first``.
+    The last row is an edge with a weight of 1 that crosses no other edge."""
     names: Any
-    """`Outline.names` of the first outline, shape (n, 4)."""
+    """Attribute `Outline.names` of the first outline."""
     levels: Any
-    """Shape (k, 4): real and imaginary part of each level, and two zeros."""
+    """Real and imaginary part of each level, and two zeros. Shape (k, 4)."""
 
     @cached_property
     def copies(self) -> dict[Hashable, Any]:
-        """Copies of these tables in the memory of engines, by the key of the engine."""
+        """Copies of these tables in the memory of each engine."""
         return {}
 
     @cached_property
     def on_host(self) -> HostGrid:
-        """The same lists in the form that the NumPy code needs."""
+        """These lists in the form that the NumPy code requires."""
         low_x, low_y, _, _, per_unit, across, count, step = self.numbers[0].tolist()
         shape = round(count / across), round(across)
         cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
@@ -149,7 +150,7 @@ class PairGrid:
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
-        """Return the grid with its tables in an engine's memory."""
+        """Return a copy of these lists in the memory of an engine."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
         # Engines cannot read from empty arrays.
         return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
@@ -169,11 +170,11 @@ class HostGrid:
     """Numbers of cells along y and along x."""
     step: float
     cells: Array
-    """Shape (n, 3): the first columns of ``PairGrid.cells``, with a border of empty cells."""
+    """First three columns of ``PairGrid.cells``, with a border of empty cells. Shape (n, 3)."""
     rows: Array
     first: Array
-    """Shape (n, 4), complex: start of each edge, its vector, limit of levels + i length, and
-    weight."""
+    """Start, vector, limit of levels plus i times the length, and weight of each edge, as complex
+    numbers. Shape (n, 4)."""
     second: Array
     levels: Array
     is_uniform: bool
@@ -188,12 +189,16 @@ def _as_complex(edges: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-# Sine of the angle between two edges below which the quotient of rounded levels is too inaccurate.
+# Sine of the angle between two edges below which the quotient of two rounded levels is too
+# inaccurate.
 _SLANTED = 1 / 16
 
 
 def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
-    """Return the indices of the cells of offsets (x, y), including the border of empty cells."""
+    """Return the indices of the cells that contain the offsets (x, y).
+
+    The indices count the border of empty cells.
+    """
     rows, across = grid.shape
     column = np.floor((x - grid.low.real) * grid.per_unit)
     row = np.floor((y - grid.low.imag) * grid.per_unit)
@@ -202,7 +207,10 @@ def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """Return the rows (k, 4) of the cells of offsets ``t`` (n,), and the offset index of each."""
+    """Return all rows of the cells that contain the offsets ``t``.
+
+    The second result is the index of the offset for each row.
+    """
     spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
@@ -213,27 +221,27 @@ def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
 def cut_edges(
     grid: HostGrid, row: Array, owner: Array, t: Array, side: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the part of each edge from its crossing to its end, for slices at offsets ``t``.
+    """Return the parts of edges from a crossing to the end of the edge, for each offset.
 
     Parameters
     ----------
     row, owner : ndarray
-        Rows of the lists and the index of the offset of each, as `rows_at` returns them.
+        Rows of the lists and the index of the offset of each row, as `rows_at` returns them.
     t : ndarray, shape (n,)
         Complex offsets on the grid.
     side : float
-        1 or -1, the sign of the displacement of T that decides ties.
+        1 or -1, the sign of the displacement of the offset that decides ties.
 
     Returns
     -------
     tuple of ndarray, each of shape (k,)
-        Index of the offset of each part, in ascending order; its edge, rows of ``grid.first``; its
-        fraction of the length of the edge; and the weight of the edge times the conjugate of the
-        level there.
+        Index of the offset of each part, in ascending order; row of its edge in ``grid.first``;
+        length of the part as a fraction of the edge; and weight of the edge times the conjugate of
+        the level.
 
     Notes
     -----
-    The signs of cross products are exact.
+    The signs of all cross products are exact.
     """
     number, other, kind, level_of = row.T
     edge, other_edge = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
@@ -243,7 +251,7 @@ def cut_edges(
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
     np.subtract(levels[0], edges_cross, out=levels[1])
     np.add(levels[2], edges_cross, out=levels[3])
-    # The bound ROUNDED on the rounding error of a cross product holds for vectors shorter than 8.
+    # The error bound ROUNDED of a cross product is valid for vectors shorter than 8.
     near: Array = abs(levels) < ROUNDED
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
@@ -257,12 +265,13 @@ def cut_edges(
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    # A running sum of weights over all samples of a call would lose digits in double precision.
+    # The running sum of weights extends over all samples of a call. In double precision it would
+    # lose digits.
     if not grid.is_uniform:
         jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump
-    # For each sample, the first list entry of a ring resets the level.
+    # The first list entry of a ring sets the level for this ring. Preceding entries have no effect.
     last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
     level = before + (grid.levels.take(level_of) - before).take(last)
     weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))
@@ -276,7 +285,7 @@ def cut_edges(
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
-    """Return the weights of edges times the conjugate of levels."""
+    """Return the weights of edges, multiplied by the complex conjugates of levels."""
     if grid.is_uniform:
         return level
     weights = edge[:, 3] if level.dtype.kind == "c" else edge[:, 3].real
@@ -284,7 +293,7 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Recompute levels with exact differences and products accurate to an ulp."""
+    """Compute levels again, with exact differences and with products accurate to an ulp."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (a, b) in zip(levels, pairs, strict=True):
@@ -294,16 +303,16 @@ def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> 
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
-    """Return whether an edge crosses an edge of the mirrored copy {T - p}, and two levels.
+    """Return whether an edge crosses an edge of the mirrored copy, and where.
 
-    ``edge`` and ``other`` are given by start and vector: (a, e) and (c, f). The edge of the copy
-    runs from T - c to T - c - f, with T = (``tx``, ``ty``). The results are: whether both edges
-    meet; whether the first edge enters the left side of the other edge; and the levels of the start
-    and the end of the first edge. Levels are distances to the left of the line of the other edge,
-    times the length of the other edge. The first edge crosses that line at the fraction
-    ``start / (start - end)`` of its length. Cross products of ``ops`` have exact signs.
+    Each edge is specified by its start and its vector. A point p of the other outline becomes T -
+    p, where T is the offset (``tx``, ``ty``). The results are whether the edges cross, whether the
+    first edge crosses to the left side of the other edge, and the levels of the start and the end
+    of the first edge. A level is the distance to the left of the other edge's line, times the
+    length of the other edge. The first edge crosses this line at the fraction ``start / (start -
+    end)`` of its length. The signs of the cross products are exact.
 
-    ``side``: 1 or -1, the sign of the displacement of T that decides ties.
+    ``side`` is 1 or -1, the sign of the displacement of the offset that decides ties.
     """
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay
@@ -316,10 +325,10 @@ def crossing(
 
 
 def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:
-    """Return the limit of cross(e, T - p) above which p counts as left of e: 0, or just below.
+    """Return the level above which a vertex is treated as left of an edge: 0, or just below 0.
 
-    Ties are decided as if T were displaced by side (eps, -eps^2). No other level on the grid is as
-    close to 0.
+    Ties are decided as if the offset were displaced by (eps, -eps^2) times ``side``, where eps is
+    infinitesimal. No nonzero level on the grid is as close to 0 as this limit.
     """
     limits = (-NO_LEVEL, 0.0) if side > 0.0 else (0.0, -NO_LEVEL)
     return ops.select((ey < 0.0) | ((ey == 0.0) & (ex < 0.0)), *limits)

@@ -1,10 +1,11 @@
-"""Sums over the boundary of a slice in compiled code, with edges as data.
+"""Sums over the boundary of a slice, in compiled code that reads the edges from memory.
 
-The weight of an edge is the winding number of the other copy at the start of the edge, which is
-updated along the ring. Each crossing with an edge of the other copy adds 1 or -1 from the crossing
-to the end of the edge (docs/theory/edges.md, (K1)). If a source has several elements, the winding
-number of each element is multiplied by its weight. Outlines are passed as data, so one compiled
-kernel handles any outline.
+A slice is the overlap of two copies of an outline. The term of an edge is multiplied by the winding
+number of the other copy at the start of the edge, which is updated along each ring. Each crossing
+with an edge of the other copy adds 1 or -1 from the crossing to the end of the edge
+(docs/theory/edges.md, (K1)). If a source has several elements, the winding number of each element
+is multiplied by the weight of the element. Outlines are passed as data, so one compiled kernel
+handles any outline.
 """
 
 from __future__ import annotations
@@ -21,24 +22,28 @@ from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 
 Pass = tuple[View, int, int]
-"""View of the edges, index of their field, and index of the field of the other copy."""
+"""Tuple of the view of the edges, the index of their field, and the index of the field on the other
+copy."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Number of samples that is assumed if the true number is unknown.
+# Number of samples that is assumed if the actual number is unknown.
 _MANY = 1 << 20
-# Largest total size in bytes of the cached lists of pairs of all sources. Their copies in the
-# memory of engines have the same size.
+# Largest total size in bytes of the cached lists of pairs of all sources. The copies of these lists
+# in the memory of engines are not included and have the same size.
 _MOST_BYTES = 1 << 27
 
 
 def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
-    """Return the lists of pairs of edges for a number of samples; recent lists are cached."""
+    """Return the lists of pairs of edges that can cross, from the cache if possible.
+
+    The size of the cells depends on the number of samples.
+    """
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    # The cuts of the view AHEAD use the same lists of edge pairs as those of the view BEHIND.
+    # The views AHEAD and BEHIND use the same lists of pairs of edges.
     name = view.point, group, other, double, across
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
@@ -58,7 +63,10 @@ _cache_lock = threading.Lock()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """Return the cell index of an offset on the grid; offsets outside have an empty cell."""
+    """Return the index of the cell that contains an offset.
+
+    An offset outside the region of cells belongs to an empty cell.
+    """
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (
@@ -69,7 +77,7 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
 
 
 class PairClipper(Clipper):
-    """Cuts of the edges in the lists of each sample's cell."""
+    """Cuts of the edges that are listed in the cell of each sample."""
 
     def __init__(
         self,
@@ -81,9 +89,10 @@ class PairClipper(Clipper):
         arguments: tuple[Any, ...] = (),
         pairs: Mapping[Pass, PairGrid] | None = None,
     ) -> None:
-        """Set up the cuts for one offset T.
+        """Set up the cuts for the offset (``tx``, ``ty``) of each sample.
 
-        ``pairs``: lists in the memory of the engine, instead of the lists of the tables.
+        ``pairs`` contains lists in the memory of the engine. If it is None, the lists of ``tables``
+        are used.
         """
         self.ops, self.tables = ops, tables
         self.views, self.arguments, self.pairs = views, arguments, pairs
@@ -97,7 +106,7 @@ class PairClipper(Clipper):
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
         grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
         if ops.key not in grid.copies:
-            # The method setdefault of dictionaries ensures that all threads use the same copy.
+            # With the method setdefault of dictionaries, all threads use the same copy.
             grid.copies.setdefault(ops.key, grid.on_device(ops.on_device))
         copy: PairGrid = grid.copies[ops.key]
         return copy
@@ -120,7 +129,7 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Yield the sum over edges inside the other copy, then the sum over the other rows."""
+        """Yield the sum over the edges inside the other copy, then the sum over all other rows."""
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 
@@ -134,8 +143,8 @@ class PairClipper(Clipper):
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (2.0 - fraction, fraction, weight, phase)
-            # The vector e with length 1 gives the same product as a unit vector with the true
-            # length.
+            # The edge's vector with a length of 1 gives the same result as a unit vector with the
+            # actual length.
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:

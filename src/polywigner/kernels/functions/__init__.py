@@ -1,15 +1,15 @@
-"""Formulas of W, A and F: sums over edges, slits and tetrahedra.
+"""Formulas of the Wigner, ambiguity and Fourier functions W, A and F.
 
 ===================  ==========================================================================
 module               content
 ===================  ==========================================================================
 ``edge_terms``       the plane-wave integral over an edge; the terms of W and A for a part of it
 ``slices``           W and A, sums of these terms over the parts of edges that bound slices
-``gauss_schell``     Gaussian waves over polygons and intervals, edge by edge
-``partly_coherent``  W of partly coherent light, as kernels
+``gauss_schell``     integrals of Gaussian waves over polygons and intervals
+``partly_coherent``  kernels of W in partly coherent light
 ``fourier``          Fourier transforms of polygons, also on grids, and of polyhedra
-``intervals``        the transforms of slits, and a few waves on one of them
-``separable``        fields f(x) g(y) on a rectangle, and their transforms as kernels
-``plane``            the field and the transforms of apertures, in their plane and in any pose
+``intervals``        transforms of slits, and of a sum of plane waves on an interval
+``separable``        kernels for fields f(x) g(y) on a rectangle
+``plane``            kernels for apertures, in their plane and in any pose
 ===================  ==========================================================================
 """

@@ -1,13 +1,14 @@
-"""Terms of W and A: contributions of parts of edges.
+"""Contributions of edges to the Wigner function W and the ambiguity function A, called terms.
 
-A part of an edge is a vector d with its midpoint m, which are lags or positions. Its term depends
-only on nu.d and nu.m, in cycles, and on cross(nu, d). `EvenTerms` is (W1) of docs/theory.md for
-real weights. It contains only sines, which do not cancel as nu goes to 0. `WaveTerms` is (W2) and
-(A1) for all weights. Its cosines sum to zero at nu = 0, so cos is replaced by cos - 1.
+A part of an edge has the vector d and the midpoint m, which are lags for W and positions for A. At
+the frequency nu, its term depends only on the phases nu.d and nu.m in cycles, and on cross(nu, d).
+`EvenTerms` implements (W1) of docs/theory.md for real weights. It contains only sines, which do not
+cancel as nu goes to 0. `WaveTerms` implements (W2) and (A1) for all weights. Its cosines sum to
+zero at nu = 0, so cos is replaced by cos - 1.
 
-The code that cuts edges creates the terms of a frequency, calls `along` once per direction of
-edges, adds parts with `added`, multiplies by the common factors of an edge with `of_edge`, and ends
-with `total`.
+The code that cuts edges creates one object for a frequency. It calls `along` once per edge
+direction, `added` for each part of an edge, `of_edge` for the factors of each edge, and finally
+`total`.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from polywigner.numerics.phases import sin_cycles, sinc_less_one
 
 
 def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
-    """Return sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, for ``half`` = l/2 and m in cycles.
+    """Return the sine part, and the cosine part minus 1, of the mean of a wave along a segment.
 
-    The second number does not cancel if both factors are near 1. The series of sinc - 1 is used
-    below a quarter of a cycle; its first omitted term is 0.62^9/19! = 1e-19, in float32 0.62^6/13!
-    = 9e-12.
+    The parts are sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, where l is the phase along the
+    segment in cycles, ``half`` is l/2, and m is the phase at the midpoint. The second part is
+    computed without cancellation. Below a quarter of a cycle it uses the series of sinc - 1, whose
+    first omitted term is 0.62^9/19! = 1e-19, or 0.62^6/13! = 9e-12 in float32.
     """
     small = abs(half) < 0.125
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
@@ -39,18 +41,18 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
 
 
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return a frequency, or a slightly larger one if its square would underflow.
+    """Return a frequency, or a slightly larger frequency if its square would underflow.
 
-    The shift changes the transform by the floor times the diameter, far less than rounding. Terms
-    are of the order of the squared frequency. The rounding errors of their sum, up to 6e-8 of it,
-    must not underflow either: with a floor of 1e-16, compiled float32 kernels had eight times the
-    error.
+    The shift changes the transform by much less than rounding errors. Terms are of the order of the
+    squared frequency. The rounding errors of their sum are up to 6e-8 of the sum and must not
+    underflow either. With a smallest frequency of 1e-16, the errors of compiled float32 kernels
+    were eight times as large.
     """
     return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    # The comparison is false for NaN, which therefore remains.
+    # The comparison is false for NaN, so NaN frequencies remain NaN.
     tiny = (abs(x) < floor) & (abs(y) < floor)
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
@@ -59,60 +61,67 @@ Values = tuple[Any, ...]
 
 
 def scaled(factor: Any, value: Any) -> Number:
-    """Return factor * value, without a multiplication if the factor is the constant 1 or -1."""
+    """Return factor * value, without multiplication if the factor is the constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
     return factor * value
 
 
 class EdgeTerms:
-    """Terms at one frequency ``nu`` (x, y), which is moved off 0.
+    """Terms of all parts of edges at one frequency, which must not be 0.
 
-    A part of an edge has the vector d = extent length u. Callers scale u, ``length`` and ``extent``
-    differently: edges as code have unit vectors u, shared by parallel edges, and a negative length
-    where the edge runs against u; edges as data have u = e and length 1; listed parts have u = d
-    and length 1. A term must depend on d alone, and must change its sign with d: listed parts of
-    weight -1 are stored as reversed parts.
+    A part of an edge has the vector d = extent length u, and a term depends only on the product d.
+    Callers use different factors. If edges are constants, u is a unit vector that parallel edges
+    share, and the length is negative if the edge points against u. If edges are data, u is the
+    vector of the edge and the length is 1. If the parts of edges are listed, u is d and the length
+    is 1. A term must change its sign with d, because a part with a weight of -1 is stored as the
+    reversed part.
     """
 
     values: int
-    """Number of values of a sum: 1 for the real part alone, 2 for a complex sum."""
+    """Number of results: 1 for a real sum, 2 for the real and the imaginary part of a sum."""
     ops: Any
     nu: Values
     by_part = False
-    """Whether each part of an edge has separate factors. If so, only :meth:`of_part` is
+    """Whether the parts of an edge have no common factors. In this case, only :meth:`of_part` is
     implemented."""
 
     def taken(self, owner: Any) -> EdgeTerms:
-        """Return the terms at the frequencies with indices ``owner`` (k,), for NumPy arrays."""
+        """Return the terms at selected frequencies of NumPy arrays, with the indices ``owner``."""
         terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
         terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
         return terms
 
     def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """Return the terms at selected rows (None: all) and columns of the frequencies (n, m)."""
+        """Return the terms at selected rows and columns of a table of frequencies.
+
+        ``rows`` is None for all rows.
+        """
         terms = copy(self)
         terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
         return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Return the quantities that depend on the vector u of an edge; the first is nu.u."""
+        """Return the quantities that depend only on the direction of an edge.
+
+        The first quantity is nu.u.
+        """
         raise NotImplementedError
 
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Return the sums over parts of an edge after adding a part; ``sums`` may be None.
+        """Return the sums over the parts of an edge, including one more part.
 
-        ``half``, ``midpoint``: nu.d/2 and nu.m in cycles, for a part with midpoint m and vector d;
-        ``extent``: length of the part, as a fraction of the edge; ``weight``: (real, imaginary)
-        product of the weights of both elements, times the jump or level of the other copy. The sums
-        lack the factors of `of_edge`.
+        ``sums`` is None before the first part. ``half`` and ``midpoint`` are the phases nu.d/2 and
+        nu.m in cycles, and ``extent`` is the length of the part as a fraction of the edge.
+        ``weight`` is the complex product of the weights of both elements, times the jump or level
+        of the other copy. The sums lack the factors of `of_edge`.
         """
         raise NotImplementedError
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        """Return the term of an edge from the sums over its parts; d = extent length u."""
+        """Return the term of an edge from the sums over its parts."""
         raise NotImplementedError
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
@@ -137,10 +146,10 @@ class EvenTerms(EdgeTerms):
         self.ops, self.nu = ops, nu
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Return nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
+        """Return nu.u, or a small number if it is nearly 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
-        # The square of the smallest nu.u is a normal number. SIMD lanes that have finished a loop
-        # have nu.u = 0, and arithmetic with subnormal numbers takes a hundred times as long.
+        # The square of the smallest nu.u must be a normal number, because arithmetic with subnormal
+        # numbers takes a hundred times as long. SIMD lanes that have finished a loop have nu.u = 0.
         floor = 1e-30 if ops.double else 1e-18
         along = ops.fma(nu_x, ux, nu_y * uy)
         along = ops.select(abs(along) < floor, floor, along)
@@ -162,16 +171,16 @@ class EvenTerms(EdgeTerms):
 
 
 class WaveTerms(EdgeTerms):
-    """Terms of W and A for any weights, (W2) and (A1), for one pair of waves.
+    """Terms of W and A for any weights and one pair of plane waves, (W2) and (A1).
 
-    The sums consist of sine and cosine parts.
+    Each sum consists of a sine part and a cosine part.
     """
 
     def __init__(self, ops: Any, nu: Values, values: int, factor: float = 1.0) -> None:
-        """Store a frequency that is not 0.
+        """Store a nonzero frequency.
 
-        ``values``: 1 for sine parts alone, else 2. A total is ``factor`` times the sums over
-        |nu|^2.
+        ``values`` is 1 for the sine part only, otherwise 2. The totals are the sums, multiplied by
+        ``factor`` and divided by |nu|^2.
         """
         self.ops, self.nu, self.values, self.factor = ops, nu, values, factor
 
@@ -202,23 +211,25 @@ class WaveTerms(EdgeTerms):
 
 
 def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
-    """Return the terms of W at a frequency.
+    """Return the terms of the Wigner function at a frequency.
 
-    ``is_even``: whether weights are real. ``is_real``: whether only the real part is required.
+    ``is_even`` states whether weights are real, and ``is_real`` whether only the real part is
+    required.
     """
     if is_even:
-        # W is even in nu, so moving nu away from 0 changes W by less than rounding.
+        # W is an even function of nu, so a small shift of nu from 0 changes W by less than rounding
+        # errors.
         return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
 
 def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
-    """Return the terms of A at a frequency shift."""
+    """Return the terms of the ambiguity function at a frequency shift."""
     return WaveTerms(ops, moved_off_zero(ops, *nu), 2, 0.5 / math.pi)
 
 
 def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
-    """Return the sums plus ``factor`` times the waves; ``sums`` is None before the first part."""
+    """Return the sums plus ``factor`` times the waves, where the sums None are 0."""
     if sums is None:
         return tuple(scaled(factor, wave) for wave in waves)
     return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

@@ -1,14 +1,15 @@
-"""Fourier transforms of polygons and bodies as signed sums over triangles and tetrahedra.
+"""Fourier transforms of polygons and polyhedra, as signed sums over triangles and tetrahedra.
 
-The triangles (origin, p, p') stand on the edges of a polygon. Each triangle contributes
-``cross(p, p') exp[0, a, b]``, the second divided difference of the exponential at ``0``, ``a = -2
-pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of the paper's eq. (FVT), this sum has no
-division by nu and is accurate for slivers. Boundaries may close only up to rounding
-(docs/theory.md, (F2)).
+Each edge of a polygon forms a triangle with the origin. If the edge runs from p to p', the triangle
+contributes ``cross(p, p') exp[0, a, b]``, where exp[0, a, b] is the second divided difference of
+the exponential function at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge
+sum of the paper's eq. (FVT), this sum contains no division by nu and is accurate for narrow
+polygons. Boundaries need to be closed only up to rounding errors (docs/theory.md, (F2)).
 
-The tetrahedra (origin, a, b, c) stand on the triangles of the fans of all faces of a body. Each
-tetrahedron contributes ``det(a, b, c) exp[0, z_a, z_b, z_c]`` with z = -2 pi i nu.p. This needs no
-face normals and no triangulation of concave faces (docs/theory.md, (F3)).
+Each face of a polyhedron is divided into a fan of triangles, and each triangle forms a tetrahedron
+with the origin. A tetrahedron with the vertices a, b and c contributes ``det(a, b, c) exp[0, z_a,
+z_b, z_c]``, where z_p is -2 pi i nu.p. This sum needs no face normals and no triangulation of
+concave faces (docs/theory.md, (F3)).
 """
 
 from __future__ import annotations
@@ -46,21 +47,21 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class OutlineTables:
-    """The boundary of a source in its frame, for Fourier transforms."""
+    """Edges of a source in its frame, for Fourier transforms."""
 
     frame: Any
     edges: tuple[tuple[float, ...], ...]
-    """Begin (x, y) and end (x, y) of every edge, and cross(begin, end), twice the area of its
-    triangle."""
+    """Start (x, y) and end (x, y) of each edge, and twice the area of its triangle with the origin.
+    """
     following: tuple[int, ...] = ()
-    """Index of the edge that begins where each edge ends. A vertex has the index of the edge that
-    begins there."""
+    """Index of the next edge along the ring, for each edge. A vertex has the index of the edge that
+    starts at the vertex."""
 
 
 def outline_tables(
     rings: Sequence[npt.NDArray[np.float64]], frame: Frame | None = None
 ) -> OutlineTables:
-    """Return the tables of the polygon to the left of rings, by default in the polygon's frame."""
+    """Return the edges of the polygon to the left of rings, by default in the polygon's frame."""
     frame = frame or frame_of(np.concatenate(rings))
     edges: list[tuple[float, ...]] = []
     following: list[int] = []
@@ -75,7 +76,11 @@ def outline_tables(
 
 @dataclass(frozen=True)
 class LinearFrame:
-    """nu' = rows nu, and x' with nu'.x' = nu.(x - centre); entries may be ``Doubled``."""
+    """Coordinates of a source, for Fourier transforms only.
+
+    A frequency nu has the components ``rows nu`` in the frame. The position x' in the frame
+    satisfies nu'.x' = nu.(x - centre) for all frequencies nu with the components nu'.
+    """
 
     centre: tuple[Any, ...]
     rows: Matrix
@@ -86,10 +91,11 @@ class LinearFrame:
 
 
 def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
-    """Return the (cosine, sine) parts of F(nu) = cosine - i sine in the frame. Source: (F2), (F3).
+    """Return the real part and minus the imaginary part of a Fourier transform, (F2), (F3).
 
-    Each row of the tables is a simplex with one corner at the origin. It contains the other corners
-    and their determinant, which is 2 or 6 times the signed area or volume.
+    Each row of the tables represents a triangle or a tetrahedron with one vertex at the origin. The
+    row contains the other vertices and their determinant, which is twice the signed area or six
+    times the signed volume.
     """
 
     def term(*row: Any) -> Values:
@@ -102,7 +108,11 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
 
 
 def _is_short(nu: Values) -> bool:
-    """Return whether to unroll a sum; a cube would compile in 3 s and run half as fast."""
+    """Return whether a sum over edges is unrolled in compiled code.
+
+    The sum over the tetrahedra of a cube is not unrolled, because its code would take 3 s to
+    compile and run at half the speed.
+    """
     return len(nu) < 3
 
 
@@ -118,15 +128,16 @@ def _dot(ops: Any, nu: Values, point: Values) -> Number:
 
 
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and nu in the frame."""
+    """Return the phase of the source's centre in cycles, and the frequency in the frame."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
 
 
 @dataclass(frozen=True)
 class SolidTables:
-    """Tetrahedra of a body in its frame, as rows of ``edges``.
+    """Tetrahedra of a polyhedron in its frame.
 
-    Each row is ax, ay, az, bx, ..., cz, and det(a, b, c), which is six times the signed volume.
+    Each row of ``edges`` contains three vertices of a tetrahedron and six times its signed volume.
+    The fourth vertex is the origin.
     """
 
     frame: LinearFrame
@@ -134,16 +145,17 @@ class SolidTables:
 
     @property
     def terms(self) -> int:
-        """Number of terms that determines the engine: a tetrahedron counts as eight edges."""
+        """Number of terms for the choice of the engine. A tetrahedron counts as eight edges."""
         return 8 * len(self.edges)
 
 
 @lru_cache(maxsize=64)
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
-    """Return the tables of a polyhedron, which are the same for both precisions."""
+    """Return the tetrahedra of a polyhedron, which are the same for both precisions."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    # Fans divide opposite faces of thin bodies in the same way, so that rounding errors cancel.
+    # The fans divide opposite faces of a thin body into the same triangles, so that rounding errors
+    # cancel.
     fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
     corners = inner[np.array(fans, np.intp)]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
@@ -153,14 +165,14 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 
 
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
-    """Return the centre of a body's box, and its axes times powers of two of the extents.
+    """Return the centre of a polyhedron's bounding box, and its axes in units of powers of two.
 
-    Needles and plates have their principal axes and a scale for each axis. All other bodies have
-    the user's axes and one scale. The centre is the centre of the box along the chosen axes: the
-    centre of another box could lie many thicknesses away from a plate.
+    Long or flat bodies have their principal axes, with a separate unit for each axis. All other
+    bodies have the user's axes and a single unit. The bounding box is parallel to these axes,
+    because the centre of another box could lie many thicknesses away from a flat body.
     """
     mean = body.vertices.mean(axis=0)
-    # Without full_matrices=False, NumPy would allocate a matrix of (vertices, vertices).
+    # By default NumPy would allocate a square matrix with one row for each vertex.
     _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
     # The axes form a right-handed system, so that volumes keep their sign.
     principal = principal * np.sign(np.linalg.det(principal))
@@ -178,7 +190,7 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
+    """Return the correctly rounded determinant of each row of three vertices."""
     integers, exponent = whole_numbers(corners)
     exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
@@ -188,41 +200,43 @@ def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 BODY = Kernel("fourier of a body", 3, solid_tables, enter_frequency, fan_sum, leave_wave)
 
 
-# Rounding of the waves changes F by _ULP * perimeter/(2 pi |nu|). Formula (F4) is not used if this
-# error exceeds _LOSS times the area.
+# Rounding errors of the waves change F by _ULP * perimeter/(2 pi |nu|). Formula (F4) is not used if
+# this error exceeds _LOSS times the area.
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Largest ratio of the perimeter, times the largest distance from the centre, to the area for which
-# F is computed on grids. At this ratio, rounding of the vertices changes F by 1e-14 of the area.
+# Largest slenderness of an outline for which F is computed from the axes of a grid. The slenderness
+# is the perimeter, times the largest distance from the centre, divided by the area. At this limit,
+# rounding errors of the vertices change F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# For |q| below _NEAR cycles, sinc(q) is a series of _TERMS terms, whose first omitted term is
-# 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is a product of sines and cosines along both axes,
-# accurate to an ulp.
+# If |q| is below _NEAR, sinc(q) is a series of _TERMS terms, whose first omitted term is
+# 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is computed from sines and cosines along both axes,
+# which is accurate to an ulp.
 _NEAR, _TERMS = 0.1, 5
 # Number of values in a temporary array that fit into the cache of a core.
 _BLOCK = 1 << 14
-# Largest number of multiplications, and smallest number of rows, of a matrix product that is
-# computed at once. BLAS divides larger products among threads, which on a busy machine takes up to
-# a hundred times as long. A stack of smaller products costs only a tenth more.
+# Largest number of multiplications, and smallest number of rows, of a single matrix product. BLAS
+# divides larger products among threads, which takes up to a hundred times as long on a busy
+# machine. Several smaller products cost only a tenth more than one large product.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
-# Largest number of edges whose waves are in memory at a time: about 40 MB for 512 x 512 points.
+# Largest number of edges whose waves are in memory at the same time. They take about 40 MB for 512
+# x 512 points.
 _MOST_EDGES = 1024
-# Largest difference between edge vectors, in the frame, that count as equal, such as the edges of
-# congruent elements after rounding. Their mean replaces them, which changes F by no more than the
-# rounding itself.
+# Largest difference in the frame between edge vectors that are treated as equal. Edges of congruent
+# elements differ by rounding errors. Each vector is replaced by the mean vector, which changes F by
+# no more than the rounding errors.
 _EQUAL = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Edges with the same vector (ex, ey) up to its sign; components that round to 0 are 0."""
+    """Parallel edges of equal length. Each edge has the vector (ex, ey) or its negative."""
 
     ex: float
     ey: float
     midpoints: npt.NDArray[np.float64]
-    """Midpoints of the edges, shape (n, 2)."""
+    """Midpoint of each edge, shape (n, 2)."""
     weights: npt.NDArray[np.complex128]
-    """Field on the element of each edge, shape (n,), with the opposite sign for edges along
-    -(ex, ey)."""
+    """Field on the element of each edge, shape (n,). The sign is reversed if the edge has the
+    vector -(ex, ey)."""
 
     @property
     def is_straight(self) -> bool:
@@ -231,7 +245,10 @@ class Family:
 
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Return the families of edges (begin x, y, end x, y, ...), with the field on elements."""
+    """Return the families of parallel edges of equal length.
+
+    ``field`` is the field on the element of each edge.
+    """
     corners = np.array(edges)
     begin, end = corners[:, :2], corners[:, 2:4]
     vectors, midpoints = end - begin, (begin + end) / 2
@@ -249,9 +266,9 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
 
 
 def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
-    """Return the indices of vectors, in groups whose components are equal up to rounding."""
+    """Return groups of indices of vectors that are equal up to rounding errors."""
     clusters: list[list[int]] = []
-    # ``near``: clusters of vectors that agree in x to within _EQUAL.
+    # ``near`` contains groups of vectors whose x components differ by at most _EQUAL.
     near: list[list[int]] = []
     for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
         near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
@@ -267,7 +284,7 @@ def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
 
 @dataclass(frozen=True)
 class GridTables:
-    """Tables of a polygon for the computation of its transform F on grids."""
+    """Edges of a polygon, for the Fourier transform on grids of frequencies."""
 
     frame: Frame
     families: tuple[Family, ...]
@@ -277,7 +294,7 @@ class GridTables:
 
     @property
     def scales(self) -> tuple[float, float]:
-        """Factors from the user's nu_x and nu_y to the frequencies of the frame."""
+        """Factors that convert the user's nu_x and nu_y to frequencies in the frame."""
         assert self.frame.axes is not None
         row_of = {axis: k for k, axis in enumerate(self.frame.axes)}
         x, y = (self.frame.inverse_transpose[row_of[axis]][axis] for axis in (0, 1))
@@ -285,27 +302,27 @@ class GridTables:
 
     @property
     def floor(self) -> float:
-        """Smallest |nu| in the frame at which (F4) is accurate."""
+        """Smallest frequency in the frame at which formula (F4) is accurate."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
 
 
 @dataclass(frozen=True, eq=False)
 class OutlineSum:
-    """A kernel's sum over all edges of an outline, and the tables for grids."""
+    """Sum over all edges of an outline, with an optional faster method for grids."""
 
     summed: Callable[..., Values]
     on_grid: Callable[[Any], GridTables | None]
-    """Function (source) -> cached GridTables, or None if grids are not supported."""
+    """Function (source) that returns cached GridTables, or None if grids are not supported."""
 
     def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
         return self.summed(ops, tables, *inner)
 
 
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
-    """Return the tables of an outline for grids, with the field on each edge's element.
+    """Return the edges of an outline for the Fourier transform on grids of frequencies.
 
-    Returns None in a rotated frame, in which a grid of frequencies is not aligned with the axes,
-    and for slender outlines.
+    ``field`` is the field on the element of each edge. The result is None for slender outlines, and
+    for rotated frames, in which a grid of frequencies is not aligned with the axes.
     """
     if tables.frame.axes is None:
         return None
@@ -318,11 +335,12 @@ def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables |
 
 
 class _FamilyTerm:
-    """pi (nu x e) sinc(nu.e) times the sum of the waves of one family, on a grid.
+    """Contribution of a family of edges to the Fourier transform on a grid of frequencies, (F4).
 
-    ``x``, ``y``: frequencies along each axis in the frame, and the phase of the centre in cycles.
-    The sum of the waves over all midpoints is a matrix product, with cosine and sine parts in
-    separate columns.
+    The contribution is pi (nu x e) sinc(nu.e), where e is the vector of the edges, times the sum of
+    the waves at all midpoints. This sum is a matrix product, with cosine and sine parts in separate
+    columns. ``x`` and ``y`` contain the frequencies along each axis in the frame, and the phase of
+    the centre in cycles.
     """
 
     def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:
@@ -334,7 +352,8 @@ class _FamilyTerm:
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
         self.is_straight = family.is_straight
-        # For edges along an axis, the factor is a product of functions of nu_x and of nu_y.
+        # For edges parallel to an axis, the factor of the waves is a function of nu_x times a
+        # function of nu_y.
         if self.is_straight:
             along_x = family.ey == 0.0
             factor_x = -family.ex * math.pi * sinc(ops, nu_x * family.ex) if along_x else nu_x
@@ -343,8 +362,8 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # The products nu.e and cross(nu, e) are sums of a term from each axis, and sin(pi nu.e) is
-        # a matrix product.
+        # For oblique edges, nu.e and cross(nu, e) are functions of nu_x plus functions of nu_y, and
+        # sin(pi nu.e) is a matrix product.
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
         cos_x, sin_x = cos_sin_cycles(ops, 0.5 * nu_x * family.ex)
@@ -352,7 +371,7 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return the cosine and sine parts (rows, 2, nu_y) for a range of rows of the grid."""
+        """Return the cosine and sine parts of the contribution for a range of rows of the grid."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -377,7 +396,7 @@ class _FamilyTerm:
         return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
-        """Return pi sinc(q) = sin(pi q)/q."""
+        """Return pi sinc(q), which is sin(pi q)/q."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
             return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
@@ -392,10 +411,10 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Return (real, imaginary) F at all (nu_x[i], nu_y[j]), and a mask of inaccurate values.
+    """Return both parts of the Fourier transform on a grid, and a mask of inaccurate values.
 
-    ``ops``: operations in float64. Values are inaccurate if |nu| is below `GridTables.floor`.
-    Source: (F4).
+    Formula (F4) is inaccurate if the frequency is below `GridTables.floor`. The operations ``ops``
+    must be in float64.
     """
     x, y = (
         (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))
@@ -427,7 +446,7 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Join the terms of all families that are parallel to an axis into one matrix product."""
+    """Combine the contributions of all families parallel to an axis into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)
@@ -436,7 +455,7 @@ def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
-    """Yield batches of families whose waves fit into memory."""
+    """Yield groups of families whose waves fit into memory together."""
     batch: list[Family] = []
     for family in families:
         if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:

@@ -1,10 +1,10 @@
-"""Gaussian waves over polygons and intervals: the closed form of W in partly coherent light.
+"""Integrals of Gaussian waves over polygons and intervals, for W in partly coherent light.
 
-W is the sum over edges of ``(d + i beta_n)/2 int f ds`` in units of the coherence width. Each
-integral runs along a path in the complex plane (docs/theory.md, (I5)). With 10 to 36 nodes its
-error is below 1e-12 of the square of the largest lag. For complex weights, cancellation costs as
-many ulps as the ratio of the coherence width to the largest lag. For real weights there is no
-cancellation.
+The Wigner function W is the sum of an integral over each edge, (I5) of docs/theory.md, whose
+symbols this module uses. Lengths are in units of the coherence width. Each integral runs along a
+path in the complex plane. With 10 to 36 nodes its error is below 1e-12 of the square of the largest
+lag. For complex weights, cancellation costs as many ulps as the ratio of the coherence width to the
+largest lag. For real weights there is no cancellation.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ Rules = tuple[npt.NDArray[np.float64], ...]
 # Shape of the arc of integration in the complex plane: smallest parameter c, and largest ratio of
 # the height of the arc to its length.
 _SPREAD, _LIFT = 10.0, 0.6
-# Number of quadrature nodes on an arc by its length c |x_end - x_start|, which is multiplied by
-# beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision, for
-# random edges relative to the squared length and for random intervals relative to the length.
+# Number of quadrature nodes on an arc, which depends on its length c |x_end - x_start|, multiplied
+# by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision.
+# They are relative to the squared length of random edges, and to the length of random intervals.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# If beta_s exceeds _STEEP and the phase along the edge exceeds _LONG, the wave is integrated along
-# paths of steepest descent, with the number of nodes in _OF_DESCENTS.
+# If the frequency beta_s along the edge exceeds _STEEP and the phase along the edge exceeds _LONG,
+# the wave is integrated along paths of steepest descent, with the number of nodes in _OF_DESCENTS.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
 # If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond _FAR, f is
 # as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
 _FAR, _SMOOTH = 8.7, 3.0
-# The difference exp(-beta^2/2) - |g| is computed by a series of _TERMS terms if |Re Z| is below
-# _SMALL. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
+# If |Re Z| is below _SMALL, the difference exp(-beta^2/2) - |g| is computed from a series of _TERMS
+# terms. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
 # precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# Smallest exponents of the exponential function in double and single precision. Smaller ones would
-# give subnormal numbers, which slow processors down.
+# Smallest arguments of the exponential function in double and single precision. Smaller arguments
+# would give subnormal numbers, which slow down the processor.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# Smallest divisors in double and single precision. Their squares are still normal numbers.
+# Smallest divisors in double and single precision. The squares of these numbers are normal.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 
@@ -54,18 +54,20 @@ _TURN = 2 * math.pi
 def wave_over_edge(
     ops: Any, start: Any, end: Any, distance: Any, along: Any, across: Any
 ) -> Values:
-    """Return the (real, imaginary) contribution of an edge to the integral of a Gaussian wave.
+    """Return the contribution of an edge to the integral of a Gaussian wave over a polygon, (I5).
 
-    Source: (I5).
+    The contribution is a tuple of the real and the imaginary part.
 
     Parameters
     ----------
     start, end : array
         Positions of the ends of the edge along its unit vector, in coherence widths.
     distance : array
-        cross(xi, unit vector) of the points of the edge, in coherence widths.
+        Distance of the edge's line from the origin, cross(xi, unit vector) for the lags xi on the
+        edge, in coherence widths.
     along, across : array
-        nu.(unit vector) and cross(nu, unit vector), in cycles per coherence width.
+        Components of the frequency, nu.(unit vector) and cross(nu, unit vector), in cycles per
+        coherence width.
     """
     rate, lever = _TURN * along, _TURN * across
     square = distance * distance
@@ -84,20 +86,24 @@ def wave_over_edge(
 
 
 def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
-    """Return the complex integral of exp(-xi^2/2 - 2 pi i nu xi) over an interval."""
+    """Return the integral of the Gaussian wave exp(-xi^2/2 - 2 pi i nu xi) over an interval."""
     rate = _TURN * nu
     arc = _Arc(ops, start, end, ops.maximum(0.0 * abs(start), _SPREAD), rate)
     everywhere = rate == rate
     rule = arc.rule(everywhere)
     real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
-    # Adding ``undefined`` makes the result NaN for NaN arguments.
+    # The term ``undefined`` is NaN if an argument is NaN, and 0 otherwise.
     undefined = 0.0 * (start + rate)
     return real + undefined, imag + undefined
 
 
 @lru_cache(maxsize=4)
 def _arc_rules(sizes: tuple[int, ...]) -> Rules:
-    """Return tables of node, weight, 1 - node^2, and the slope of 1 - node^2 times the weight."""
+    """Return quadrature rules for arcs in the complex plane.
+
+    A row contains a node, its weight, 1 - node^2, and the derivative of 1 - node^2 times the
+    weight.
+    """
     rules = []
     for size in sizes:
         t, weight = np.polynomial.legendre.leggauss(size)
@@ -107,7 +113,7 @@ def _arc_rules(sizes: tuple[int, ...]) -> Rules:
 
 @lru_cache(maxsize=2)
 def _descent_rules(size: int) -> Rules:
-    """Return a table of nodes and weights; the weights lack the factor exp(-node)."""
+    """Return a rule for steepest descents, with weights that lack the factor exp(-node)."""
     t, weight = np.polynomial.laguerre.laggauss(size)
     return (np.stack([t, weight * np.exp(t)], axis=-1),)
 
@@ -129,7 +135,7 @@ class _Arc:
         self.samples = (size, 0.5 * (first + last), half, lift)
 
     def rule(self, is_needed: Any) -> Number:
-        """Return the index of the quadrature rule, or -1 if the arc needs none."""
+        """Return the index of the quadrature rule for the arc, or -1 if the arc is not used."""
         ops, number = self.ops, 0.0
         for length in _LENGTHS:
             number = number + ops.select(self.length > length, 1.0, 0.0)
@@ -139,10 +145,11 @@ class _Arc:
     def integral(
         self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
     ) -> Values:
-        """Return the complex integral of ``value(ops, p, r, *wave)`` over s = p + i r.
+        """Return the complex integral of ``value(ops, p, r, *wave)`` from one end to the other.
 
-        The integral uses one of the rules of ``sizes``, or steepest descents if the wave is steep
-        and the edge ``is_near``. The first number of ``wave`` is beta_s.
+        The position in the complex plane is p + i r. The integral uses one of the rules of
+        ``sizes``. It uses steepest descents if the edge ``is_near`` and the frequency along the
+        edge is high. The first number of ``wave`` is the frequency beta_s along the edge.
         """
         ops = self.ops
 
@@ -166,7 +173,7 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a node s = p + i r on the arc, and ds at this node."""
+    """Return a node on the arc in the complex plane, and the step of integration at this node."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -176,14 +183,14 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a node s + t/(s + i beta_s) on a path of steepest descent, and ds at this node."""
+    """Return a node on a path of steepest descent, and the step of integration at this node."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
 
 
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
-    """Return f = (exp(-beta^2/2) - g)/Z; ``decay`` is exp(-beta^2/2) and ``energy`` is beta^2/2."""
+    """Return the integrand f = (exp(-beta^2/2) - g)/Z of (I5)."""
     rate, square, energy, decay, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
@@ -198,7 +205,7 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
-    """Return the Gaussian g on a line through the origin."""
+    """Return the integrand of :func:`wave_over_interval` at the complex position p + i r."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
