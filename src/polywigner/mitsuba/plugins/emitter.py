@@ -427,8 +427,8 @@ def aperture(
         evanescent.
     diffraction : bool, default False
         Whether the edges of opaque surfaces in the scene diffract the light, like the edges of
-        black bodies. Requires the estimator ``exact``. Waves that several edges diffract in
-        succession are not included (docs/shadows.md).
+        black bodies. Requires the estimator ``exact``. Diffraction is computed for one edge at a
+        time (docs/shadows.md).
     polarisation : str or array_like, optional
         Polarisation of the field in Mitsuba's polarised variants. It is "x", "y", "right", "left",
         an angle from x towards y such as "45 deg", "unpolarised", or a Jones vector of shape (2,)

@@ -253,7 +253,7 @@ def seed_of(seed: int, *part: int) -> int:
 def accepted_samples(sampler: mi.Sampler, count: int) -> int:
     """Return the number of samples per pixel to which a sampler rounds ``count`` up.
 
-    Samplers log a warning in each render with any other number.
+    Samplers log a warning in each render with a number that they round.
     """
     probe = sampler.fork()
     with silent():

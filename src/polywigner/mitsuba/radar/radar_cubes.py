@@ -305,10 +305,7 @@ class _Link(NamedTuple):
 def _coherent(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
-    """Return the coherent paths of all links, and notes about effects that are not included.
-
-    The paths are in nested lists over receivers, elements of a receiver, and emitters.
-    """
+    """Return coherent paths by receiver, element and emitter, and notes about excluded effects."""
     wave = radar.waveform
     chains, echoes, notes = routes_in(
         scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
@@ -561,10 +558,7 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
-    """Yield the terms of a series for ``exp(2 pi i amounts along)``.
-
-    Each term is a pair of factors, one for ``amounts`` and one for ``along``.
-    """
+    """Yield the terms of a series for ``exp(2 pi i amounts along)``, as pairs of factors."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))
