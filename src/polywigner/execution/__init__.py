@@ -1,4 +1,4 @@
-"""Evaluation of kernels: on NumPy, or on Dr.Jit with LLVM or CUDA.
+"""Evaluation of kernels with NumPy, or with Dr.Jit on LLVM or CUDA.
 
 ===================  ==========================================================================
 module               content

@@ -52,7 +52,7 @@ class Plan:
 
     strategy: str
     engine: str
-    """``"numpy"``, ``"llvm"`` or ``"cuda"``."""
+    """Engine of the call, which is ``"numpy"``, ``"llvm"`` or ``"cuda"``."""
     samples: int
     terms: int
     requested: str = "auto"
@@ -61,7 +61,7 @@ class Plan:
 
     @property
     def reason(self) -> str:
-        """Explanation of the strategy: the numbers of samples and terms."""
+        """Explanation of the strategy, with the numbers of samples and terms."""
         parts = [f"{self.samples} samples of {self.terms} terms"]
         parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
         return ", ".join([*parts, self.detail] if self.detail else parts)
@@ -169,7 +169,7 @@ def _engine_for(engine: str, is_large: bool) -> str:
 
 
 def terms_of(kernel: Kernel, tables: Any) -> int:
-    """Return the number of terms that a kernel sums at each sample."""
+    """Return the number of terms that a kernel sums for each sample."""
     if kernel.slices is not None:
         return max(1, len(tables.edges)) * tables.waves_per_cut * len(kernel.slices.views)
     if isinstance(tables, RepeatedTables):
@@ -189,7 +189,9 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Make ``"auto"`` select NumPy within the block, for code that runs in a thread of Dr.Jit.
+    """Select NumPy for the engine ``"auto"`` within the block.
+
+    This is required for code that runs in a thread of Dr.Jit.
 
     Mitsuba loads scenes in Dr.Jit's threads. A thread of Dr.Jit that waits for a kernel can crash
     the process.
@@ -213,7 +215,7 @@ def _require_cuda() -> None:
 
 
 def drjit_float(engine: str, double: bool) -> type:
-    """Return Dr.Jit's array type for an engine that :func:`resolved` has accepted."""
+    """Return the Dr.Jit array type of an engine in double or in single precision."""
     import importlib
 
     # While another thread imports Dr.Jit, the submodules exist but are incomplete. This import

@@ -17,7 +17,7 @@ from polywigner.execution.progress import slow_bar
 
 
 def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
-    """Return an uninitialised array that starts on a 64-byte boundary.
+    """Return an uninitialised NumPy array that starts at a multiple of 64 bytes.
 
     Dr.Jit uses the memory of NumPy arrays directly, and compiles a separate kernel for each
     alignment of the memory.
@@ -107,7 +107,7 @@ def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
 
 
 def ready(values: tuple[Array, ...]) -> Fetch:
-    """Return a fetch function for results that have already been computed."""
+    """Return a function that returns results that have already been computed."""
     return lambda: values
 
 

@@ -34,7 +34,7 @@ _MOST_STEPS_AS_CODE = 8
 
 
 class DrjitOperations(RowByRow):
-    """Operations on Dr.Jit arrays of one float type, of the LLVM or the CUDA backend.
+    """Operations on Dr.Jit arrays of one float type, for the LLVM or the CUDA backend.
 
     ``target`` is "compiled", or "data" if compiled code must read the edges from memory.
     ``most_as_code`` is the largest number of terms that are unrolled.

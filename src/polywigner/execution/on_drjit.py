@@ -77,7 +77,7 @@ class _Frozen:
 
 
 _paused: list[bool] = []
-"""Whether garbage collection was enabled before each recording in progress."""
+"""For each recording in progress, whether garbage collection was enabled at its start."""
 
 
 @contextmanager
@@ -215,7 +215,7 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return the row and the column of each sample in a block of rows x columns samples."""
+    """Return the row and the column of each sample in a block of samples."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
@@ -407,7 +407,7 @@ class _Edges:
 
 
 class _OverRows(DrjitOperations):
-    """Operations whose sums run over the rows of a table in the engine's memory."""
+    """Dr.Jit operations that sum over the rows of a table in the engine's memory."""
 
     def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
         super().__init__(ops.float_type)

@@ -66,7 +66,7 @@ class Operations:
 
 
 class _Unfused(Operations):
-    """Operations in double precision without a fused multiply-add."""
+    """Operations in double precision, without fused multiply-adds."""
 
     double = True
     round: Any
@@ -99,10 +99,11 @@ class NumpyOperations(_Unfused):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over rows; ``values``: number of results of a term.
+        """Return the sums of ``term(*row)`` over all rows.
 
         Rows are evaluated in blocks that fit into the cache. The rows of a block form an additional
-        first axis, in front of the axes of the samples. ``like`` has the shape of the samples.
+        first axis, in front of the axes of the samples. ``like`` has the shape of the samples, and
+        ``values`` is the number of results of ``term``.
         """
         table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, int(np.size(like))))

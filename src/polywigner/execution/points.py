@@ -193,7 +193,10 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
-    """Return tensors and NumPy points as broadcast component arrays, and their common shape."""
+    """Return tensors and NumPy points as component arrays that are broadcast to a common shape.
+
+    The second result is the common shape.
+    """
     import drjit
 
     flat: dict[str, Drjit] = {}
@@ -245,7 +248,10 @@ def _host_points(name: str, value: Any) -> NDArray[np.float64]:
 
 
 def components_of(name: str, point: Drjit, dimension: int) -> list[Drjit]:
-    """Return the components of a component array. Raises ArgumentError if their number differs."""
+    """Return the components of a component array.
+
+    Raises ArgumentError if the number of components is not ``dimension``.
+    """
     components = split(point)
     if len(components) != dimension:
         plural = "s" if dimension > 1 else ""
@@ -279,7 +285,10 @@ def shifted(point: Drjit, shift: NDArray[np.float64]) -> Drjit:
 
 
 def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list[Any]:
-    """Return the components of a matrix times a vector, without multiplications by zero."""
+    """Return the components of the product of a matrix and a vector.
+
+    Multiplications by zero are omitted.
+    """
     return [
         sum((c * m for c, m in zip(components, row, strict=True) if m), 0.0)
         for row in matrix.tolist()
@@ -340,7 +349,7 @@ def columns_of(pairs: Drjit) -> NDArray[np.float64]:
 
 
 def entries(pairs: Drjit, index: NDArray[np.integer[Any]]) -> Drjit:
-    """Return selected entries of an ``Array2f`` or ``Complex2f``."""
+    """Return the entries of an ``Array2f`` or ``Complex2f`` with the specified indices."""
     import drjit
 
     numbers = array_of(drjit.uint32_array_t(type(pairs[0])), index)

@@ -1,4 +1,4 @@
-"""Progress bars on a terminal, for calls that take long."""
+"""Progress bars on a terminal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _bars = 0
 
 
 def _is_terminal() -> bool:
-    """Return whether stderr is a terminal; False if it is closed or missing."""
+    """Return whether stderr is a terminal. If it is closed or missing, the result is False."""
     try:
         return sys.stderr.isatty()
     except (AttributeError, ValueError):
@@ -82,7 +82,7 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 
 @contextmanager
 def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
-    """Yield an iterator over work items that draws the progress bar of :func:`slow_bar`.
+    """Yield an iterator over the parts of a task that draws a progress bar after five seconds.
 
     This function is a context manager, so the bar is erased immediately after an exception. A
     generator would erase the bar later.

@@ -1,4 +1,4 @@
-"""Exact arithmetic on vertices rounded to a grid.
+"""Exact arithmetic with vertices that are rounded to a grid.
 
 For numbers on the grid, sums and differences of an offset and two coordinates are exact in the
 float type of the kernel. Cross products of vectors are accurate to an ulp, and their signs are

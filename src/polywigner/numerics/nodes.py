@@ -242,7 +242,10 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
 def _fewest(
     remainder: Callable[[int], float], error: float, below: int | None = None
 ) -> int | None:
-    """Return the smallest number of nodes for which exp(remainder(n)) is at most ``error``."""
+    """Return the smallest number of nodes with an error of at most ``error``.
+
+    ``remainder(n)`` is the logarithm of the error of n nodes.
+    """
     allowed = math.log(error)
     for n in count(1) if below is None else range(1, below):
         if remainder(n) <= allowed:

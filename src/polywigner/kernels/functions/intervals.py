@@ -111,7 +111,7 @@ class SlitTables:
 
 @dataclass(frozen=True)
 class PairTables:
-    """Pairs of intervals, as rows of numbers.
+    """Pairs of slits, with one row of numbers for each pair.
 
     A row contains the distance of the centres at x = 0 or xi = 0, both half-lengths, the mean of
     the centres, and the complex product of the first field and the conjugate of the second field.

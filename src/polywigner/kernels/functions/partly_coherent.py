@@ -65,7 +65,7 @@ def term_of_lags(
 
 
 class _LagTerms(EdgeTerms):
-    """Terms of parts of edges, weighted by the degree of coherence, (I5)."""
+    """Contributions of parts of edges to W in partly coherent light, (I5)."""
 
     values, by_part = 2, True
 

@@ -113,7 +113,7 @@ class SliceSum:
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """Return the keys of all lists of pairs of edges that the sums use."""
+        """Return the keys of all lists of pairs of edges from which the sums are computed."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
