@@ -1,18 +1,18 @@
-"""Evaluation of kernels: on NumPy, or on Dr.Jit with LLVM or CUDA.
+"""Evaluation of kernels with NumPy, or with Dr.Jit on LLVM or CUDA.
 
 ===================  ==========================================================================
 module               content
 ===================  ==========================================================================
-``operations``       the operations namespaces that kernels are written over: NumPy, Python floats
-``drjit_operations`` and Dr.Jit arrays
-``choice``           the plan of a call: engine and strategy
-``evaluation``       NumPy arrays in and out, on any engine; sums over points; F on a grid of
-                     frequencies, from its axes
-``chunks``           samples chunk by chunk, threads, aligned memory for Dr.Jit
+``operations``       operations of kernels on NumPy arrays and Python floats
+``drjit_operations`` operations of kernels on Dr.Jit arrays
+``choice``           choice of the engine and the strategy of a call
+``evaluation``       evaluation of kernels at NumPy points on any engine; Fourier transforms on
+                     grids of frequencies
+``chunks``           division of samples into chunks, threads, aligned memory for Dr.Jit
 ``progress``         progress bars on a terminal
-``on_drjit``         compiled kernels: with an outline as code, or with outlines as data
-``points``           Dr.Jit arrays of callers as component arrays, and results of their kind
-``traced``           component arrays in and out, traced, with derivatives in closed form
+``on_drjit``         kernels that Dr.Jit compiles, with outlines as code or as data
+``points``           conversion of the Dr.Jit arrays of callers to component arrays, and back
+``traced``           evaluation of kernels at Dr.Jit points, with closed-form derivatives
 ===================  ==========================================================================
 """
 

@@ -20,7 +20,7 @@ Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
 _PRECISIONS = ("double", "single")
 
-# Names of the strategies, as `pw.explain` prints them and docs/performance.md explains them.
+# Names of the strategies that `pw.explain` prints. docs/performance.md explains them.
 GRID = "grid from its axes"
 LISTED = "slices listed"
 PAIRS = "pairs of edges"
@@ -28,40 +28,40 @@ DATA = "edges as data"
 CODE = "edges as code"
 SUM = "sum of terms"
 
-# Smallest number of samples for which compiled code with the source as data is faster than NumPy.
-# Like all thresholds in this module, it was measured by benchmarks/default_regret.py.
+# Smallest number of samples for which compiled code that reads the source from memory is faster
+# than NumPy. All thresholds in this module were measured by benchmarks/default_regret.py.
 _LEAST_SAMPLES = 1000
 # Smallest number of terms (samples times edges, waves and copies) for which a kernel compiled for
 # one source is faster than NumPy.
 _LEAST_TERMS = 1 << 18
-# Smallest number of samples for which compiled code with edges as code is faster than with edges as
-# data.
+# Smallest number of samples for which code that contains the edges as constants is faster than code
+# that reads the edges from memory.
 _LEAST_SAMPLES_AS_CODE = 1 << 18
 # Smallest number of frequencies per position, and smallest number of edges, for which compiled code
-# sums the listed parts of slices. With fewer edges, cutting the edges again is as fast as reading
-# the list.
+# reads the cut edges of slices from lists. With fewer edges, cutting them again is as fast as
+# reading the list.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Smallest number of terms per family of parallel edges for which the Fourier transform on a grid is
-# computed from the axes of the grid.
+# Smallest number of terms, divided by the number of families of parallel edges, for which the
+# Fourier transform on a grid is computed from the axes of the grid.
 _TERMS_PER_FAMILY = 1 << 10
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Strategy and engine of a call, and the numbers of samples and terms that determined them."""
+    """Strategy and engine of a call, and the numbers of samples and terms on which they depend."""
 
     strategy: str
     engine: str
-    """``"numpy"``, ``"llvm"`` or ``"cuda"``."""
+    """Engine of the call, which is ``"numpy"``, ``"llvm"`` or ``"cuda"``."""
     samples: int
     terms: int
     requested: str = "auto"
-    """Engine that the caller has requested, or "auto"."""
+    """Engine that the caller requested, or "auto"."""
     detail: str = ""
 
     @property
     def reason(self) -> str:
-        """Explanation of the strategy: the numbers of samples and terms."""
+        """Explanation of the strategy, with the numbers of samples and terms."""
         parts = [f"{self.samples} samples of {self.terms} terms"]
         parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
         return ", ".join([*parts, self.detail] if self.detail else parts)
@@ -74,19 +74,19 @@ _is_uncompiled: ContextVar[bool] = ContextVar("_is_uncompiled", default=False)
 
 
 def checked_engine(engine: str) -> str:
-    """Return ``engine`` if it is a valid name. Raises ArgumentError otherwise."""
+    """Return the name of an engine if it is valid. Raises ArgumentError otherwise."""
     return checked_choice(engine, "engine", get_args(Engine))
 
 
 def checked_precision(precision: str | None) -> str | None:
-    """Return ``precision`` if it is a valid name or None. Raises ArgumentError otherwise."""
+    """Return a precision if it is a valid name or None. Raises ArgumentError otherwise."""
     return None if precision is None else checked_choice(precision, "precision", _PRECISIONS)
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
-    """Return the engine for a number of samples, with a number of terms per sample.
+    """Return the engine for a number of samples with ``terms`` terms each.
 
-    ``"auto"`` is NumPy or LLVM; CUDA is used on request only.
+    The engine ``"auto"`` becomes NumPy or LLVM. CUDA is used only if it is requested.
 
     Raises
     ------
@@ -129,8 +129,8 @@ def planned(
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
-    # NumPy takes ten times as long for W and A of arrays, so compiled kernels already pay off for
-    # fewer samples.
+    # NumPy takes ten times as long for Wigner and ambiguity functions of arrays. Compiled kernels
+    # are therefore faster even for fewer samples.
     by_samples = as_data or isinstance(tables, RepeatedTables)
     is_large = samples >= _LEAST_SAMPLES if by_samples else terms >= _LEAST_TERMS
     actual = _engine_for(engine, is_large)
@@ -155,7 +155,10 @@ def planned(
 
 
 def _engine_for(engine: str, is_large: bool) -> str:
-    """Return the engine of a call; ``is_large``: whether compiled code is faster than NumPy."""
+    """Return the engine of a call.
+
+    ``is_large`` states whether compiled code is faster than NumPy.
+    """
     if checked_engine(engine) == "llvm":
         llvm.require()
     elif engine == "cuda":
@@ -166,7 +169,7 @@ def _engine_for(engine: str, is_large: bool) -> str:
 
 
 def terms_of(kernel: Kernel, tables: Any) -> int:
-    """Return the number of terms that a kernel sums at each sample."""
+    """Return the number of terms that a kernel sums for each sample."""
     if kernel.slices is not None:
         return max(1, len(tables.edges)) * tables.waves_per_cut * len(kernel.slices.views)
     if isinstance(tables, RepeatedTables):
@@ -175,7 +178,10 @@ def terms_of(kernel: Kernel, tables: Any) -> int:
 
 
 def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Return whether compiled code has the source as data, as for F and sums over edge pairs."""
+    """Return whether compiled code can read the source from memory.
+
+    This is possible for the Fourier transform and for sums over pairs of edges.
+    """
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
     return kernel.slices is not None and isinstance(tables, Tables)
@@ -183,10 +189,12 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Make ``"auto"`` select NumPy within the block, for code that runs in a thread of Dr.Jit.
+    """Select NumPy for the engine ``"auto"`` within the block.
 
-    Mitsuba loads scenes in Dr.Jit's threads. Waiting for a kernel there can crash the
-    process.
+    This is required for code that runs in a thread of Dr.Jit.
+
+    Mitsuba loads scenes in Dr.Jit's threads. A thread of Dr.Jit that waits for a kernel can crash
+    the process.
     """
     token = _is_uncompiled.set(True)
     try:
@@ -207,7 +215,7 @@ def _require_cuda() -> None:
 
 
 def drjit_float(engine: str, double: bool) -> type:
-    """Return Dr.Jit's array type for an engine that :func:`resolved` has accepted."""
+    """Return the Dr.Jit array type of an engine in double or in single precision."""
     import importlib
 
     # While another thread imports Dr.Jit, the submodules exist but are incomplete. This import

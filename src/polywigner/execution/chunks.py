@@ -1,4 +1,4 @@
-"""Chunks of samples, aligned memory for Dr.Jit, and Dr.Jit's pool of threads."""
+"""Chunks of samples, aligned memory for Dr.Jit, and the thread pool of Dr.Jit."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from polywigner.execution.progress import slow_bar
 
 
 def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
-    """Return an uninitialised array that starts on a 64-byte boundary.
+    """Return an uninitialised NumPy array that starts at a multiple of 64 bytes.
 
-    Dr.Jit uses NumPy's memory directly and compiles a kernel for each alignment of it.
+    Dr.Jit uses the memory of NumPy arrays directly, and compiles a separate kernel for each
+    alignment of the memory.
     """
     kind = np.dtype(dtype)
     memory = np.empty(size * kind.itemsize + 64, np.uint8)
@@ -28,13 +29,13 @@ def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
 
 
 def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
-    """Return a flat copy of numbers as a Dr.Jit array of type ``kind``, in aligned memory."""
+    """Return a flat copy of numbers as a Dr.Jit array of the type ``kind``, in aligned memory."""
     import drjit
 
     numbers = np.asarray(values)
     if drjit.flag(drjit.JitFlag.FreezingScope):
-        # Dr.Jit aborts the process if memory of NumPy is freed while a function is being recorded.
-        # A list avoids memory of NumPy.
+        # Dr.Jit aborts the process if the memory of a NumPy array is freed while a function is
+        # being recorded. A list does not use such memory.
         return kind(numbers.ravel().tolist())
     letter = "f" if drjit.is_float_v(kind) else "u" if drjit.is_unsigned_v(kind) else "i"
     memory = aligned(numbers.size, f"{letter}{drjit.itemsize_v(kind)}")
@@ -45,8 +46,8 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 MOST_THREADS = 1024
 """Largest number of threads that callers may request."""
 
-# A process has only one Dr.Jit thread pool, and two simultaneous users would block each other
-# forever.
+# A process has only one Dr.Jit thread pool. Two simultaneous users of the pool would block each
+# other forever.
 _POOL = threading.Lock()
 
 
@@ -54,8 +55,9 @@ _POOL = threading.Lock()
 def kernel_threads(count: int | None = None) -> Iterator[None]:
     """Reserve Dr.Jit's thread pool within the block.
 
-    Other users of this function wait until the block ends. ``count``: number of threads including
-    the calling thread; None leaves it unchanged. Without Dr.Jit, the function only takes a lock.
+    Other users of this function wait until the block ends. ``count`` is the number of threads
+    including the calling thread, or None to leave it unchanged. Without Dr.Jit, the function only
+    acquires a lock.
     """
     with _POOL:
         # Scalar variants of Mitsuba use Dr.Jit's thread pool even without an LLVM library. In that
@@ -80,8 +82,8 @@ Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
 """Function that waits for the results of a chunk and returns them."""
 Launched = Iterator[tuple[Sequence[Array], Any, Fetch]]
-"""Iterator over (result arrays, index of the chunk in these arrays, function that waits for the
-chunk)."""
+"""Iterator over chunks whose computation has started. Each chunk is a tuple of the result arrays,
+the index of the chunk in these arrays, and the function that waits for the chunk."""
 
 
 def store(launched: Launched, samples: int) -> None:
@@ -105,14 +107,14 @@ def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
 
 
 def ready(values: tuple[Array, ...]) -> Fetch:
-    """Return a fetch function for results that have already been computed."""
+    """Return a function that returns results that have already been computed."""
     return lambda: values
 
 
 def parts_of_results(
     components: Sequence[Array], results: Sequence[Array], size: int
 ) -> Iterator[tuple[list[Array], list[Array]]]:
-    """Yield the float64 components of each chunk with views of its results, in C order."""
+    """Yield the float64 arguments of each chunk of samples, and views of its results."""
     flat, shape = [result.reshape(-1) for result in results], results[0].shape
     full = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
     if 0 < full[0].size <= size:

@@ -1,4 +1,4 @@
-"""The operations namespace for Dr.Jit arrays, which are traced into a kernel."""
+"""Operations of kernels on Dr.Jit arrays."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from polywigner.execution.operations import (
 )
 
 MOST_TERMS_AS_CODE = 12
-"""Largest number of terms that are unrolled into the code of a kernel. Each term takes about 20 ms
-to compile."""
-# Largest total number of cuts in the terms of `sum_large_terms` that are unrolled into code. Code
-# with 256 cuts compiles in 0.5 s.
+"""Largest number of terms of a sum that are unrolled in the code of a kernel. Each term takes about
+20 ms to compile."""
+# Largest total number of edge cuts in the terms of `sum_large_terms` for which the sum is unrolled.
+# Code with 256 cuts compiles in 0.5 s.
 _MOST_CUTS_AS_CODE = 256
-# Largest number of steps of a recursion that are unrolled into code. With four terms per step, 50
-# steps compile in 1.5 s and 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s,
-# respectively, and runs as fast.
+# Largest number of steps of a recursion that are unrolled. With four terms per step, unrolled code
+# of 50 steps compiles in 1.5 s, and of 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s,
+# respectively, and is as fast.
 _MOST_STEPS_AS_CODE = 8
 
 
 class DrjitOperations(RowByRow):
-    """Operations on Dr.Jit arrays of one float type, of the LLVM or the CUDA backend.
+    """Operations on Dr.Jit arrays of one float type, for the LLVM or the CUDA backend.
 
-    ``target``: "compiled", or "data" if edges are always rows of tables and never code.
-    ``most_as_code``: largest number of terms that are unrolled.
+    ``target`` is "compiled", or "data" if compiled code must read the edges from memory.
+    ``most_as_code`` is the largest number of terms that are unrolled.
     """
 
     def __init__(
@@ -55,10 +55,11 @@ class DrjitOperations(RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over rows; ``values``: number of results of a term.
+        """Return the sums of ``term(*row)`` over all rows.
 
-        A few rows are unrolled. For more rows the kernel loops over a table, which compiles fast
-        and runs nearly as fast for long terms. ``unroll=False`` always makes a loop.
+        ``values`` is the number of results of ``term``. A sum over a few rows is unrolled. For more
+        rows the kernel contains a loop, which compiles in less time and is nearly as fast for long
+        terms. With ``unroll=False`` it always contains a loop.
         """
         if unroll and len(rows) <= self.most_as_code:
             return unrolled_sum(rows, term)
@@ -71,16 +72,19 @@ class DrjitOperations(RowByRow):
         return self.plain_sum(0, len(rows), of_row, values)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return sums of terms with ``clips`` cuts each, in a loop if code would compile slowly."""
+        """Return the sums of terms with ``clips`` edge cuts each.
+
+        The sums are computed in a loop if unrolled code would take long to compile.
+        """
         if len(rows) * clips <= _MOST_CUTS_AS_CODE:
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
 
     def repeated(self, count: int, state: Values, step: Term, like: Any) -> Values:
-        """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1.
+        """Return the state after ``count`` steps ``state = step(number, *state)``.
 
-        Many steps become a loop, unless ``like`` has derivatives, since reverse mode would have to
-        store all states.
+        More than a few steps become a loop. If ``like`` has derivatives, the steps are unrolled,
+        because reverse mode would have to store all states of a loop.
         """
         if count <= _MOST_STEPS_AS_CODE or self.needs_gradient(like):
             return unrolled_steps(count, state, step)
@@ -90,14 +94,14 @@ class DrjitOperations(RowByRow):
         return any(self._dr.grad_enabled(value) for value in values)
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index] for indices within the table, given as floats or integers."""
+        """Return table[index], where the indices are valid and may be floats or integers."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
-    # The functions dr.minimum and dr.maximum abort the process with some versions of LLVM.
+    # With some versions of LLVM, the functions dr.minimum and dr.maximum abort the process.
     def minimum(self, a: Any, b: Any) -> Drjit:
         a, b = self._typed(a), self._typed(b)
         return self._dr.select(a < b, a, b)
@@ -110,7 +114,10 @@ class DrjitOperations(RowByRow):
         return self._dr.round(a)
 
     def snapped(self, a: Any, step: float) -> Drjit:
-        """Return the nearest multiple of ``step``, a power of two, with the derivative of ``a``."""
+        """Return the multiple of ``step`` nearest to ``a``, with the derivative of ``a``.
+
+        ``step`` is a power of two.
+        """
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def exp(self, a: Any) -> Drjit:
@@ -129,21 +136,21 @@ class DrjitOperations(RowByRow):
         return self._dr.fma(self._typed(a), self._typed(b), self._typed(c))
 
     def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Drjit:
-        """Return ax by - ay bx to 1.5 ulp of the result (Kahan)."""
+        """Return the cross product ax by - ay bx with an error of at most 1.5 ulp (Kahan)."""
         ax, ay, bx, by = (self._typed(v) for v in (ax, ay, bx, by))
         product = ay * bx
         error = self._dr.fma(-ay, bx, product)
         return self._dr.fma(ax, by, -product) + error
 
     def lost(self, a: Any, b: Any, product: Any) -> Drjit:
-        """Return the exact difference of a b and its rounded value ``product``."""
+        """Return the exact rounding error of the product of a and b."""
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Drjit:
         return self.float_type(value) if isinstance(value, (int, float)) else value
 
     def on_device(self, table: Table) -> Drjit:
-        """Return the number of entries per row, and all entries in the engine's memory."""
+        """Return a table in the memory of the engine, as its row length and its entries."""
         kind = self.float_type if table.dtype.kind == "f" else self._numbers
         return table.shape[1], array_of(kind, table)
 
@@ -165,8 +172,8 @@ class DrjitOperations(RowByRow):
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        # The option max_iterations=-1 declares that the loop only adds terms, so that reverse mode
-        # stores no states.
+        # With the option max_iterations=-1, Dr.Jit assumes that the loop only adds terms, so that
+        # reverse mode stores no states.
         options = {"max_iterations": -1} if is_sum else {}
         start = (self._numbers(first), *map(self._initial, state))
         _, *result = self._dr.while_loop(start, lambda row, *_: row < end, next_row, **options)
@@ -192,11 +199,11 @@ class DrjitOperations(RowByRow):
         )
 
 
-# Names of Dr.Jit's packet types, by the type of their entries. One load instruction reads a packet
-# of four entries.
+# Names of Dr.Jit's packet types, with the type of their entries as the key. A single load
+# instruction reads a packet of four entries.
 _PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
 
 
 def ops_for(float_type: type) -> Any:
-    """Return the operations namespace of a float type: ``float``, or one such as ``mi.Float``."""
+    """Return the operations for a float type, either ``float`` or a Dr.Jit type."""
     return ScalarOperations() if float_type is float else DrjitOperations(float_type)

@@ -1,6 +1,6 @@
-"""Evaluation of kernels on NumPy arrays, by NumPy or by compiled code.
+"""Evaluation of kernels at NumPy points, by NumPy or by compiled code.
 
-A call needs memory only for its result and one chunk, because arguments are broadcast chunk by
+Arguments are broadcast chunk by chunk, so a call needs memory only for its result and for one
 chunk. NumPy computes in double precision even if the result has single precision. Fourier
 transforms on a grid of frequencies are computed from the axes of the grid, (F4).
 """
@@ -25,55 +25,55 @@ from polywigner.kernels.functions.slices import SliceSum
 
 Array = npt.NDArray[Any]
 
-# Smallest number of frequencies along both axes of a grid for which tables along the axes save
-# work.
+# Smallest number of frequencies along both axes of a grid for which the computation from the axes
+# is faster.
 _LEAST_SIDE = 8
-# Largest number of frequencies along an axis of a tile, so that the tables along the axes fit into
-# memory.
+# Largest number of frequencies along each axis of a block of the grid. It limits the memory of the
+# tables along the axes.
 _TILE = 512
-# Largest fraction of frequencies that may be too close to the origin for formula (F4). Each of
-# these frequencies costs 20 times as much.
+# Largest fraction of frequencies that are too close to the origin for formula (F4). The computation
+# takes 20 times as long for each of these frequencies.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
-"""Function (nu_x, nu_y) -> real and imaginary part at these frequencies."""
+"""Function (nu_x, nu_y) that returns the real and the imaginary part of the Fourier transform."""
 
 
 @dataclass(frozen=True)
 class GridPlan:
-    """A Fourier transform at the frequencies (x[i], y[j]), to be computed from the two axes."""
+    """A Fourier transform on a grid of frequencies, which is computed from the axes of the grid."""
 
     tables: GridTables
     x: Array
     y: Array
     transposed: bool
-    """Whether the results have the indices [j, i]."""
+    """Whether the first axis of the results corresponds to y instead of x."""
 
     @property
     def families(self) -> int:
-        """Number of families of parallel edges; all edges along the axes count as one family."""
+        """Number of families of parallel edges. All edges along the axes count as one family."""
         oblique = sum(not family.is_straight for family in self.tables.families)
         return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
-        """Return whether (F4) is accurate at most frequencies, which are far from the origin."""
+        """Return whether most frequencies are far enough from the origin for formula (F4)."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
         return below < _MOST_BELOW
 
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
-        """Write the real and the imaginary part of F to two arrays.
+        """Write the real and the imaginary part of the Fourier transform to two arrays.
 
-        ``point_by_point`` computes the few values near the origin, where (F4) loses digits.
+        ``point_by_point`` computes the values near the origin, where formula (F4) loses digits.
         """
         ops = NumpyOperations()
         targets = [result.T if self.transposed else result for result in results]
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                # Formula (F4) divides by nu, so its results near the origin, and their warnings,
-                # are replaced afterwards.
+                # Formula (F4) divides by the frequency, so it may give warnings near the origin,
+                # where its results are replaced below.
                 with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
@@ -88,7 +88,10 @@ class GridPlan:
 def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], engine: str
 ) -> GridPlan | None:
-    """Return a plan to compute F from the axes of a grid; None for other kernels or points."""
+    """Return a plan to compute the Fourier transform from the axes of a grid of frequencies.
+
+    The result is None for other kernels, and for points that are not a suitable grid.
+    """
     if not isinstance(kernel.edge_sum, OutlineSum) or engine not in ("auto", "numpy"):
         return None
     x, y = components
@@ -108,8 +111,11 @@ def plan_for_grid(
 
 
 def _is_grid(x: Array, y: Array) -> bool:
-    """Return whether x is constant along the second axis and y along the first; False for NaN."""
-    # Comparing the corners quickly rejects most arrays that are not a grid.
+    """Return whether x is constant along the second axis, and y along the first axis.
+
+    For NaN the result is False.
+    """
+    # A comparison of the corners quickly excludes most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
@@ -123,7 +129,11 @@ def evaluate_on_grid(
     into: Sequence[Array],
     engine: str,
 ) -> bool:
-    """Write F to arrays if the points form a grid and this saves work; return whether it did."""
+    """Compute the Fourier transform from the axes of a grid, if the points form a grid.
+
+    Returns False, and leaves the arrays ``into`` unchanged, if the points form no grid or another
+    method is faster.
+    """
     plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
         return False
@@ -134,21 +144,22 @@ def evaluate_on_grid(
     return choice.strategy == GRID
 
 
-# Number of samples in a chunk on NumPy, so that temporary arrays stay below 128 KiB, in the cache
-# of a core. For larger arrays the C library maps new memory each time, and page faults then cost
-# more than the computation.
+# Number of samples in a chunk on NumPy. Temporary arrays are then smaller than 128 KiB and stay in
+# the cache of a core. For larger arrays the C library requests new memory from the operating system
+# each time, and page faults take longer than the computation.
 _CHUNK = 3 << 12
-# Number of samples in a block of positions and frequencies with shared slices, on NumPy and in
-# compiled code. Compiled code stores only the positions and the frequencies of a block, so its
-# blocks can be larger.
+# Number of samples in a block of positions and frequencies, on NumPy and in compiled code, if all
+# frequencies at a position share a slice. Compiled code stores only the positions and the
+# frequencies, so its blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Smallest number of frequencies per position for which computing each slice only once is faster.
+# Smallest number of frequencies per position for which it is faster to compute each slice only
+# once.
 _LEAST_COLUMNS = 64
-# Largest number of terms in memory, one for each pair of a table row and a point: 32 MiB in
-# float64.
+# Largest number of terms in memory, with one term for each pair of a table row and a point. The
+# terms take 32 MiB in float64.
 _BLOCK = 1 << 22
-# Largest number of table rows times samples that are processed at a time, so that temporary arrays
-# take 2 MB for each result of a term.
+# Largest product of the numbers of table rows and samples that are processed together. Temporary
+# arrays then take 2 MB for each result of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
@@ -167,15 +178,15 @@ def evaluate(
     into: Sequence[Array] | None = None,
     shear: Shear | None = None,
 ) -> tuple[Array, ...]:
-    """Return the results of a kernel for float64 or float32 components that broadcast.
+    """Return the results of a kernel at NumPy points.
 
-    Arguments are converted to the frame of the source in float64, whatever the precision of the
-    sums.
+    The arguments are always converted to the frame of the source in float64, even if sums are
+    computed in float32.
 
     Parameters
     ----------
     components : sequence of ndarray
-        Components of the points.
+        Components of the points in float64 or float32, which broadcast against each other.
     double : bool
         Whether sums are computed in float64.
     engine : str
@@ -183,10 +194,11 @@ def evaluate(
     outputs : int
         Number of results.
     into : sequence of ndarray, optional
-        Arrays of the broadcast shape for the results, such as both parts of a complex array.
+        Arrays for the results, such as both parts of a complex array. They must have the broadcast
+        shape.
     shear : callable, optional
-        Function that maps the components to the components that the kernel takes. With listed
-        slices it is applied block by block.
+        Function that converts the components to the arguments of the kernel. If slices are shared,
+        it is applied block by block.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
@@ -236,7 +248,7 @@ def evaluate(
 
 
 class _ExplainedError(Exception):
-    """Exception that ends a call and carries its plan to :func:`explained`."""
+    """Exception that ends a call and passes the plan of the call to :func:`explained`."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -263,7 +275,7 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Return the results of a kernel computed by NumPy, as flat float64 arrays."""
+    """Return the results of a kernel, computed by NumPy, as flat float64 arrays."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -286,16 +298,20 @@ def _in_chunks(
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Arguments of shape (rows, 1) or (1, columns); all samples of a row share a slice."""
+    """Arguments of Wigner or ambiguity functions with several frequencies at each position.
+
+    A row contains all samples at one position, which share a slice. Each argument has the shape
+    (rows, 1) or (1, columns).
+    """
 
     components: tuple[Array, ...]
     rows: int
     columns: int
     transposed: bool = False
-    """Whether rows and columns are swapped in the results."""
+    """Whether rows and columns are exchanged in the results."""
 
     def blocks(self, size: int) -> Iterator[tuple[tuple[slice, slice], tuple[Array, ...]]]:
-        """Yield blocks of about ``size`` samples, with their arguments in float64."""
+        """Yield blocks of about ``size`` samples, and the arguments of each block in float64."""
         columns = min(self.columns, size)
         rows = max(1, size // columns)
         for r in range(0, self.rows, rows):
@@ -308,7 +324,7 @@ class SharedRows:
                 yield block, tuple(a.astype(np.float64, copy=False) for a in parts)
 
     def targets(self, results: Sequence[Array]) -> list[Array]:
-        """Return views of the results with the shape (rows, columns)."""
+        """Return views of the result arrays with the shape (rows, columns)."""
         if self.transposed:
             return [result.reshape(self.columns, self.rows).T for result in results]
         return [result.reshape(self.rows, self.columns) for result in results]
@@ -317,10 +333,10 @@ class SharedRows:
 def shared_rows(
     edge_sum: object, components: Sequence[Array], shape: tuple[int, ...]
 ) -> SharedRows | None:
-    """Return arguments with one row for each position that several frequencies share.
+    """Return the arguments as rows of samples at the same position.
 
-    The result is None if the kernel cuts no slices, or if the axes of the broadcast shape do not
-    split into rows and columns.
+    The result is None if the kernel computes no slices, or if the axes of the broadcast shape
+    cannot be divided into axes of positions and axes of frequencies.
     """
     positions = edge_sum.arguments if isinstance(edge_sum, SliceSum) else None
     if positions is None or math.prod(shape) < _LEAST_COLUMNS:
@@ -356,7 +372,10 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield chunks of results; the slice of each row is cut only once, in double precision."""
+    """Yield chunks of results for samples that share slices.
+
+    The slice of each row is computed only once, in double precision.
+    """
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -366,7 +385,7 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        # Positions far away from the source may overflow; the warnings of NumPy are suppressed.
+        # Positions far away from the source may overflow, so the warnings of NumPy are suppressed.
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
@@ -401,18 +420,21 @@ def evaluate_sums(
     double: bool,
     engine: str,
 ) -> Array:
-    """Return sum_j weights_j kernel(*positions_j, *point, *constants) at points, float64 (n,).
+    """Return weighted sums of a kernel over positions, at each point.
+
+    The sum at a point is the sum of weight times kernel(*position, *point, *constants) over all
+    positions. The result has the shape (n,).
 
     Parameters
     ----------
     positions : ndarray, shape (m, a)
-        First arguments of the kernel in each term.
+        Positions, which are the first arguments of the kernel.
     weights : ndarray, shape (m,)
-        Weight of each term.
+        Weight of each position.
     points : ndarray, shape (n, b)
-        Next arguments of the kernel, one row for each result.
+        Points, which are the next arguments of the kernel.
     constants : sequence of float
-        Last arguments of the kernel, which has one real output.
+        Last arguments of the kernel. The kernel must have one real result.
     """
     total = np.zeros(len(points))
     if not len(points) or not len(positions):
@@ -441,21 +463,21 @@ def evaluate_rows(
     outputs: int,
     engine: str,
 ) -> tuple[Array, ...]:
-    """Return the sums of term(ops, row, sample, constants) over a table, in double precision.
+    """Return the sums of a function over the rows of a table, in double precision.
 
-    On Dr.Jit, rows and constants are data of one loop, so a call with other values compiles
-    nothing.
+    The function is ``term(ops, row, sample, constants)``. Code compiled by Dr.Jit reads the rows
+    and the constants from memory, so a call with other values compiles nothing.
 
     Parameters
     ----------
     term : callable
         Function that returns ``outputs`` numbers.
     table : ndarray, shape (m, a)
-        Rows to sum over.
+        Table over whose rows ``term`` is summed.
     samples : ndarray, shape (n, b)
-        Rows for which there are results.
+        Samples, each of which has one result for each output.
     constants : ndarray, shape (c,)
-        Numbers that all terms share.
+        Constant arguments of ``term``.
 
     Returns
     -------

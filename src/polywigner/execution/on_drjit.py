@@ -1,8 +1,9 @@
-"""Kernels that Dr.Jit compiles for NumPy arrays: with the outline as code, or as data.
+"""Kernels that Dr.Jit compiles and evaluates at NumPy points.
 
-A kernel with an outline as code compiles in 0.1 s and occupies some hundred kilobytes until the
-process ends. The kernel with outlines as data works for any outline, at a half to a third of the
-speed.
+The coordinates of an outline may be constants in the code of a kernel ("as code"). Such a kernel
+compiles in 0.1 s and occupies some hundred kilobytes until the process ends. A kernel that reads
+outlines from memory ("as data") is compiled once for all outlines, but runs at a half to a third of
+the speed.
 """
 
 from __future__ import annotations
@@ -31,28 +32,29 @@ from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
-# Largest number of recorded functions in the cache, and of recordings of each function. Arguments
-# with a single entry need a separate recording.
+# Largest number of recorded functions in the cache, and largest number of recordings of each
+# function. Arguments with a single entry need a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Number of samples in a chunk, if the source is code and if the source is data. The launch of a
-# kernel takes little time compared with such a chunk, whose arguments take some 10 MB.
+# Number of samples in a chunk for outlines as code, and for outlines as data. The launch of a
+# kernel takes little time compared with the computation of such a chunk. The arguments of a chunk
+# take some 10 MB.
 _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
 Order = npt.NDArray[np.intp] | EllipsisType
-"""Indices that sort samples, or Ellipsis for samples that are not sorted."""
+"""Indices that sort the samples of a chunk, or Ellipsis if the samples are not sorted."""
 Function = Callable[..., Values]
 
 
 class _Frozen:
-    """A function that Dr.Jit records at its first call."""
+    """A function that Dr.Jit records at its first call, and replays afterwards."""
 
     def __init__(self, function: Function, owners: Sequence[Any]) -> None:
         import drjit
 
-        # Dr.Jit traverses the closure of a function in each call, but not the attributes of a
-        # namespace. The recorded function is therefore stored as an attribute.
+        # In each call, Dr.Jit traverses the closure of the recorded function, but not the
+        # attributes of a namespace. The function is therefore stored as an attribute.
         cell = SimpleNamespace(function=function)
 
         def replayed(*arguments: Any) -> Values:
@@ -60,7 +62,7 @@ class _Frozen:
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
         self.owners = owners
-        # Dr.Jit aborts the process if two threads record the same function at the same time.
+        # If two threads record the same function at the same time, Dr.Jit aborts the process.
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
@@ -68,22 +70,22 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # Dr.Jit raises a RuntimeError in place of the exception that ended the function,
-                # such as an interrupt.
+                # If an exception such as an interrupt ends the function, Dr.Jit raises a
+                # RuntimeError instead.
                 raise error.__cause__ or error from None
             return results
 
 
 _paused: list[bool] = []
-"""Whether garbage collection was enabled before each recording in progress."""
+"""For each recording in progress, whether garbage collection was enabled at its start."""
 
 
 @contextmanager
 def without_collection() -> Iterator[None]:
     """Disable garbage collection within the block.
 
-    Dr.Jit ends the process if a thread that is recording frees an array with NumPy's memory. A
-    garbage collection could free such an array.
+    Dr.Jit aborts the process if a thread that is recording frees an array that uses the memory of
+    NumPy. A garbage collection could free such an array.
     """
     with _lock:
         _paused.append(gc.isenabled())
@@ -106,13 +108,13 @@ _lock = threading.Lock()
 def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Function:
     """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
-    The function must not depend on the number of samples and must not allocate memory. It may
-    depend on ``owners``, which are compared by identity, and on ``kind``.
+    The function must not depend on the number of samples, and must not allocate memory. The key of
+    the cache consists of ``owners``, which are compared by identity, and ``kind``.
     """
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            # The cached function keeps references to its owners, so that their ids are not reused.
+            # The cached function holds references to its owners, so that their ids are not reused.
             _known[key] = _Frozen(function, owners)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
@@ -121,14 +123,17 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
 
 
 def is_code(kernel: Kernel, tables: Any) -> bool:
-    """Return whether the coordinates of a source are constants in the compiled code of a kernel."""
+    """Return whether the coordinates of a source are constants in the code of a kernel."""
     if isinstance(tables, Tables) and kernel.slices is not None:
         return tables.fits_code
     return isinstance(tables, Tables | OutlineTables) and len(tables.edges) <= MOST_TERMS_AS_CODE
 
 
 def is_recording(kind: Any) -> bool:
-    """Return whether Dr.Jit is recording the computation, or the backend is not LLVM."""
+    """Return whether Dr.Jit is recording the computation.
+
+    For backends other than LLVM, the result is True as well.
+    """
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
@@ -136,7 +141,7 @@ def is_recording(kind: Any) -> bool:
 
 
 class OnDrjit:
-    """A kernel for one source, traced with Dr.Jit."""
+    """A kernel for one source, which Dr.Jit traces and compiles."""
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
@@ -166,9 +171,10 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Return results at all pairs of a row and a column, from listed parts of slices.
+        """Return the results for samples that share slices, from lists of the slices' edge parts.
 
-        The parts of the slice of row k are the rows ``ends[k]`` to ``ends[k + 1]`` of ``table``.
+        There is one sample for each row and each column. The slice of row k consists of the edge
+        parts ``ends[k]`` to ``ends[k + 1]`` in ``table``.
         """
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
@@ -183,13 +189,13 @@ class OnDrjit:
         sums = ops.plain_sum(
             first, end, lambda number: run.term(*ops.gather(rows, number)), run.values
         )
-        # Adding a - a makes results NaN for infinite and NaN arguments.
+        # The differences a - a are NaN for infinite and NaN arguments, and 0 otherwise.
         lost = sum(a - a for a in (*at[slices.position], *nu))
         total = run.total(tuple(value + lost for value in sums))
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
-        """Return an argument, converted to the frame, at the row and the column of each sample."""
+        """Return the value of an argument at the row and the column of each sample."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -201,7 +207,7 @@ class OnDrjit:
 
 
 def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
-    """Start the computation of results, and return a function that waits for them."""
+    """Start the computation of results, and return a function that waits for the results."""
     import drjit
 
     drjit.eval(results)
@@ -209,13 +215,13 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return the row and the column of each sample in a block of rows x columns samples."""
+    """Return the row and the column of each sample in a block of samples."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # These numbers are opaque to the compiler, because literals would cause a new kernel to be
-    # compiled for each number of columns. The quotient is correct below 2^21 samples, where half a
-    # sample exceeds two roundings to float32.
+    # The numbers are opaque to the compiler. With literals, a new kernel would be compiled for each
+    # number of columns. The quotient is correct for fewer than 2^21 samples, because two rounding
+    # errors in float32 are then smaller than half a sample.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -228,7 +234,7 @@ def row_sums(
     outputs: int,
     engine: str,
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return the sums of :func:`evaluate_rows`, computed by one loop over the rows of the table."""
+    """Return the sums of :func:`evaluate_rows`, computed by a compiled loop over the table."""
     import drjit as dr
 
     kind = drjit_float(engine, True)
@@ -246,21 +252,22 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Smallest number of edges for which samples are sorted by cell. For sources with fewer edges,
-# sorting costs more than it saves (benchmarks/call_rates.py).
+# Smallest number of edges for which samples are sorted by cell. For fewer edges, sorting takes more
+# time than it saves (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Dr.Jit records a function again if two arrays of different sizes later have equal sizes, or the
-# reverse. The size of table k is therefore a multiple of _SIZES, plus (k + 1) _APART, so that no
-# two tables have equal sizes.
+# Dr.Jit records a function again if two arguments had different sizes in the recording and have
+# equal sizes in a later call, or the reverse. The size of table k is therefore a multiple of
+# _SIZES, plus (k + 1) _APART, so that no two tables have equal sizes.
 _SIZES, _APART = 256, 8
 
 
 Send = Callable[[Array], tuple[int, Any]]
-"""Function that copies a table to the memory of an engine and returns its width and the copy."""
+"""Function that copies a table to the memory of an engine, and returns the table's width and the
+copy."""
 
 
 class OnDrjitData:
-    """A kernel for NumPy arrays, with the source as data."""
+    """A kernel that Dr.Jit compiles, with the source as data."""
 
     def __init__(
         self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int
@@ -281,7 +288,10 @@ class OnDrjitData:
             yield targets, *self._begun(arguments)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
-        """Start computing a chunk; return the order of its samples, and its fetch function."""
+        """Start the computation of a chunk of samples.
+
+        The results are the order of the samples, and the function that waits for the chunk.
+        """
         import drjit
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
@@ -317,11 +327,11 @@ class OnDrjitData:
 
 
 class _Slices:
-    """Outlines whose edges are cut, as lists of the pairs of edges that can meet.
+    """A source of Wigner or ambiguity functions as data: lists of pairs of edges that can cross.
 
-    ``numbers``: tables of the source. ``owners``: objects on which the recording of a kernel
-    depends. ``is_recorded``: whether a kernel may be recorded, which is the case if it reads no
-    other memory.
+    ``numbers`` contains the tables of the source, and ``owners`` the objects on which the recording
+    of a kernel depends. ``is_recorded`` states whether a kernel may be recorded. This is the case
+    if the kernel reads no memory except ``numbers``.
     """
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
@@ -335,11 +345,11 @@ class _Slices:
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # Recordings must not read other memory, such as quadrature nodes or tables of waves.
+        # A recorded kernel must not read other memory, such as quadrature nodes or tables of waves.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """Return the tables in the memory of the engine; the tables of lists are cached."""
+        """Return the tables of the source in the memory of the engine. They are cached."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -351,30 +361,29 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
-        """Return indices that sort samples by cell, so that neighbours read the same lists."""
+        """Return indices that sort samples by cell. Adjacent samples then read the same lists."""
         if not self.sorts:
             return ...
         key, grid = next(iter(self.pairs.items()))
         return order_by_cell(self.slices, key, grid, inner)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
-        """Return the sums of the kernel from the tables of any source of this class."""
+        """Return the sums of the kernel over edges, from tables in the memory of the engine."""
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
 
 def order_by_cell(slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[Array]) -> Array:
-    """Return indices that sort samples by the cell of a grid, for arguments in the frame."""
+    """Return indices that sort samples by the cell of a grid that contains their offset."""
     x, y = inner[slices.position]
     scale = key[0].side * slices.scale
     cell = cells_at(grid.on_host, scale * x, scale * y)
-    # Since there are fewer than 2^16 cells, their numbers fit into 16 bits, which NumPy sorts in
-    # linear time.
+    # A grid has fewer than 2^16 cells, and NumPy sorts 16-bit integers in linear time.
     return np.argsort(cell.astype(np.uint16), kind="stable")
 
 
 class _Edges:
-    """The edges of an outline as rows of a table, for Fourier transforms."""
+    """A source of Fourier transforms as data: a table of its edges."""
 
     is_recorded = True
 
@@ -398,7 +407,7 @@ class _Edges:
 
 
 class _OverRows(DrjitOperations):
-    """Operations whose sums run over the rows of a table in the engine's memory."""
+    """Dr.Jit operations that sum over the rows of a table in the engine's memory."""
 
     def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
         super().__init__(ops.float_type)
@@ -415,7 +424,7 @@ class _OverRows(DrjitOperations):
 
 @dataclass(frozen=True)
 class _DataFrame(Frame):
-    """A frame whose centre is in memory, as pairs of floats."""
+    """A frame whose centre is read from memory, with each coordinate as two floats."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         pairs: Any = self.centre
@@ -424,7 +433,10 @@ class _DataFrame(Frame):
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
-    """Return tables whose frame has its centre in memory instead of in the compiled code."""
+    """Return a copy of tables in which the centre of the frame is read from memory.
+
+    The centre is then not a constant in the compiled code.
+    """
     pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
     numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
     values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
@@ -433,7 +445,7 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
 
 
 def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
-    """Return each number of an array as a Dr.Jit array with one entry."""
+    """Return each number as a Dr.Jit array with one entry, which is read from memory."""
     import drjit
 
     kind = ops.float_type

@@ -1,10 +1,9 @@
-"""The operations namespaces for NumPy arrays and Python floats, with which kernels are written.
+"""Operations of kernels on NumPy arrays and Python floats.
 
-A kernel is straight-line code with ``+ - * /``, comparisons, ``abs`` and the methods of a
-namespace. The same code runs on NumPy arrays, on Python floats (Mitsuba's scalar variants), and,
-traced, on Dr.Jit arrays of any backend (module `drjit_operations`). Some kernels look up the edges
-near the position of a sample in tables. For them, methods sum over ranges of rows that differ
-between samples.
+A kernel is written with ``+ - * /``, comparisons, ``abs``, and the methods of an operations object.
+The same code runs on NumPy arrays, on Python floats for Mitsuba's scalar variants, and on Dr.Jit
+arrays of any backend (module `drjit_operations`). Some kernels read tables of the edges near each
+sample. For these kernels, methods sum over ranges of rows that differ between samples.
 """
 
 from __future__ import annotations
@@ -18,17 +17,16 @@ import numpy.typing as npt
 
 from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
-# Number of values in a temporary array that fit into the cache of a core.
+# Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
-# Largest number of table rows that are listed at a time, before rows that do not contribute are
-# dropped.
+# Largest number of table rows in a list. Rows that do not contribute are removed from the list.
 _LISTED = 1 << 17
 
 Numbers: TypeAlias = Any
-"""Numbers of an operations namespace: NumPy arrays, Python floats or Dr.Jit arrays."""
+"""Numbers that a kernel can process: NumPy arrays, Python floats or Dr.Jit arrays."""
 Drjit: TypeAlias = Any
-"""A Dr.Jit array of any variant of Mitsuba, whose classes depend on the variant; in scalar variants
-a Python number or a vector of them."""
+"""A Dr.Jit array of any variant of Mitsuba. Its class depends on the variant. In scalar variants it
+is a Python number or a vector of numbers."""
 Array = npt.NDArray[Any]
 Table = npt.NDArray[Any]
 Row = tuple[float, ...]
@@ -37,7 +35,7 @@ Term = Callable[..., Values]
 
 
 def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
-    """Return the sums of ``term(*row)`` over rows, computed one row after the other."""
+    """Return the sums of ``term(*row)`` over all rows, computed row by row."""
     totals = term(*rows[0])
     for row in rows[1:]:
         totals = _added(totals, term(*row))
@@ -56,19 +54,19 @@ def _added(a: Sequence[Any], b: Sequence[Any]) -> Values:
 
 
 class Operations:
-    """Attributes and methods that all operations namespaces share."""
+    """Attributes and methods of all operations classes."""
 
     target: str
     double: bool
     key: Hashable
-    """Key of tables in the memory of an engine. Namespaces with equal keys share tables."""
+    """Key of tables in the memory of an engine. Operations with equal keys share the tables."""
 
     def needs_gradient(self, *values: Any) -> bool:
         return False
 
 
 class _Unfused(Operations):
-    """Operations in double precision without a fused multiply-add."""
+    """Operations in double precision, without fused multiply-adds."""
 
     double = True
     round: Any
@@ -76,7 +74,7 @@ class _Unfused(Operations):
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return sums of terms that would become long code, computed one term after the other."""
+        """Return the sums of ``term(*row)`` over all rows, computed row by row."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
@@ -84,16 +82,16 @@ class _Unfused(Operations):
         return unrolled_steps(count, state, step)
 
     def fma(self, a: Any, b: Any, c: Any) -> Numbers:
-        """Return a b + c with two roundings."""
+        """Return a b + c, rounded after the product and after the sum."""
         return a * b + c
 
     def snapped(self, a: Any, step: float) -> Numbers:
-        """Return the nearest multiple of ``step``, a power of two."""
+        """Return the multiple of ``step`` nearest to ``a``, where ``step`` is a power of two."""
         return self.round(a * (1 / step)) * step
 
 
 class NumpyOperations(_Unfused):
-    """Operations on NumPy arrays of float64, whose axis of rows precedes the axis of samples."""
+    """Operations on NumPy arrays of float64."""
 
     target = "numpy"
     key = "numpy"
@@ -101,10 +99,11 @@ class NumpyOperations(_Unfused):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over rows; ``values``: number of results of a term.
+        """Return the sums of ``term(*row)`` over all rows.
 
-        Rows are evaluated in blocks that fit into the cache. The rows of a block form a leading
-        axis, in front of the axes of the samples (the shape of ``like``).
+        Rows are evaluated in blocks that fit into the cache. The rows of a block form an additional
+        first axis, in front of the axes of the samples. ``like`` has the shape of the samples, and
+        ``values`` is the number of results of ``term``.
         """
         table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, int(np.size(like))))
@@ -124,8 +123,8 @@ class NumpyOperations(_Unfused):
     exp = staticmethod(np.exp)
 
     def on_device(self, table: Table) -> Numbers:
-        """Return a table (rows, columns) of integers or floats, as :meth:`gather` reads it."""
-        # Columns are contiguous in memory, so that gathering from one column stays in the cache.
+        """Return a copy of a table in the memory layout for :meth:`gather`."""
+        # Each column is contiguous in memory, so that reads from a column stay in the cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
@@ -133,15 +132,16 @@ class NumpyOperations(_Unfused):
         return tuple(table[:, k].take(row) for k in range(table.shape[1]))
 
     def truncated(self, value: Any) -> Numbers:
-        """Convert non-negative floats to row indices, by truncation."""
+        """Return row indices, by truncation of floats that are not negative."""
         return np.asarray(value).astype(np.int64)
 
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(row, *samples)`` for rows from ``first`` to ``end`` - 1.
+        """Return the sums of ``term(row, *samples)`` over a range of rows for each sample.
 
-        If ``keep(row, *samples)`` is false, ``term`` is 0 and is not computed.
+        The rows of a sample start at ``first`` and stop before ``end``. Rows for which ``keep(row,
+        *samples)`` is false are skipped, because ``term`` is 0.
         """
         shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
         count = math.prod(shape)
@@ -150,7 +150,7 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
-            """Return the samples with the indices ``owner``; single numbers are unchanged."""
+            """Return the samples with the indices ``owner``, and single numbers unchanged."""
             return [a[owner] if len(a) == count else a for a in flat]
 
         for owner, row in _listed(begin, stop - begin):
@@ -164,9 +164,10 @@ class NumpyOperations(_Unfused):
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(*row, *samples)`` over the rows of one table per sample.
+        """Return the sums of ``term(*row, *samples)`` over the rows of one table for each sample.
 
-        ``rule``: index of the table of each sample; -1 gives a sum of 0.
+        ``rule`` is the index in ``rules`` of the table for each sample. The index -1 gives a sum of
+        0.
         """
         rule, *arrays = np.broadcast_arrays(rule, *samples)
         totals = [np.zeros(rule.shape) for _ in range(values)]
@@ -186,7 +187,7 @@ class NumpyOperations(_Unfused):
 
 
 def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield (index of the sample, row) for all ranges of rows, in blocks."""
+    """Yield, in blocks, all rows in the ranges of the samples, and the sample of each row."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -196,16 +197,23 @@ def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
 
 
 class RowByRow(Operations):
-    """Operations that sum over tables by a loop over rows, like :class:`NumpyOperations`."""
+    """Operations that sum over tables in a loop over rows.
+
+    The methods have the same meaning as the methods of :class:`NumpyOperations`.
+    """
 
     gather: Callable[[Any, Any], Values]
     select: Callable[[Any, Any, Any], Any]
     fold: Callable[..., Values]
-    """Function (first, end, state, step) -> the final state of ``state = step(row, *state)``. Its
-    option ``is_sum`` states that the state consists of sums, which may have derivatives."""
+    """Function (first, end, state, step) that repeats ``state = step(row, *state)`` for all rows
+    and returns the final state. The option ``is_sum`` states that the state consists of sums, which
+    may have derivatives."""
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return :meth:`sum_over_range` without compensated summation; accurate for few terms."""
+        """Return :meth:`sum_over_range` without compensated summation.
+
+        The result is accurate for a small number of terms.
+        """
 
         def step(row: Any, *sums: Any) -> Values:
             return _added(sums, term(row))
@@ -231,11 +239,12 @@ class RowByRow(Operations):
         values: int,
         levels: int,
     ) -> Values:
-        """Return the sums of ``term(level)`` over rows, with a level that changes between rows.
+        """Return the sums of ``term(level)`` over rows, where the level changes from row to row.
 
-        ``visit(row)`` returns whether a new level begins, that level, its change after the row, and
-        the term. In single precision the sums are compensated (their rounding errors are summed as
-        well), because rounding errors dominate if terms cancel.
+        ``visit(row)`` returns whether the level is set to a new value, the new value, the change of
+        the level after the row, and the function ``term``. In single precision the sums are
+        compensated, so their rounding errors are summed as well. Otherwise rounding errors would
+        dominate if terms cancel.
         """
 
         def step(row: Any, *state: Any) -> Values:
@@ -253,7 +262,7 @@ class RowByRow(Operations):
         return sums if self.double else _added(sums[:values], sums[values:])
 
     def _rounded_off(self, a: Any, b: Any) -> Numbers:
-        """Return the exact rounding error of a + b (Knuth's sum)."""
+        """Return the exact rounding error of the sum a + b (Knuth)."""
         total = a + b
         of_b = total - a
         return (a - (total - of_b)) + (b - of_b)
@@ -268,7 +277,7 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums over rows of the results of ``term(*row)``."""
+        """Return the sums of ``term(*row)`` over all rows."""
         return unrolled_sum(rows, term)
 
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:

@@ -1,11 +1,11 @@
-"""Dr.Jit arrays of callers: conversion of tensors to component arrays, and of results to tensors.
+"""Conversion of Dr.Jit arrays of callers to component arrays, and of results to tensors.
 
-Points are component arrays (``Point2f``, ``Array2f``, ``ArrayXf`` of two rows, ``Float`` in one
-dimension) or a ``TensorXf`` with the components on the last axis. For component arrays the result
-is a ``Float`` or ``Complex2f``. For tensors it is a tensor without the last axis; a complex result
-has its real and imaginary part on a last axis, because Dr.Jit has no complex tensors.
-:func:`on_components` converts at the public interface, so all other code takes component arrays
-only.
+Callers pass points as component arrays (``Point2f``, ``Array2f``, ``ArrayXf`` with two rows,
+``Float`` in one dimension) or as a ``TensorXf`` with the components on the last axis. For component
+arrays the result is a ``Float`` or ``Complex2f``. For tensors it is a tensor without the last axis.
+A complex result then has an additional last axis for the real and the imaginary part, because
+Dr.Jit has no complex tensors. The public functions call :func:`on_components` for these
+conversions, so all other code supports component arrays only.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from polywigner.geometry.arguments import real_numbers
 from polywigner.numerics.phases import cos_sin_cycles
 
 Points = Mapping[str, Any]
-"""Points by the names of the arguments."""
+"""Points, with the names of the arguments as keys."""
 
 
 def is_drjit(value: object) -> bool:
     """Return whether a value is a Dr.Jit array, without importing Dr.Jit."""
-    # While another thread imports Dr.Jit, the module exists but does not contain all names.
+    # While another thread imports Dr.Jit, the module may exist without all of its names.
     is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
     return is_array is not None and bool(is_array(value))
 
@@ -47,14 +47,17 @@ def _is_tensor(value: Any) -> bool:
 
 
 def sibling(float_type: type, name: str) -> Callable[..., Drjit]:
-    """Return a type such as "Array2f" with the backend and the precision of a float type."""
+    """Return a Dr.Jit type such as "Array2f" with the backend and precision of a float type."""
     suffix = "64" if float_type.__name__.endswith("64") else ""
     kind: Callable[..., Drjit] = getattr(sys.modules[float_type.__module__], name + suffix)
     return kind
 
 
 def _float_of(name: str, value: Drjit) -> type:
-    """Return the one-dimensional float type of a Dr.Jit array; ArgumentError if it has none."""
+    """Return the float type of the entries of a Dr.Jit array.
+
+    Raises ArgumentError if the entries are not floats.
+    """
     import drjit
 
     if not drjit.is_jit_v(value):
@@ -72,7 +75,11 @@ def _float_of(name: str, value: Drjit) -> type:
 
 
 def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
-    """Return the float type of all arrays. Raises ArgumentError or EngineError if none fits."""
+    """Return the float type of all arrays.
+
+    Raises ArgumentError if the types or the options of the call disagree, and EngineError if no
+    LLVM library is available.
+    """
     types = {_float_of(name, value) for name, value in arrays.items()}
     if len(types) > 1:
         names = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
@@ -105,19 +112,18 @@ def on_components(
     precision: str | None,
     engine: str,
 ) -> Drjit:
-    """Return ``function(points)`` for component arrays, in the kind of array that the caller uses.
+    """Return ``function(points)`` as the kind of Dr.Jit array that the caller uses.
 
-    Points that are not Dr.Jit arrays are converted: to component arrays like the other points, or
-    to tensors if only the source has Dr.Jit arrays.
+    Points that are not Dr.Jit arrays are converted. They become component arrays if another
+    argument is a component array, and tensors otherwise.
 
     Parameters
     ----------
     function : callable
-        Function of component arrays, which are passed by name.
+        Function of a dictionary of component arrays.
     points : mapping
-        Points by the names of the arguments.
-    parameters : mapping
-        The Dr.Jit arrays of the source, by name.
+        Points, with the names of the arguments as keys. parameters : mapping Dr.Jit arrays of the
+        source, with their names as keys.
     precision, engine : str
         Options of the call, with which the types of the arrays must agree.
 
@@ -146,7 +152,7 @@ def on_components(
             "of points"
         )
     size = 0 if 0 in widths else max(widths)
-    # Dr.Jit cannot add an empty array and a number.
+    # Dr.Jit cannot add a number to an empty array, so the function is called with a single point.
     if not size:
         arrays = {name: drjit.zeros(type(array), 1) for name, array in arrays.items()}
     value = function(arrays)
@@ -162,7 +168,10 @@ def on_components(
 
 
 def _component_array(name: str, value: Any, float_type: type) -> Drjit:
-    """Return a Dr.Jit component array, or NumPy points (d,) or (n, d), as an ``Array{d}f``."""
+    """Return points as a component array with the float type ``float_type``.
+
+    The points are a Dr.Jit component array, or a NumPy array of shape (d,) or (n, d).
+    """
     import drjit
 
     if not is_drjit(value):
@@ -184,7 +193,10 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
-    """Return tensors and NumPy points as broadcast component arrays, and their common shape."""
+    """Return tensors and NumPy points as component arrays that are broadcast to a common shape.
+
+    The second result is the common shape.
+    """
     import drjit
 
     flat: dict[str, Drjit] = {}
@@ -224,7 +236,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
 
 
 def _host_points(name: str, value: Any) -> NDArray[np.float64]:
-    """Return points that are not a Dr.Jit array. Raises ArgumentError if they are not real."""
+    """Return points as a NumPy array. Raises ArgumentError if they are not real numbers."""
     try:
         return real_numbers(value)
     except ValueError as error:
@@ -236,7 +248,10 @@ def _host_points(name: str, value: Any) -> NDArray[np.float64]:
 
 
 def components_of(name: str, point: Drjit, dimension: int) -> list[Drjit]:
-    """Return the components of a component array. Raises ArgumentError if their number differs."""
+    """Return the components of a component array.
+
+    Raises ArgumentError if the number of components is not ``dimension``.
+    """
     components = split(point)
     if len(components) != dimension:
         plural = "s" if dimension > 1 else ""
@@ -248,14 +263,14 @@ def components_of(name: str, point: Drjit, dimension: int) -> list[Drjit]:
 
 
 def split(point: Any) -> list[Any]:
-    """Return the components of NumPy points (..., d) or of a Dr.Jit component array."""
+    """Return the components of NumPy points, shape (..., d), or of a Dr.Jit component array."""
     if isinstance(point, np.ndarray):
         return [point[..., k] for k in range(point.shape[-1])]
     return [point] if sys.modules["drjit"].depth_v(point) == 1 else list(point)
 
 
 def joined(components: Sequence[Any]) -> Numbers:
-    """Return points that have these components, the inverse of :func:`split`."""
+    """Return points with the specified components. This is the inverse of :func:`split`."""
     if not is_drjit(components[0]):
         return np.stack(np.broadcast_arrays(*components), axis=-1)
     if len(components) == 1:
@@ -264,13 +279,16 @@ def joined(components: Sequence[Any]) -> Numbers:
 
 
 def shifted(point: Drjit, shift: NDArray[np.float64]) -> Drjit:
-    """Return a component array translated by ``shift`` (d,)."""
+    """Return a component array, translated by the vector ``shift``."""
     components = components_of("nu", point, len(shift))
     return joined([c + s for c, s in zip(components, shift.tolist(), strict=True)])
 
 
 def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list[Any]:
-    """Return the components of a matrix times a vector, without multiplications by zero."""
+    """Return the components of the product of a matrix and a vector.
+
+    Multiplications by zero are omitted.
+    """
     return [
         sum((c * m for c, m in zip(components, row, strict=True) if m), 0.0)
         for row in matrix.tolist()
@@ -278,7 +296,7 @@ def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list
 
 
 def unit_wave(cycles: Numbers) -> Numbers:
-    """Return exp(2 pi i cycles), as NumPy's complex numbers or a ``Complex2f``."""
+    """Return exp(2 pi i cycles) as a complex NumPy array or a ``Complex2f``."""
     if not is_drjit(cycles):
         return np.exp(2j * np.pi * (cycles - np.round(cycles)))
     cosine, sine = cos_sin_cycles(DrjitOperations(type(cycles)), cycles)
@@ -286,21 +304,20 @@ def unit_wave(cycles: Numbers) -> Numbers:
 
 
 def times_complex(value: Numbers, factor: complex) -> Numbers:
-    """Return a complex array (NumPy or ``Complex2f``) times a number."""
+    """Return a complex array, from NumPy or a ``Complex2f``, times a number."""
     if is_drjit(value):
         return value * type(value)(factor.real, factor.imag)
     return value * factor
 
 
 def numbers_of(name: str, value: Any, kind: str) -> Drjit:
-    """Return vertices or weights of a source as an ``Array2f`` or a ``Complex2f`` (``kind``).
+    """Return the vertices of a source as an ``Array2f``, or its weights as a ``Complex2f``.
 
-    Vertices may also be given as a tensor (n, 2); weights as a ``Float``, or a tensor (n,) or
-    (n, 2). Raises ArgumentError for anything else.
+    ``kind`` is the name of the type. Vertices may also be a tensor of shape (n, 2). Weights may
+    also be a ``Float``, or a tensor of shape (n,) or (n, 2). Raises ArgumentError for other values.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
-    # The caller already has a Dr.Jit array. An LLVM library has therefore been chosen, and Dr.Jit
-    # may be imported.
+    # Dr.Jit may be imported, because a caller with a Dr.Jit array has already imported it.
     if is_drjit(value):
         import drjit
 
@@ -314,7 +331,7 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
             if is_complex and drjit.depth_v(value) == 1:
                 return pair(value, drjit.zeros(type(value), drjit.width(value)))
             if drjit.depth_v(value) == len(value) == 2 and drjit.is_complex_v(value) == is_complex:
-                # The addition of zeros broadcasts both parts to a common width.
+                # The addition of zeros broadcasts both parts to the same width.
                 return pair(value[0], value[1]) + drjit.zeros(pair, drjit.width(value))
     forms = "a Float, or a tensor (n,) or (n, 2)" if is_complex else "or a tensor (n, 2)"
     raise ArgumentError(
@@ -324,7 +341,7 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
 
 
 def columns_of(pairs: Drjit) -> NDArray[np.float64]:
-    """Return the current numbers of an ``Array2f`` or ``Complex2f`` as columns (n, 2)."""
+    """Return the current values of an ``Array2f`` or ``Complex2f`` as an array of shape (n, 2)."""
     import drjit
 
     parts = [np.array(drjit.detach(pairs[k]), np.float64).ravel() for k in (0, 1)]
@@ -332,7 +349,7 @@ def columns_of(pairs: Drjit) -> NDArray[np.float64]:
 
 
 def entries(pairs: Drjit, index: NDArray[np.integer[Any]]) -> Drjit:
-    """Return selected entries of an ``Array2f`` or ``Complex2f``."""
+    """Return the entries of an ``Array2f`` or ``Complex2f`` with the specified indices."""
     import drjit
 
     numbers = array_of(drjit.uint32_array_t(type(pairs[0])), index)

@@ -1,4 +1,4 @@
-"""Progress bars on a terminal, for calls that take long."""
+"""Progress bars on a terminal."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ Part = TypeVar("Part")
 # The argument is the number of finished parts, by default 1.
 Advance = Callable[..., None]
 
-# Time in seconds after which a slow call draws a progress bar.
+# Time in seconds after which a call draws a progress bar.
 _PATIENCE = 5.0
 
-# Number of progress bars on the screen. A slow call draws no bar while another bar is visible.
+# Number of visible progress bars. A call draws no bar while another bar is visible.
 _bars = 0
 
 
 def _is_terminal() -> bool:
-    """Return whether stderr is a terminal; False if it is closed or missing."""
+    """Return whether stderr is a terminal. If it is closed or missing, the result is False."""
     try:
         return sys.stderr.isatty()
     except (AttributeError, ValueError):
@@ -33,20 +33,21 @@ def _is_terminal() -> bool:
 def progress_bar(
     title: str, total: int, done: int = 0, show: bool | None = None
 ) -> Iterator[Advance]:
-    """Draw a progress bar of ``total`` parts on stderr, and erase it at the end of the block.
+    """Draw a progress bar on stderr, and erase it at the end of the block.
 
-    Yields a function to be called after each part, or with the number of finished parts.
+    Yields a function to be called after each part of the work. Its argument is the number of
+    finished parts, by default 1.
 
     Parameters
     ----------
     title : str
-        Text before the bar.
+        Text in front of the bar.
     total : int
         Number of parts.
     done : int, default 0
         Number of parts that are finished at the start.
     show : bool, optional
-        None draws the bar if stderr is a terminal.
+        Whether to draw the bar. By default the bar is drawn if stderr is a terminal.
     """
     global _bars
     if not (_is_terminal() if show is None else checked_flag(show, "progress")):
@@ -62,7 +63,7 @@ def progress_bar(
 
 @contextmanager
 def slow_bar(title: str, total: int) -> Iterator[Advance]:
-    """Draw a progress bar after five seconds of work, unless another bar is visible."""
+    """Draw a progress bar after five seconds, unless another bar is visible."""
     start, done = time.monotonic(), 0
     draw: Advance | None = None
     with ExitStack() as stack:
@@ -81,10 +82,10 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 
 @contextmanager
 def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
-    """Yield an iterator over work items that draws the progress bar of :func:`slow_bar`.
+    """Yield an iterator over the parts of a task that draws a progress bar after five seconds.
 
-    The function is a context manager in order to erase the bar immediately after an exception. A
-    generator would erase it later.
+    This function is a context manager, so the bar is erased immediately after an exception. A
+    generator would erase the bar later.
     """
 
     def iterate() -> Iterator[Part]:

@@ -1,4 +1,4 @@
-"""Kernels on Dr.Jit arrays of callers: traced and differentiable."""
+"""Evaluation of kernels at Dr.Jit points, with derivatives."""
 
 from __future__ import annotations
 
@@ -25,23 +25,24 @@ from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest number of samples for which edges are data. For fewer samples, compiling edges as code
-# would cost more time than it saves.
+# Largest number of samples for which edges are data. For so few samples, the compilation of edges
+# as code would take more time than it saves.
 _MOST_AS_DATA = 1 << 16
-# Smallest numbers of samples and of edges for which samples are sorted by cell. Sorting waits for
-# the arguments and takes about 30 ns per sample. With fewer samples or edges, it saves less time.
+# Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
+# Sorting waits for the arguments and takes about 30 ns per sample. With fewer samples or edges, it
+# takes more time than it saves.
 _LEAST_SORTED, _LEAST_EDGES = 1 << 12, 40
 
 Numbers = tuple[Any, Any]
-"""Pair of numbers: two arrays, or two tuples of arrays in a kernel that is being traced."""
+"""Two arrays of coordinates or of complex parts. While a kernel is traced, two tuples of arrays."""
 
 
 @dataclass(frozen=True)
 class Traced:
     """Vertices and weights of a source that are Dr.Jit arrays, in the frame of the source.
 
-    None stands for constant numbers. While a kernel is traced, each number is a separate array, and
-    the pairs consist of tuples.
+    While a kernel is traced, each number is a separate array, and both attributes are pairs of
+    tuples.
     """
 
     vertices: Numbers | None = None
@@ -52,13 +53,13 @@ class Traced:
 
 @dataclass(frozen=True, eq=False)
 class Differentiable:
-    """A source with the current values of its vertices and weights, and their Dr.Jit arrays.
+    """A source whose vertices or weights are Dr.Jit arrays with derivatives.
 
     The function :func:`polywigner.differentiable` returns such a source.
     """
 
     source: Any
-    """An Aperture or an Array."""
+    """An Aperture or an Array with the current values of the vertices and weights."""
     vertices: Drjit | None = None
     """Vertices of all rings as an ``Array2f``; None if they are constant."""
     weights: Drjit | None = None
@@ -66,12 +67,12 @@ class Differentiable:
 
     @property
     def numbers(self) -> dict[str, Drjit]:
-        """The Dr.Jit arrays by name, ``"vertices"`` and ``"weights"``."""
+        """The Dr.Jit arrays, with the keys ``"vertices"`` and ``"weights"``."""
         values = {"vertices": self.vertices, "weights": self.weights}
         return {name: value for name, value in values.items() if value is not None}
 
     def traced(self, ops: DrjitOperations, tables: Any) -> Traced:
-        """Return the Dr.Jit arrays, converted to the frame of the tables."""
+        """Return the Dr.Jit arrays of the source, converted to the frame of ``tables``."""
         vertices = weights = None
         if self.vertices is not None:
             x, y = tables.frame.position(ops, *self.vertices)
@@ -85,7 +86,7 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Total change of a value V due to changes of vertices and weights."""
+    """Change of a transform due to changes of vertices and weights that are Dr.Jit arrays."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -118,11 +119,11 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        # Arrays that were created inside a Dr.Jit loop cannot be used outside the loop.
+        # An array that was created inside a Dr.Jit loop cannot be used outside the loop.
         if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Each vertex is gathered only once for all edges that end in it. Otherwise reverse mode
-        # would scatter the gradient of each edge to memory.
+        # Each vertex is read only once for all edges that end at the vertex. Otherwise reverse mode
+        # would write the gradient of each edge to memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -130,9 +131,9 @@ class _Accumulator:
 
 
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
-    """Return zeros that carry the derivatives of the given arrays.
+    """Return zeros that have the derivatives of two arrays.
 
-    The zeros are stored in memory, because the loops of Dr.Jit drop constants.
+    The zeros are stored in memory, because Dr.Jit removes constants from loops.
     """
     import drjit as dr
 
@@ -144,7 +145,10 @@ def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Return results of a kernel, with derivatives with respect to its arguments and ``traced``."""
+    """Return the results of a kernel, with their derivatives.
+
+    The derivatives are taken with respect to the arguments of the kernel and to ``traced``.
+    """
     import drjit as dr
 
     closed = gradient_kernel_of(kernel)
@@ -173,10 +177,10 @@ def evaluate_traced(
     complex_result: bool,
     shear: Callable[[Sequence[Drjit]], Sequence[Drjit]] | None = None,
 ) -> Drjit:
-    """Return a ``Float`` or ``Complex2f`` of a kernel at component arrays of one float type.
+    """Return the result of a kernel at component arrays, as a ``Float`` or ``Complex2f``.
 
-    ``source`` may be a :class:`Differentiable`. ``shear`` maps the components to those of the
-    kernel. Raises ArgumentError for a wrong number of components.
+    ``source`` may be a :class:`Differentiable`. ``shear`` converts the components to the arguments
+    of the kernel. Raises ArgumentError if the number of components is wrong.
     """
     import drjit
 
@@ -189,16 +193,16 @@ def evaluate_traced(
     numbers = source if isinstance(source, Differentiable) else Differentiable(source)
     make_tables: Any = kernel.tables_for
     if numbers.vertices is not None:
-        # The cache is skipped, because it could return the tables of an equal aperture whose rings
-        # begin at other vertices.
+        # The cache is not used, because it may contain the tables of an equal aperture whose rings
+        # start at other vertices.
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
     traced = numbers.traced(ops, tables)
-    # A kernel with edges as data is compiled once for all outlines. For many samples, edges as code
-    # are up to four times as fast. A function that the caller freezes must not contain cached
-    # memory, so its edges are code.
+    # A kernel with edges as data is compiled once for all outlines. For many samples, a kernel with
+    # edges as code is up to four times as fast. A function that the caller freezes must not contain
+    # cached memory, so its edges must be code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
     order = _order(kernel, ops, tables, components)
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
@@ -216,10 +220,10 @@ def evaluate_traced(
 def _order(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Drjit]
 ) -> NDArray[np.intp] | None:
-    """Return indices that sort many samples by their cells, or None if sorting is of no use.
+    """Return indices that sort samples by cell, or None if sorting saves no time.
 
-    Lanes of one vector instruction wait for the longest list of their samples. Samples of one cell
-    have the same list.
+    A vector instruction processes several samples, and takes as long as the sample with the longest
+    list of edges. All samples in a cell have the same list.
     """
     import drjit
 
@@ -235,7 +239,10 @@ def _order(
 
 
 def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
-    """Return the entries of an array with these indices; a single entry is the same for all."""
+    """Return the entries of an array with these indices.
+
+    An array with a single entry is returned unchanged.
+    """
     import drjit
 
     if drjit.width(values) == 1:
@@ -245,9 +252,9 @@ def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component; a constant that is infinite or NaN is converted to an array in memory.
+    """Return a component, and store it in memory if it is an infinite or NaN constant.
 
-    Dr.Jit folds constants into the code, where NaN would be lost.
+    Dr.Jit evaluates constants while it compiles code, and would lose NaN.
     """
     import drjit
 
@@ -260,9 +267,10 @@ def _in_memory(component: Drjit) -> Drjit:
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
-    """Return sum_k w_k exp(-2 pi i nu.p_k), (L3), differentiable with respect to nu and weights.
+    """Return an array factor that is differentiable with respect to frequencies and weights, (L3).
 
-    ``nu`` is an ``Array2f``, ``positions`` (n, 2), ``weights`` a ``Complex2f`` (n,).
+    ``nu`` is an ``Array2f`` of frequencies, and ``weights`` a ``Complex2f`` with one entry for each
+    of the ``positions``.
     """
     import drjit as dr
 
@@ -281,9 +289,10 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
 def with_jacobian(
     values: NDArray[np.float64], jacobian: NDArray[np.float64], numbers: Sequence[Drjit]
 ) -> Drjit:
-    """Return values (n,) as a ``Float`` that has a Jacobian (n, m) with respect to ``numbers``.
+    """Return values as a ``Float`` with specified derivatives.
 
-    ``numbers``: Dr.Jit floats with m entries in total, in the order of the columns.
+    Each column of ``jacobian`` contains the derivatives of all values with respect to one entry of
+    ``numbers``. ``numbers`` consists of Dr.Jit floats, whose entries have the order of the columns.
     """
     import drjit as dr
 

@@ -16,7 +16,7 @@ module              content
 ``catalogue``       the kernel of each transform and kind of source
 ==================  ===========================================================================
 
-This subpackage does not depend on files, plots, engines or Mitsuba.
+This subpackage does not read files, draw figures, choose engines or import Mitsuba.
 """
 
 from __future__ import annotations

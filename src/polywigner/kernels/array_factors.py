@@ -57,7 +57,7 @@ def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
 
 
 def _odd(ops: Any, number: Any) -> Number:
-    """Return 1 for odd numbers and 0 for even numbers."""
+    """Return 1 for an odd number and 0 for an even number."""
     return abs(number - 2.0 * ops.round(0.5 * number))
 
 
@@ -151,7 +151,7 @@ class _Series:
     """
 
     packets: int
-    """Number of packets of coefficients in each row."""
+    """Number of packets in each row. A packet contains up to four coefficients."""
     tables: tuple[DeviceTable | None, ...]
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 

@@ -85,7 +85,7 @@ class DeviceTable:
     copies: dict[Hashable, Any] = field(default_factory=dict)
 
     def in_memory(self, ops: Any) -> Any:
-        """Return the copy of the table in the memory of an engine."""
+        """Return a copy of the table in the memory of an engine, which is made only once."""
         if ops.key not in self.copies:
             self.copies[ops.key] = ops.on_device(self.values)
         return self.copies[ops.key]
@@ -174,7 +174,7 @@ def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
 
 @dataclass(frozen=True, eq=False)
 class PairLists:
-    """Pairs of elements, sorted by grid cell.
+    """Pairs of elements of an array, sorted by the cells of a grid.
 
     Each pair contributes to samples inside a box, and belongs to the cell that contains the lower
     corner of the box. Boxes are no larger than cells. The pairs that contribute to a sample

@@ -66,7 +66,7 @@ class Accumulator(Protocol):
 
 @dataclass
 class Gradients:
-    """Derivatives of a complex V with respect to frequency, position, vertices and weights."""
+    """Derivatives of a complex value with respect to frequency, position, vertices and weights."""
 
     frequency: list[Pair]
     position: list[Pair]
@@ -75,7 +75,7 @@ class Gradients:
 
 
 class Axes:
-    """Coordinates parallel and perpendicular to a frequency."""
+    """Coordinate axes parallel and perpendicular to a spatial frequency."""
 
     def __init__(self, ops: Any, nu: tuple[Any, Any]) -> None:
         self.ops = ops
@@ -377,7 +377,7 @@ class GradientKernel:
     parts: Callable[[Pair], tuple[Any, ...]]
     """Function that converts a complex value to the results of the kernel's sum over edges."""
     points: tuple[str, ...]
-    """Kinds of the kernel's arguments, each ``"frequency"`` or ``"position"``."""
+    """Kind of each argument of the kernel, which is ``"frequency"`` or ``"position"``."""
 
     def changed(self, ops: Any, frame: Any, gradients: Gradients, change: Sequence[Any]) -> Pair:
         """Return the change of the transform if all components of its arguments change."""

@@ -264,7 +264,7 @@ class Tables:
     """Indices of the start vertex, the end vertex, the element and the group of each edge. Shape
     (n, 4)."""
     apertures: tuple[Aperture, ...]
-    """The elements in the plane of the source."""
+    """Outline of each element in the plane of the source."""
     weights: tuple[Any, ...]
     """Complex weight of each element, relative to the field of its group."""
     factors: tuple[complex, ...]

@@ -1,13 +1,13 @@
-"""Numerical functions that contain no physics, and the types of arrays.
+"""Numerical functions without physics, and types of arrays.
 
 ===================  ===========================================================================
 module               content
 ===================  ===========================================================================
 ``grid_arithmetic``  exact arithmetic on vertices rounded to a grid
-``phases``           sine and cosine of cycles; phases from error-free products; complex pairs;
-                     means of a wave over segments, triangles and tetrahedra
-``nodes``            Gauss rules along edges, on triangles and trapezoids
-``chirps``           integrals of quadratic phases, by Fresnel integrals
+``phases``           accurate phases, sines and cosines; complex numbers as pairs of arrays;
+                     means of plane waves over segments, triangles and tetrahedra
+``nodes``            Gauss rules on intervals, triangles and trapezoids
+``chirps``           integrals of waves with a quadratic phase
 ``jets``             numbers with their derivatives
 ===================  ===========================================================================
 """
@@ -25,14 +25,17 @@ Indices = NDArray[np.intp]
 
 
 class Mask(Protocol):
-    """A truth value, or an array of truth values of any engine."""
+    """A truth value, or an array of truth values from NumPy or Dr.Jit."""
 
     def __and__(self, other: Any, /) -> Mask: ...
     def __or__(self, other: Any, /) -> Mask: ...
 
 
 class Number(Protocol):
-    """A float, or an array of floats of any engine. Functions return the kind that they receive."""
+    """A float, or an array of floats from NumPy or Dr.Jit.
+
+    Functions return the kind of number that they receive.
+    """
 
     def __add__(self, other: Any, /) -> Number: ...
     def __radd__(self, other: Any, /) -> Number: ...

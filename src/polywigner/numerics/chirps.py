@@ -1,16 +1,18 @@
-"""Integrals of chirps, exp(i pi (c t^2 - 2 f t)), along lines, and over intervals and polygons.
+"""Integrals of chirps over intervals and polygons.
 
-Along a line these integrals are Fresnel integrals, computed without cancellation. Transforms of
-curved waves over polygons, int exp(i pi x.Qx - 2 pi i nu.x) dx, are integrals along the edges of
-the polygon. In the axes of Q, with q1 the larger curvature, Green's theorem gives
+A chirp is a wave with a quadratic phase, exp(i pi (c t^2 - 2 f t)), where c is its curvature and f
+its frequency. Its integrals along a line are Fresnel integrals, which are computed without
+cancellation. The transform of a curved wave over a polygon is int exp(i pi x.Qx - 2 pi i nu.x) dx,
+where Q is the curvature matrix and nu the frequency. It equals an integral along the edges of the
+polygon. In the principal axes of Q, with the curvatures q1 and q2, Green's theorem gives
 
     int int exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x) dx dy
         = closed int G(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,
 
-where G(x), the integral of exp(i pi q1 t^2 - 2 pi i nu_x t) from 0 to x, is a difference of Fresnel
-integrals. The formula holds for spherical, cylindrical, saddle-shaped and flat waves. The integrand
-is entire, so Gauss rules converge as soon as they resolve its cycles. Source: (Q5) of
-docs/curved.md, (O6).
+where q1 is the larger curvature and G(x) is the integral of exp(i pi q1 t^2 - 2 pi i nu_x t) from 0
+to x, which is a difference of Fresnel integrals. The formula holds for spherical, cylindrical,
+saddle-shaped and flat waves. The integrand is an entire function, so Gauss rules converge as soon
+as they resolve its oscillations. Source: (Q5) of docs/curved.md, (O6).
 """
 
 from __future__ import annotations
@@ -33,21 +35,22 @@ _A = math.sqrt((_TERMS + 0.5) * math.pi)
 _SQUARES = ((np.arange(_TERMS) + 0.5) * math.pi / _A) ** 2
 _WEIGHTS = np.exp(-_SQUARES)
 _TURN = cmath.exp(-0.25j * math.pi)
-# Largest exponent for which the step of the Fresnel integral is computed. Beyond it, the step is 0
-# or 1 to the last digit.
+# Largest exponent for which the step of the Fresnel integral is computed. For larger exponents, the
+# step is 0 or 1 to the last digit.
 _FARTHEST = 60.0
 
 
 def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return two parts of T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds.
+    """Return the Fresnel integral from t to infinity, as two parts.
 
-    T(t) is step + exp(i t^2) rest. The function returns step - ``side`` and rest, each with a small
-    relative error. ``side`` is 1 where T is near 1, else 0. Differences of T at points far from its
-    step at t = 0 are therefore accurate as well.
+    The integral is T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds, and equals step + exp(i
+    t^2) rest. The function returns step - ``side`` and rest, each with a small relative error.
+    ``side`` is 1 if T is near 1, and 0 otherwise. Differences of T at positions far from its step
+    at t = 0 are therefore accurate as well.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
-    # The step of the Fresnel integral is 1/(exp(z) + 1). For ``side`` = 1 the step minus 1 is
-    # -1/(exp(-z) + 1), without cancellation.
+    # The step of the Fresnel integral is 1/(exp(z) + 1). If ``side`` is 1, the step minus 1 is
+    # computed as -1/(exp(-z) + 1), without cancellation.
     sign = 1.0 - 2.0 * side
     with np.errstate(over="ignore"):
         step = sign / (np.exp(sign * exponent) + 1.0)
@@ -61,25 +64,25 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# A Gauss rule with 8 nodes integrates up to _FEW_CYCLES cycles of phase to rounding accuracy. For
-# more cycles, differences of Fresnel integrals lose at most one digit.
+# A Gauss rule with 8 nodes integrates a phase of up to _FEW_CYCLES cycles with rounding errors
+# only. For more cycles, differences of Fresnel integrals lose at most one digit.
 _RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
-# Curvatures count as 0 if their phase over the longest interval is below this number of half
+# A curvature is treated as 0 if its phase over the longest interval is below this number of half
 # cycles.
 _FLAT = 1e-20
 
 
 def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
-    """Return the integral of exp(i pi (c t^2 - 2 f t)) from t = 0 to ``end``, accurate to rounding.
+    """Return the integral of a chirp, exp(i pi (c t^2 - 2 f t)), from t = 0 to ``end``.
 
     Parameters
     ----------
     end : array_like
-        Upper limit, in units of length.
+        Upper limit of integration, in units of length.
     curvature : array_like
-        c in 1/length^2, of either sign or zero.
+        Curvature c in 1/length^2, which may be positive, negative or zero.
     frequency : array_like
-        f in 1/length. All three broadcast against each other.
+        Frequency f in 1/length. All three arguments broadcast against each other.
     """
     b, c, f = (np.asarray(values, np.float64) for values in (end, curvature, frequency))
     sign = np.where(c < 0, -1.0, 1.0)
@@ -96,7 +99,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
 
 
 def waves_of_cycles(cycles: Any) -> Complex:
-    """Return exp(2 pi i cycles)."""
+    """Return the waves exp(2 pi i cycles)."""
     angle = np.asarray(2 * math.pi * (cycles - np.rint(cycles)))
     wave = np.empty(angle.shape, np.complex128)
     np.cos(angle, out=wave.real)
@@ -114,10 +117,11 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
 
 
 def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
-    """Return the integral for c > 0; it is inaccurate if the phase changes little from 0 to b.
+    """Return the integral of a chirp with c > 0 from 0 to b, as a difference of two tails.
 
-    The integral is a difference of two tails (step + rest), as returned by :func:`fresnel_tail`.
-    The steps are equal, unless the point f/c of stationary phase is near 0 or b, or between them.
+    :func:`fresnel_tail` returns the steps and the rests of both tails. The steps are equal, unless
+    the point of stationary phase f/c lies between 0 and b, or near 0 or b. The result is inaccurate
+    if the phase changes little from 0 to b.
     """
     root = np.sqrt(math.pi * c)
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
@@ -129,34 +133,39 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Largest number of cycles of phase along an edge. More cycles would need gigabytes of quadrature
-# nodes per point.
+# Largest number of phase cycles along an edge. With more cycles, the quadrature nodes of a single
+# point would take gigabytes.
 _MOST_CYCLES = 1e5
-# Number of cycles of phase on each piece of an edge, well within the range of the largest Gauss
-# rule.
+# Number of phase cycles on each piece of an edge. The largest Gauss rule integrates many more
+# cycles.
 _CYCLES = 200.0
-# Only every fourth Gauss rule is used, which gives two rules per factor of two in the number of
-# nodes.
+# Only every fourth Gauss rule is used, so there are two rules for each factor of two in the number
+# of nodes.
 _STRIDE = 4
-# Largest number of quadrature nodes in a block, so that a block stays in the cache of a core, and
-# largest number of pairs of a point and an edge in a block.
+# Largest number of quadrature nodes in a block, and largest number of pairs of a point and an edge
+# in a block. A block fits into the cache of a core.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Smallest number of quadrature nodes of a batch. A smaller batch joins the batch of the next larger
-# rule, because a separate call would cost more.
+# Smallest number of quadrature nodes in a batch. A smaller batch is combined with the batch of the
+# next larger rule, because a separate call would take longer.
 _FEW = 1 << 9
 
 
 def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the transform over intervals (m, 2), for curvatures (n,) and frequencies (n,)."""
+    """Return the transform of curved waves over a set of intervals.
+
+    ``q`` and ``nu`` contain the curvature and the frequency of each result.
+    """
     value = chirp_integral(intervals.ravel(), q[:, None], nu[:, None])
     value = value.reshape(-1, len(intervals), 2)
     return np.asarray((value[..., 1] - value[..., 0]).sum(axis=1))
 
 
 def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Complex:
-    """Return the transform over an outline, for curvatures (n, 2) and frequencies (n, 2).
+    """Return the transform of curved waves over an outline.
 
-    ``q``: the larger curvature first. The origin lies within the box of the outline.
+    ``q`` and ``nu`` contain the curvatures and the frequency of each result along both axes. The
+    first curvature must be the larger one. The origin must lie inside the bounding box of the
+    outline.
     """
     begin = np.concatenate(rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
@@ -168,7 +177,10 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the sum over all edges, with a suitable number of nodes for each edge and point."""
+    """Return the sum of the integrals along all edges.
+
+    The number of quadrature nodes depends on the edge and the point.
+    """
     cycles = _cycles(begin, edge, q, nu)
     pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
@@ -185,7 +197,7 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         for block in (members[k : k + step] for k in range(0, len(members), step)):
             owners = points[block]
             values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
-            # A matrix product by BLAS would start threads, which takes longer than the product
+            # BLAS would start threads for a matrix product, which takes longer than the product
             # itself.
             total = np.einsum("kn,n->k", values_at_nodes, weights)
             np.add.at(values, owners, total * (0.5 * extent[block, 1]))
@@ -193,12 +205,15 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
 
 
 def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return a bound (n, m) on the cycles along each edge, of the chirp and of its y factor."""
+    """Return an upper bound of the phase cycles of the integrand along each edge.
+
+    The result has one row for each point and one column for each edge.
+    """
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    # Infinite and NaN bounds on the cycles occur only at points whose result is NaN.
+    # An upper bound is infinite or NaN only at points whose result is NaN.
     most = np.where(np.isfinite(most), most, 0.0)
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
@@ -210,14 +225,14 @@ def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
 
 
 def _rules_for(cycles: Floats) -> NDArray[np.intp]:
-    """Return the indices of the rules that integrate chirps of up to 400 ``cycles``."""
+    """Return the indices of the Gauss rules for chirps with up to 400 cycles."""
     needed = 0.5 * math.pi * cycles + 8.0 * np.cbrt(cycles) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield the index of each rule, with the pairs of a point and an edge that use the rule."""
+    """Yield the index of each rule, and the pairs of a point and an edge that use the rule."""
     present = np.unique(rules).tolist()
     members = np.zeros(0, np.intp)
     for rule in present:
@@ -228,7 +243,10 @@ def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
 
 
 def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the integrand on pieces of edges (k, 2) at nodes on [-1, 1]."""
+    """Return the integrand at the quadrature nodes on pieces of edges.
+
+    ``at`` contains the nodes on the interval from -1 to 1.
+    """
     x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
     (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))
     value = chirp_integral(x, q1, nu1)

@@ -1,7 +1,8 @@
-"""Exact arithmetic on vertices rounded to a grid.
+"""Exact arithmetic with vertices that are rounded to a grid.
 
-On the grid, sums and differences of an offset and two coordinates are exact in the float type of
-the kernel. Cross products of vectors are accurate to an ulp, and their signs are exact.
+For numbers on the grid, sums and differences of an offset and two coordinates are exact in the
+float type of the kernel. Cross products of vectors are accurate to an ulp, and their signs are
+exact.
 """
 
 from __future__ import annotations
@@ -15,31 +16,37 @@ import numpy.typing as npt
 
 from polywigner.numerics import Floats
 
-# Splitting constant of Veltkamp's algorithm, 2^ceil(p/2) + 1 for p = 53 bits.
+# Constant 2^27 + 1 of Veltkamp's algorithm, which splits a number of 53 bits into two halves.
 _SPLIT = 134217729.0
 
 
 def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return vertices as multiples of ``step`` without repeats, and a mask of those kept."""
+    """Return vertices, rounded to multiples of ``step``, without repeated vertices.
+
+    The second result is a mask of the vertices that are not repeated.
+    """
     points = np.round(polygon / step) * step + 0.0
     distinct = (points != np.roll(points, 1, axis=0)).any(axis=1)
     return points[distinct], distinct
 
 
-# Largest number of pairs of a side and a vertex in a block, so that temporary arrays stay in the
+# Largest number of pairs of a side and a vertex in a block. Temporary arrays then fit into the
 # cache of a core.
 _BLOCK = 1 << 16
 
 
 def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-    """Return cross(a, b) of floats or arrays to about one ulp; 0 only if it is exact (Dekker)."""
+    """Return the cross product of two vectors with an error of about an ulp (Dekker).
+
+    The result is 0 only if the exact cross product is 0.
+    """
     first, second = ax * by, ay * bx
     lost = product_error(ax, by, first) - product_error(ay, bx, second)
     return (first - second) + lost
 
 
 def product_error(a: Any, b: Any, product: Any) -> Any:
-    """Return the exact difference of a b and its rounded value ``product`` (Dekker)."""
+    """Return the exact rounding error of the product of a and b (Dekker)."""
     a_high = a * _SPLIT
     a_high = a_high - (a_high - a)
     b_high = b * _SPLIT
@@ -49,7 +56,10 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 
 
 def _is_convex(polygon: Floats) -> bool:
-    """Return whether a ring is convex and winds once; vertices on straight sides are allowed."""
+    """Return whether a ring is convex and winds once around its interior.
+
+    Vertices on straight sides are allowed.
+    """
     before = polygon - np.roll(polygon, 1, axis=0)
     following = np.roll(polygon, -1, axis=0) - polygon
     crosses = accurate_cross(*before.T, *following.T)
@@ -61,13 +71,13 @@ def _is_convex(polygon: Floats) -> bool:
 
 
 def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
-    """Insert every vertex that lies exactly on a side of a piece into the piece.
+    """Return a piece with additional vertices at all ``vertices`` that lie exactly on its sides.
 
-    Sides of neighbouring pieces, and edges, then have common end points, which remain common when
-    rounding moves the vertices.
+    Sides of adjacent pieces then have common end points, and still have common end points after the
+    vertices are rounded.
     """
     ends = np.roll(piece, -1, axis=0)
-    # A wide tolerance selects vertices that may lie on a side, which is then tested exactly.
+    # Vertices within a wide tolerance are selected first. The exact test is slower.
     size = 1e-12 * float(np.abs(vertices).max())
     step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):
@@ -96,11 +106,11 @@ def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
 
 
 def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:
-    """Return convex pieces on the grid and weights; their weighted sum is the union of pieces.
+    """Return convex pieces with vertices on a grid, and weights of 1 or -1.
 
-    Rounding may make a piece non-convex, or reverse the orientation of a sliver. Such a piece is
-    divided into triangles with weights 1 or -1. The triangles share their inner sides exactly, so
-    these cancel exactly.
+    The weighted sum of the returned pieces equals the union of ``pieces``. Rounding may make a
+    piece non-convex, or reverse the orientation of a narrow piece. Such a piece is divided into
+    triangles, whose contributions along common sides cancel exactly.
     """
     result: list[tuple[Floats, float]] = []
     for piece in pieces:

@@ -1,6 +1,7 @@
-"""Numbers that carry their derivatives through formulas written with ``ops``.
+"""Automatic differentiation in forward mode, for formulas of kernels.
 
-Jets can be nested: if the values of jets are jets themselves, they have second derivatives.
+A jet is a number together with its derivatives. If the values of jets are jets, the outer jets have
+second derivatives.
 """
 
 from __future__ import annotations
@@ -12,23 +13,25 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_cycles
 
-# Smallest divisor in derivatives. The derivatives of roots and angles closer to 0 are not resolved.
+# Smallest divisor in derivatives. The derivatives of roots and angles are inaccurate if their
+# arguments are closer to 0.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]
 
 
 class Jet:
-    """A number or array, and its derivatives with respect to variables; () if it is constant.
+    """A number or array, and its derivatives with respect to variables.
 
-    All arrays in a formula must be jets, because Dr.Jit arrays do not accept jets as operands.
+    The derivatives of a constant are an empty tuple. All arrays in a formula must be jets, because
+    Dr.Jit arrays do not accept jets as operands.
     """
 
     def __init__(self, ops: Any, value: Any, slopes: Slopes = ()) -> None:
         self.ops, self.value, self.slopes = ops, value, slopes
 
     def through(self, value: Any, rate: Any) -> Jet:
-        """Return a function of this number as a jet, from the function's value and derivative."""
+        """Return a function of this jet as a jet, from the function's value and derivative."""
         return Jet(self.ops, value, tuple(rate * slope for slope in self.slopes))
 
     def __add__(self, other: Any) -> Jet:
@@ -84,13 +87,13 @@ def _value(number: Any) -> Number:
 
 
 class JetOperations:
-    """Operations of an engine on jets and on Python floats."""
+    """Operations of kernels on jets and on Python floats."""
 
     def __init__(self, ops: Any) -> None:
         self._ops, self.double = ops, ops.double
 
     def variables(self, values: Sequence[Any]) -> tuple[Jet, ...]:
-        """Return numbers, such as coordinates, as jets: the variables of the derivatives."""
+        """Return numbers as jets that are the variables of the derivatives."""
         count = range(len(values))
         return tuple(
             Jet(self._ops, value, tuple(0.0 * value + float(m == n) for m in count))
@@ -98,7 +101,7 @@ class JetOperations:
         )
 
     def constants(self, values: Iterable[Any]) -> tuple[Jet, ...]:
-        """Return numbers that do not depend on the variables, as jets."""
+        """Return numbers as jets that do not depend on the variables."""
         return tuple(Jet(self._ops, value) for value in values)
 
     def select(self, condition: Any, a: Any, b: Any) -> Jet:
@@ -138,7 +141,7 @@ class JetOperations:
 
 
 def flattened(numbers: Iterable[Any]) -> list[Any]:
-    """Return the values and derivatives of jets, and other numbers, as one flat list."""
+    """Return the values and derivatives of jets, and numbers that are not jets, as a flat list."""
     parts: list[Any] = []
     for number in numbers:
         parts += [number.value, *number.slopes] if isinstance(number, Jet) else [number]
@@ -146,7 +149,7 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
-    """Return numbers with the structure of ``like`` from a flat list (see :func:`flattened`)."""
+    """Return jets and numbers with the structure of ``like`` from a list of :func:`flattened`."""
     remaining = iter(parts)
     return [
         Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.slopes))

@@ -1,15 +1,17 @@
-"""Gauss-Legendre rules on intervals, triangles and trapezoids: node counts and error estimates.
+"""Gauss-Legendre rules on intervals, triangles and trapezoids, with error estimates.
 
-Let an integrand on [-1, 1] be analytic inside the ellipse with foci -1 and 1 and half-axes cosh u
-and sinh u, and bounded there by M. Its Legendre coefficients c_n are about M exp(-n u), and the
-error of n Gauss nodes is about M exp(-2 n u). For a wave whose phase changes by w radians over half
-of the interval, M = exp(w sinh u). These formulas give the required number of nodes before the
-integration. After it, the error is estimated as c_n^2/M from the values at the nodes: coefficients
-that are larger than expected indicate a larger error. Source: (B5).
+An integrand on [-1, 1] is assumed to be analytic and bounded by M inside the ellipse with foci -1
+and 1 and half-axes cosh u and sinh u. Its Legendre coefficients c_n are then about M exp(-n u), and
+the error of a rule with n nodes is about M exp(-2 n u). If the integrand is a wave whose phase
+changes by w radians over half of the interval, M is exp(w sinh u). The number of nodes is chosen
+from these formulas before the integration. After the integration, the error is estimated as c_n^2/M
+from the values at the nodes. Coefficients that are larger than expected indicate a larger error.
+Source: (B5).
 
-Triangles and trapezoids are represented as cells: images of the unit square under a bilinear map of
-(u, v). The side u = 0 of a triangle is a single corner. A product of two rules on [0, 1] integrates
-polynomials over a cell exactly and converges spectrally for smooth integrands.
+Triangles and trapezoids are represented as cells. A cell is the image of the unit square under a
+bilinear map of the coordinates (u, v). For a triangle, the side u = 0 of the square is mapped to a
+single corner. The product of two Gauss rules integrates polynomials over a cell exactly, and
+converges spectrally for smooth integrands.
 """
 
 from __future__ import annotations
@@ -28,29 +30,31 @@ from numpy.typing import NDArray
 from polywigner.numerics import Floats, Indices, Number
 
 Rules = tuple[npt.NDArray[np.float64], ...]
-"""Tables (n, 4), one per rule: node, weight, and the weights of the last two Legendre coefficients.
-"""
+"""Quadrature rules as tables of shape (n, 4). A row contains a node, its weight, and its weights in
+the last two Legendre coefficients."""
 
-# Number of rules per factor of two in the number of nodes, and numbers of nodes of the smallest and
-# the largest rule. On average the selected rule has a sixteenth more nodes than necessary.
+# Number of rules for each factor of two in the number of nodes, and numbers of nodes of the
+# smallest and the largest rule. On average the selected rule has a sixteenth more nodes than
+# necessary.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# Parameters u of the ellipses for which the error bound is evaluated. The smallest of these
-# ellipses passes through i. If a singularity lies inside it, the bound with _CHORD and _GROWTH
-# applies.
+# Parameters u of the ellipses for which the error bound is evaluated. The smallest ellipse passes
+# through the imaginary unit i. If a singularity lies inside this ellipse, the error bound with
+# _CHORD and _GROWTH is used.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
-# Constants of the bounds u >= 0.88 sinh u and sinh u <= 1.135 u, which hold for sinh u up to 1.
+# Constants of the inequalities u >= 0.88 sinh u and sinh u <= 1.135 u, which hold for sinh u up to
+# 1.
 _CHORD, _GROWTH = 0.88, 1.135
-# Safety factor of the error estimate. With it, the estimate exceeded the true error on all of
-# 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and evanescent
-# waves and tolerances from 0.1 to 1e-9. Without it, a few errors in 10,000 were larger than
-# estimated.
+# Safety factor of the error estimate. With this factor, the estimate exceeded the actual error on
+# all of 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and
+# evanescent waves, and for tolerances from 0.1 to 1e-9. Without the factor, a few of 10,000 errors
+# were larger than estimated.
 _SAFETY = 8.0
 # If the squares of the last Legendre coefficients exceed their expected size by this factor, the
-# error estimate does not rely on the expected bound M of the integrand.
+# error estimate does not use the expected bound M of the integrand.
 _SURPRISE = 1e3
 # Number of values that :func:`node_sums` returns.
 SUMS = 7
@@ -58,15 +62,15 @@ SUMS = 7
 
 @lru_cache(maxsize=1)
 def gauss_rules() -> Rules:
-    """Return all rules, from the smallest to the largest."""
+    """Return all Gauss-Legendre rules, from the smallest to the largest."""
     return tuple(gauss_legendre(n) for n in _SIZES)
 
 
 def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
-    """Return the rule with n nodes as a table (n, 4).
+    """Return the Gauss-Legendre rule with n nodes, as one table of `Rules`.
 
-    The nodes are computed by Newton's method from Tricomi's approximation, which is accurate to
-    1/n^4.
+    The nodes are computed by Newton's method, starting from Tricomi's approximation, whose error is
+    proportional to 1/n^4.
     """
     angle = math.pi * (np.arange(n, 0, -1) - 0.25) / (n + 0.5)
     x = (1 - (1 - 1 / n) / (8 * n * n)) * np.cos(angle)
@@ -90,7 +94,7 @@ def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
 
 
 def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the number of nodes for an error of exp(-digits), relative to the integrand's size.
+    """Return the number of quadrature nodes for a relative error of exp(-digits).
 
     Parameters
     ----------
@@ -106,7 +110,8 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
     needed : array
         Number of nodes, not rounded.
     expected : tuple of array
-        Digits, log(M) on the ellipse that the number relies on, and log(c_n), for :func:`missed`.
+        Digits, log(M) on the ellipse from which the number follows, and log(c_n), for
+        :func:`missed`.
     """
     inside = ops.minimum(clear, 1.0)
     needed = digits / (2 * _CHORD * inside) + 0.5 * _GROWTH * wave
@@ -125,14 +130,21 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 
 def rule_of(ops: Any, needed: Any) -> Number:
-    """Return the index of the smallest rule with at least ``needed`` nodes, else of the largest."""
-    # The offset 0.4999 is slightly below 0.5, so that exact sizes of rules are not rounded up.
+    """Return the index of the smallest rule with at least ``needed`` nodes.
+
+    If no rule has as many nodes, the index of the largest rule is returned.
+    """
+    # The offset 0.4999 is slightly below 0.5, so that the exact size of a rule is not rounded up to
+    # the next rule.
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
 
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
-    """Return the terms of one node: for the integral, its size, and the last two coefficients."""
+    """Return the contributions of a node to the sums from which :func:`missed` estimates the error.
+
+    The sums are the integral, the integral of the modulus, and the last two Legendre coefficients.
+    """
     size = weight * (abs(real) + abs(imag))
     return (
         real * weight, imag * weight, size,
@@ -141,10 +153,11 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
 
 
 def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: Any) -> Number:
-    """Return an error estimate of a rule from sums of :func:`node_sums`, including rounding errors.
+    """Return an error estimate of an integral, including rounding errors.
 
-    ``expected``: the second result of :func:`nodes_needed`. ``cycles``: bound on the sum of all
-    phases, in cycles.
+    ``sums`` contains the sums of :func:`node_sums` over all nodes, and ``expected`` the second
+    result of :func:`nodes_needed`. ``cycles`` is an upper bound of the sum of all phases, in
+    cycles.
     """
     size, a, b, c, d = sums[2:]
     digits, growth, last = expected
@@ -154,20 +167,20 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: A
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
     estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # Legendre coefficients that are small by chance must not reduce the estimate below the planned
-    # error.
+    # The estimate is at least the allowed error, because Legendre coefficients may be small by
+    # chance.
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
     return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
 
 
 Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
-"""Nodes, and weights with the sum 1; both arrays are read-only."""
+"""Nodes and weights of a quadrature rule, as read-only arrays. The sum of the weights is 1."""
 
 
 @lru_cache(maxsize=64)
 def normal_rule(reach: float, error: float) -> Rule:
-    """Return nodes (n,) and weights (n,) for the mean over a standard normal variable t."""
+    """Return the nodes and weights of a rule for the mean over a standard normal variable."""
     tail = math.sqrt(2 * math.log(2 / error))
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
     nodes: Any
@@ -183,10 +196,10 @@ def normal_rule(reach: float, error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
-    """Return nodes (n, d) and weights (n,) for the mean over d independent normal variables.
+    """Return the nodes and weights of a rule for the mean over independent normal variables.
 
-    ``reaches``: see :func:`normal_rule`, one for each variable. The nodes with the smallest weights
-    are omitted; their weights add up to at most a tenth of ``error``.
+    For each variable, ``reaches`` contains the argument ``reach`` of :func:`normal_rule`. The nodes
+    with the smallest weights are omitted. The sum of their weights is at most a tenth of ``error``.
     """
     rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
@@ -201,9 +214,9 @@ def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def flat_rule(reach: float, error: float) -> Rule:
-    """Return nodes (n,) and weights (n,) for the mean over t from -1 to 1.
+    """Return the nodes and weights of a rule for the mean over t from -1 to 1.
 
-    The rule has two nodes more than the remainder requires, since the integrand also contains
+    The rule has two more nodes than the error bound requires, because the integrand also contains
     powers of the frequency.
     """
     least = _fewest(lambda n: _legendre_remainder(n, reach), error)
@@ -212,13 +225,13 @@ def flat_rule(reach: float, error: float) -> Rule:
 
 
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
-    """Return numbers of Gauss-Legendre nodes on [-1, 1] for exp(i f(x)) with |f'| <= ``radians``.
+    """Return the numbers of Gauss-Legendre nodes for waves with a linear or quadratic phase.
 
-    The phase f is linear or quadratic, except for small terms. The error of n nodes is about the
-    sum of the terms of order 2n and higher in the Chebyshev series. For exp(i w x) these terms are
-    Bessel functions J_k(w); for exp(i w x^2/2) the term of order 2k is J_k(w/4). In Debye's
-    approximation J_k(k/cosh a) is exp(-k (a - tanh a)), so a parametrises the relation between w
-    and k.
+    The derivative of the phase on [-1, 1] is at most ``radians``. The error of n nodes is about the
+    sum of the terms of order 2n and higher in the Chebyshev series of the wave. For the wave exp(i
+    w x) these terms are Bessel functions J_k(w). For exp(i w x^2/2) the term of order 2k is
+    J_k(w/4). The number of nodes follows from Debye's approximation, in which J_k(k/cosh a) is
+    exp(-k (a - tanh a)).
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))
@@ -229,7 +242,10 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
 def _fewest(
     remainder: Callable[[int], float], error: float, below: int | None = None
 ) -> int | None:
-    """Return the smallest number of nodes for which exp(remainder(n)) is at most ``error``."""
+    """Return the smallest number of nodes with an error of at most ``error``.
+
+    ``remainder(n)`` is the logarithm of the error of n nodes.
+    """
     allowed = math.log(error)
     for n in count(1) if below is None else range(1, below):
         if remainder(n) <= allowed:
@@ -265,40 +281,42 @@ def unit_rule(count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float
 
 
 Triangles = NDArray[np.float64]
-"""Corners of triangles, shape (n, 3, 2)."""
+"""Corners of n triangles, shape (n, 3, 2)."""
 Cells = NDArray[np.float64]
-"""Corners of cells, shape (n, 4, 2), at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1)."""
+"""Corners of n cells, shape (n, 4, 2). The corners have the coordinates (u, v) = (0, 0), (1, 0),
+(0, 1) and (1, 1)."""
 
-# Number of quadrature nodes along a side per cycle of phase of the field. W oscillates at twice the
-# frequency of the field, and Gauss rules converge above pi/2 nodes per cycle of the integrand.
+# Number of quadrature nodes along a side for each phase cycle of the field. The Wigner function
+# oscillates at twice the frequency of the field, and Gauss rules converge with more than pi/2 nodes
+# per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Largest number of quadrature nodes along a side. If more are needed, :func:`counts_for` returns a
-# larger number.
+# Largest number of quadrature nodes along a side. If more nodes are needed, :func:`counts_for`
+# returns a larger number.
 LARGEST = 4096
 
 
 def areas(triangles: Triangles) -> Floats:
-    """Return the areas (n,) of triangles (n, 3, 2)."""
+    """Return the area of each triangle."""
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
 def cells_of(triangles: Triangles) -> Cells:
-    """Return triangles as cells, with the corner u = 0 opposite to the shortest side."""
+    """Return triangles as cells. The corner at u = 0 is opposite to the shortest side."""
     order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
     return np.take_along_axis(triangles, order[:, :, None], axis=1)
 
 
 def _side_lengths(triangles: Triangles) -> Floats:
-    """Return the lengths (n, 3) of the sides opposite to the corners."""
+    """Return the length of the side opposite to each corner, for each triangle."""
     return np.asarray(np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1))
 
 
 def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats, Floats]]:
-    """Yield the rules of all cells that have the same numbers of nodes.
+    """Yield quadrature rules, together for all cells with the same numbers of nodes.
 
-    ``counts`` (n, 2): numbers of nodes along u and along v. Yields the indices (k,) of the cells,
-    nodes (k, along u, along v, 2) and weights (k, along u, along v).
+    ``counts`` contains the numbers of nodes along u and v for each cell. Yields the indices of k
+    cells, the nodes, shape (k, nodes along u, nodes along v, 2), and the weights.
     """
     for shared in np.unique(counts, axis=0):
         members = np.flatnonzero((counts == shared).all(axis=1))
@@ -313,9 +331,9 @@ def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats,
 
 
 def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
-    """Return nodes (m, 2), weights (m,), and the index (m,) of the cell of each node.
+    """Return the nodes and weights of all cells, and the index of the cell of each node.
 
-    ``counts``: see :func:`cell_rules`.
+    For ``counts`` see :func:`cell_rules`.
     """
     rules = [
         (nodes.reshape(-1, 2), weights.ravel(), np.repeat(members, weights[0].size))
@@ -326,10 +344,10 @@ def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indic
 
 
 def counts_for(cycles: Floats, error: float) -> Indices:
-    """Return numbers of nodes that integrate a wave with ``cycles`` of phase over an interval.
+    """Return the numbers of nodes that integrate waves with ``cycles`` phase cycles.
 
-    A number above ``LARGEST`` means that no rule is sufficient. The remainder of n nodes for q
-    cycles is at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
+    A number above ``LARGEST`` means that no rule is sufficient. With n nodes and q cycles, the
+    error is at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
     """
     n = np.arange(1.0, LARGEST + 1)
     reach = 4 * n / (math.pi * math.e) * error ** (0.5 / n)
@@ -339,7 +357,7 @@ def counts_for(cycles: Floats, error: float) -> Indices:
 def triangles_of(
     polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
 ) -> tuple[Triangles, Indices]:
-    """Return constrained Delaunay triangles (m, 3, 2), and the index (m,) of their polygons."""
+    """Return constrained Delaunay triangles of polygons, and the polygon index of each triangle."""
     collections = shapely.constrained_delaunay_triangles(np.asarray(polygons))
     parts, owner = shapely.get_parts(collections, return_index=True)
     corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
@@ -348,11 +366,11 @@ def triangles_of(
 
 
 def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats]:
-    """Return nodes (m, 2) and weights (m,) of a Gauss rule on triangles (n, 3, 2).
+    """Return the nodes and weights of a Gauss rule on triangles.
 
-    The integrand has up to ``rate`` cycles per metre. Along a side of length s the rule has ``extra
-    + 3.5 s rate`` nodes, at least 1. In each triangle, the lines of nodes meet in the corner
-    opposite to the shortest side.
+    The integrand has up to ``rate`` phase cycles per metre. Along a side of length s the rule has
+    ``extra + 3.5 s rate`` nodes, at least 1. In each triangle, the lines of nodes meet at the
+    corner opposite to the shortest side.
     """
     nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
     return nodes, weights
@@ -361,7 +379,7 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats,
 def rule_by_triangles(
     triangles: Triangles, rate: float, extra: float
 ) -> tuple[Floats, Floats, Indices]:
-    """Return the rule of :func:`gauss_rule`, and the index (m,) of the triangle of each node."""
+    """Return the rule of :func:`gauss_rule`, and the index of the triangle of each node."""
     counts = _counts(_extents(triangles), rate, extra)
     return rule_of_counts(cells_of(triangles), counts.astype(np.intp))
 
@@ -372,13 +390,13 @@ def node_count(triangles: Triangles, rate: float, extra: float) -> float:
 
 
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
-    """Return the largest distance between neighbouring nodes of :func:`gauss_rule`, shape (n,)."""
+    """Return the largest distance between adjacent nodes of :func:`gauss_rule` in each triangle."""
     extents = _extents(triangles)
     return np.asarray((extents / _counts(extents, rate, extra)).max(axis=1))
 
 
 def _extents(triangles: Triangles) -> Floats:
-    """Return the lengths (n, 2) of the longest and the shortest side of each triangle."""
+    """Return the lengths of the longest and the shortest side of each triangle."""
     sides = _side_lengths(triangles)
     return np.column_stack([sides.max(axis=1), sides.min(axis=1)])
 
@@ -388,7 +406,10 @@ def _counts(extents: Floats, rate: float, extra: float) -> Floats:
 
 
 def quartered(triangles: Triangles) -> Triangles:
-    """Divide each triangle into four at the midpoints of its sides; the four stay together."""
+    """Return four triangles for each triangle, divided at the midpoints of its sides.
+
+    The four triangles are adjacent in the result.
+    """
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

@@ -1,16 +1,17 @@
 """Phases of waves in cycles, complex numbers as pairs of real arrays, and means of plane waves.
 
-Phases nu.p in cycles come from error-free products, and the sine and cosine of cycles from
-polynomials, so large phases keep all their digits. Numbers, including spatial frequencies, may be
-``Doubled``: the unrounded sum of two floats.
+The phase nu.p of a plane wave with the frequency nu at the position p is computed from error-free
+products, and its sine and cosine from polynomials, so large phases keep all their digits. Numbers
+may be ``Doubled``, which is the unrounded sum of two floats.
 
-The mean of exp(-2 pi i p) over a simplex with phases p_0, ..., p_n (in cycles) at its corners is n!
-times the divided difference exp[z_0, ..., z_n] at z = -2 pi i p (Hermite and Genocchi). The divided
-difference of first order is a sinc times a wave. A divided difference of higher order is the
-quotient of two differences of the order below, at the two corners whose phases are farthest apart.
-If all phases are close together, it is the Taylor series with complete homogeneous symmetric
-polynomials h_k of the phases. No formula divides by a small number, so slivers and nu = 0 need no
-special treatment.
+The mean of a plane wave over a segment, triangle or tetrahedron follows from its phases p_0, ...,
+p_n at the corners, in cycles. It is n! times the divided difference of the exponential function at
+the arguments -2 pi i p_k (Hermite and Genocchi). The divided difference of first order is a sinc
+times a wave. A divided difference of higher order is the quotient of two differences of the order
+below, at the two corners whose phases are farthest apart. If all phases are close together, the
+divided difference is computed from its Taylor series, which contains the complete homogeneous
+symmetric polynomials of the phases. No formula divides by a small number, so narrow triangles and
+zero frequency need no special treatment.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _SINE_SINGLE = (
 
 
 def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Number:
-    """Return the sum of c_k x^k, computed by Horner's rule."""
+    """Return a polynomial of x with the coefficients in ascending order (Horner's rule)."""
     *others, before, last = coefficients
     total = ops.fma(x, last, before)
     for c in others[::-1]:
@@ -47,14 +48,14 @@ def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Number:
 
 
 def _sine_over_reduced(ops: Any, r: Any) -> Number:
-    """Return sin(2 pi r)/r for |r| <= 1/2, 2 pi at r = 0."""
+    """Return sin(2 pi r)/r for |r| up to 1/2, which is 2 pi at r = 0."""
     coefficients = _SINE_DOUBLE if ops.double else _SINE_SINGLE
     square = r * r
     return polynomial(ops, coefficients, square) * (0.25 - square)
 
 
 def _sine_of_reduced(ops: Any, r: Any) -> Number:
-    """Return sin(2 pi r) for |r| <= 1/2."""
+    """Return sin(2 pi r) for |r| up to 1/2."""
     if ops.target == "numpy":
         return np.sin(2 * math.pi * r)
     return _sine_over_reduced(ops, r) * r
@@ -67,8 +68,8 @@ def sin_cycles(ops: Any, cycles: Any) -> Number:
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    # The operations on jets have a combined method, because sine and cosine are the derivatives of
-    # each other.
+    # Operations on jets have a method for both functions, because the derivative of the sine is the
+    # cosine and vice versa.
     if hasattr(ops, "cos_sin_cycles"):
         cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
@@ -87,19 +88,22 @@ def cos_sin_over_cycles(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
 
 
 def sinc(ops: Any, cycles: Any) -> Any:
-    """Return sin(pi c)/(pi c), the modulus of the mean of a plane wave over c = ``cycles``."""
+    """Return sinc(c) = sin(pi c)/(pi c) for c = ``cycles``.
+
+    Its modulus is the modulus of the mean of a plane wave over c cycles.
+    """
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # A quotient by a small number of cycles is avoided, because its derivative would have an error
-    # of an ulp divided by the cycles.
+    # The formula does not divide by a small number of cycles, because the derivative of such a
+    # quotient would have an error of an ulp divided by the number of cycles.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
 
 
 def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
-    """Return sinc(cycles) - 1 by its series, with full relative accuracy for small arguments."""
+    """Return sinc(cycles) - 1 from its power series, which is accurate for small arguments."""
     square = (math.pi * cycles) * (math.pi * cycles)
     series: Any = 0.0
     for k in range(terms, 0, -1):
@@ -108,10 +112,10 @@ def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
 
 
 def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
-    """Return the mean of exp(-2 pi i p) over p from ``start`` to ``end`` in cycles.
+    """Return the mean of the plane wave exp(-2 pi i p) over phases p from ``start`` to ``end``.
 
-    The result consists of two real numbers, the parts of ``cosine - i sine`` = exp(-pi i (start +
-    end)) sinc(end - start).
+    The phases are in cycles. The results are two real numbers, ``cosine`` and ``sine``. The mean is
+    cosine - i sine, which equals exp(-pi i (start + end)) sinc(end - start).
     """
     scale = sinc(ops, end - start)
     cosine, sine = cos_sin_cycles(ops, 0.5 * (start + end))
@@ -120,20 +124,20 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# Splitting constant that separates a float64 into a number of 24 bits, which float32 represents
-# exactly, and a remainder.
+# Constant that splits a float64 into a number of 24 bits, which float32 represents exactly, and a
+# remainder.
 _SPLIT = 2.0**29 + 1
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
-    """Return the float64 (or float32) nearest to a number, and the remainder."""
+    """Return the float64 or float32 that is nearest to a number, and the remainder."""
     exact = Fraction(value)
     high = float(exact) if double else float(np.float32(float(exact)))
     return high, float(exact - Fraction(high))
 
 
 def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
-    """Return the scalar product nu.point as a sum and its low-order part.
+    """Return the scalar product nu.point as an unrounded sum of two floats.
 
     The components of both vectors are floats or ``Doubled``. The error is about the square of an
     ulp of |nu| |point|, even if the products cancel.
@@ -161,32 +165,35 @@ def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
 
 
 def _fitting(ops: Any, constant: float) -> tuple[float, float]:
-    """Return a constant as two float32 numbers, or as a float64 and 0."""
+    """Return a constant as the sum of two float32 numbers, or as a float64 and 0."""
     return (constant, 0.0) if ops.double else doubled(constant, False)
 
 
 def _sum(a: Any, b: Any) -> Doubled:
-    """Return a + b and its rounding error (Knuth)."""
+    """Return the rounded sum a + b and its exact rounding error (Knuth)."""
     total = a + b
     virtual = total - a
     return total, (a - (total - virtual)) + (b - virtual)
 
 
 def difference(a: Any, b: Any) -> Doubled:
-    """Return a - b as the nearest float and its rounding error, exactly (Knuth)."""
+    """Return the rounded difference a - b and its exact rounding error (Knuth)."""
     rounded = a - b
     virtual = rounded - a
     return rounded, (a - (rounded - virtual)) - (b + virtual)
 
 
 def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
-    """Return a d - b c, with an error of about the square of an ulp of the products."""
+    """Return the difference a d - b c of two products.
+
+    The error is about the square of an ulp of the products.
+    """
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
 def halves(ops: Any, number: Doubled) -> Doubled:
-    """Return a sum as two floats, the first of which float32 represents exactly (Veltkamp)."""
+    """Return a number as two floats. The first is exact in float32 (Veltkamp)."""
     total, low = number
     if not ops.double:
         return number
@@ -196,7 +203,7 @@ def halves(ops: Any, number: Doubled) -> Doubled:
 
 
 def reduced(ops: Any, cycles: Doubled) -> Any:
-    """Return a number of cycles, given as two floats, modulo 1."""
+    """Return a number of cycles modulo 1."""
     total, low = cycles
     return (total - ops.round(total)) + low
 
@@ -207,21 +214,21 @@ def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
 
 
 def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
-    """Return ``cycles`` minus the phase of the frame's carrier at the lag ``xi``, modulo 1."""
+    """Return a phase minus the phase of the carrier wave at the lag ``xi``, in cycles modulo 1."""
     if not any(frame.carrier):
         return cycles
     return cycles - cycles_to_centre(ops, frame.carrier, *xi)
 
 
 def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return (cosine - i sine) exp(-2 pi i cycles) as (real, imaginary)."""
+    """Return the real and the imaginary part of (cosine - i sine) exp(-2 pi i cycles)."""
     c, s = cos_sin_cycles(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)
 
 
 @dataclass(frozen=True)
 class Pair:
-    """The complex number real + i imag, for arrays of any engine or Python floats."""
+    """A complex number as a pair of real numbers, which may be arrays or Python floats."""
 
     real: Any
     imag: Any
@@ -233,7 +240,7 @@ class Pair:
         return Pair(self.real - other.real, self.imag - other.imag)
 
     def __mul__(self, other: Any) -> Pair:
-        """Return the product with a pair, or with a real number."""
+        """Return the product with another pair, or with a real number."""
         if not isinstance(other, Pair):
             return self.scaled(other)
         return Pair(
@@ -248,7 +255,7 @@ class Pair:
         return Pair(self.real * factor, self.imag * factor)
 
     def plus(self, ops: Any, other: Pair, factor: Any) -> Pair:
-        """Return self + other factor, by fused multiply-adds if the engine has them."""
+        """Return this number plus ``other * factor``, with fused multiply-adds if possible."""
         return Pair(ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag))
 
     def norm(self) -> Number:
@@ -266,10 +273,10 @@ def unit_wave(ops: Any, cycles: Any) -> Pair:
 
 
 def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
-    """Return sinh(a) exp(-a) for a >= 0, with ``decay`` = exp(-a).
+    """Return sinh(a) exp(-a) for a >= 0, where ``decay`` is exp(-a).
 
-    For small a, 1 - exp(-2a) would cancel, so the series of sinh is used. Its first omitted term is
-    0.5^14/15! = 5e-17 of sinh.
+    For small a the formula (1 - exp(-2a))/2 would lose digits by cancellation, so the power series
+    of sinh is used. Its first omitted term is 0.5^14/15! = 5e-17 of sinh.
     """
     small = a < 0.5
     clamped = ops.select(small, a, 0.0)
@@ -280,29 +287,30 @@ def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
     return ops.select(small, series * clamped * decay, 0.5 - 0.5 * (decay * decay))
 
 
-# Largest difference of phases, in cycles, for which the Taylor series of a divided difference is
-# summed. For larger differences (0.63 rad and more) the recursion divides by at least 0.63, so
-# errors grow by at most 1/0.63 per order.
+# Largest difference of phases, in cycles, for which a divided difference is computed from its
+# Taylor series. For larger differences, which are at least 0.63 rad, the recursion divides by at
+# least 0.63, so errors grow by at most 1/0.63 per order.
 _SERIES_BELOW = 0.1
-# Number of terms of this Taylor series in double and in single precision. The first omitted term
-# for triangles is (k+1) 0.63^k/(k+2)!: 2e-18 and 7e-9; for tetrahedra (k+1)(k+2)/2 0.63^k/(k+3)!:
-# 1e-19 and 6e-9.
+# Number k of terms of this Taylor series in double and in single precision. For triangles the first
+# omitted term is (k+1) 0.63^k/(k+2)!, which is 2e-18 and 7e-9. For tetrahedra it is (k+1)(k+2)/2
+# 0.63^k/(k+3)!, which is 1e-19 and 6e-9.
 _TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
 
 
 def simplex_plane_wave(ops: Any, *corners: Any) -> tuple[Any, Any]:
-    """Return exp[0, -2 pi i u, -2 pi i v, ...] for real phases u, v, ... in cycles.
+    """Return the mean of a plane wave over a triangle or tetrahedron, divided by 2 or 6.
 
-    The result consists of two real numbers, the parts of ``cosine - i sine``. For n phases of zero
-    the value is 1/n!. With n = 2 it is half of the mean of the wave over a triangle with phases 0,
-    u, v at its corners; with n = 3 a sixth of the mean over a tetrahedron.
+    One corner has the phase 0, and ``corners`` contains the phases at the other n corners in
+    cycles. The value is the divided difference of the exponential function at 0 and at -2 pi i
+    times these phases. It is 1/n! if all phases are zero. The results are two real numbers,
+    ``cosine`` and ``sine``, and the value is cosine - i sine.
     """
     value = _conjugate_difference(ops, corners)
     return value.real, value.imag
 
 
 def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
-    """Return the complex conjugate of the divided difference at 0 and the corners."""
+    """Return the complex conjugate of the divided difference of :func:`simplex_plane_wave`."""
     if len(corners) == 1:
         return Pair(*mean_plane_wave(ops, 0.0, corners[0]))
     first, last, between, size = _farthest(ops, (0.0, *corners))
@@ -314,20 +322,20 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
         ahead, behind = _shifted(ops, last, between), _shifted(ops, first, between)
     divisor = 2 * math.pi * ops.select(small, 1.0, last - first)
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
-    # The arguments of the Taylor series are clamped to its range, so that the unused branch does
-    # not overflow.
+    # Outside the range of the Taylor series, its arguments are set to 0, so that the unused series
+    # does not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
     return select(ops, small, _series(ops, near), quotient)
 
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
-    """Return the conjugate divided difference at ``origin`` and the other phases."""
+    """Return the conjugate divided difference at the phases ``origin`` and ``others``."""
     phase = Pair(*cos_sin_cycles(ops, origin))
     return phase * _conjugate_difference(ops, [other - origin for other in others])
 
 
 def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]:
-    """Return the two nodes that are farthest apart, the other nodes, and the distance."""
+    """Return the two phases that are farthest apart, all other phases, and the difference."""
     (first, last, *between), origin = nodes, nodes[0]
     largest = abs(last)
 
@@ -345,7 +353,11 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return sum_k i^k h_k/(k + n)! for n nodes in radians."""
+    """Return the Taylor series of the conjugate divided difference at n phases in radians.
+
+    The series is the sum of i^k h_k/(k + n)!, where h_k is the complete homogeneous symmetric
+    polynomial of degree k of the phases.
+    """
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:

@@ -237,7 +237,7 @@ def _node_counts(
 
 
 def _blocks(counts: Indices) -> list[Indices]:
-    """Return the indices of cells in blocks of about ``_BLOCK`` nodes."""
+    """Return blocks of cell indices with about ``_BLOCK`` quadrature nodes each."""
     block = np.cumsum(counts.prod(axis=1)) // _BLOCK
     numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
     return numbers if len(counts) else []
@@ -251,9 +251,9 @@ class Slices:
     row: Indices
     """Index of the lag of each intersection."""
     first: Indices
-    """Index of the element of the copy shifted by -xi/2, which contains x + xi/2."""
+    """Index of the element that contains x + xi/2, in the copy shifted by -xi/2."""
     second: Indices
-    """Index of the element of the copy shifted by xi/2, which contains x - xi/2."""
+    """Index of the element that contains x - xi/2, in the copy shifted by xi/2."""
     weights: Complex
     """Product of the first element's weight and the conjugate of the second element's weight."""
     polygons: NDArray[Any]

@@ -301,7 +301,7 @@ class Aberration:
         return self._traced
 
     def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
-        """Return the aberration with other coefficients.
+        """Return an aberration with the same terms and new coefficients.
 
         Parameters
         ----------
@@ -390,7 +390,7 @@ def zernike(
     *,
     orthogonal_on: Aperture | Array | None = None,
 ) -> Aberration:
-    """Return a sum of Zernike polynomials as an aberration.
+    """Return an aberration that is a sum of Zernike polynomials.
 
     The polynomials of the numberings "noll" and "osa" have unit rms on the disc, so each
     coefficient is an rms wavefront error in m. The polynomials of the numbering "fringe" have the
@@ -443,7 +443,7 @@ def zernike(
 
 
 class FittedAberration(NamedTuple):
-    """The result of :func:`fit_zernike`."""
+    """Result of :func:`fit_zernike`: an aberration, its coefficients and the residual."""
 
     aberration: Aberration
     coefficients: dict[int, float]

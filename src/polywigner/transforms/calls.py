@@ -106,7 +106,7 @@ TRANSFORMS = {
 
 
 def public(function: F) -> F:
-    """Decorate a function of `TRANSFORMS` so that it accepts DataArrays as points."""
+    """Decorate a public transform so that it accepts DataArrays as points."""
     declared = TRANSFORMS[function.__name__]
     return takes_xarray(*declared.points, units=declared.units, long_name=declared.title)(function)
 

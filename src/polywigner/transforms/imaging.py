@@ -75,12 +75,12 @@ def transmission_cross_coefficient(
     defocus: float = 0.0,
     pupil_radius: float | None = None,
 ) -> Complex:
-    """Compute the transmission cross coefficient T(xi_1, xi_2) of an imaging system.
+    """Compute the transmission cross coefficient of an imaging system for pairs of lags.
 
-    The coefficient is ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx / int S dx``, where P is the
-    field in the pupil and S is the irradiance in the condenser, imaged into the pupil. It is
-    computed in closed form from intersections of polygons, in or out of focus (docs/imaging.md,
-    (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
+    The coefficient of the lags xi_1 and xi_2 is ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx /
+    int S dx``, where P is the field in the pupil and S is the irradiance in the condenser, imaged
+    into the pupil. It is computed in closed form from intersections of polygons, in or out of focus
+    (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def partially_coherent_image(
     transmission: complex = 1.0,
     background: complex = 0.0,
 ) -> Floats:
-    """Compute the image of a periodic mask in partly coherent light, relative to clear light.
+    """Compute the image of a periodic mask in partly coherent light.
 
     The amplitudes of the diffraction orders are the closed-form Fourier transform of the mask at
     the frequencies of the lattice. The image is a sum over pairs of orders, each of which is

@@ -266,7 +266,7 @@ class Tile(NamedTuple):
     units: str
     meaning: str
     label: str
-    """Label of the formula in docs/projections.md."""
+    """Label of the tile's formula in docs/projections.md."""
     values: Compute
     """Function (source, first coordinates, second coordinates, engine) that returns the tile's
     values."""

@@ -1,4 +1,4 @@
-"""Derivatives of transfer and spread functions with respect to the parameters of the pupil.
+"""Derivatives of transfer and point spread functions with respect to parameters of the pupil.
 
 The parameters are the vertices of the pupil, the weights of its elements, and the coefficients of
 the aberration. The derivative of an integral with respect to the vertices of a polygon is an

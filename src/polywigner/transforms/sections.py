@@ -1,4 +1,4 @@
-"""Sections of a field along y, and its overlap with its mirror image, as functions of x.
+"""Sections of a field along y, and overlaps of a field with its mirror image.
 
 If a phase-space function of a plane source is integrated over two of its four coordinates, the
 result consists of such sections and overlaps (docs/projections.md). All functions in this module
@@ -219,8 +219,8 @@ class Overlaps:
     weight: NDArray[Any]
     first: Indices
     second: Indices
-    """Index of the second element. Each region is the intersection of the elements ``first`` and
-    ``second``."""
+    """Index of the second element of each region. A region is the intersection of the elements
+    ``first`` and ``second``."""
 
 
 Image = tuple[tuple[float, float], Floats]

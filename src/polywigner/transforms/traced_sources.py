@@ -22,7 +22,7 @@ component array."""
 
 
 def check_no_drjit(**arguments: object) -> None:
-    """Raise ArgumentError for Dr.Jit arrays, and for sources that contain Dr.Jit arrays."""
+    """Raise ArgumentError if an argument is a Dr.Jit array, or a source with Dr.Jit arrays."""
     for name, value in arguments.items():
         if isinstance(value, Differentiable) or is_drjit(value):
             raise ArgumentError(

@@ -1,4 +1,4 @@
-"""Exact fields at points, as integrals along the edges of apertures.
+"""Exact fields behind apertures, as integrals along their edges.
 
 ``integrals`` computes fields as integrals along short pieces of edges, called panels.
 ``steepest_descent`` computes fields from the ends of edges. ``edge_waves`` contains the

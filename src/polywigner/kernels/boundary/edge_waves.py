@@ -32,7 +32,7 @@ from polywigner.numerics.phases import Pair, cos_sin_cycles, decaying_sinh, sele
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]
-"""Coordinates of a point: numbers or arrays."""
+"""Coordinates of a point, which are numbers or arrays."""
 
 # Largest phase difference of two waves, in cycles, for which their difference is computed as a
 # product to avoid cancellation.
@@ -135,7 +135,7 @@ class _Evanescent:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return the same data as :meth:`_Travelling.shared_data`."""
+        """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves."""
         height = view.pz * view.z
         root = ops.exp(-math.pi * height)
         decay = root * root
@@ -471,7 +471,7 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Return the integrals from the limits of v to the ends of the edge."""
+        """Return the integrals over the outer parts of the edge, beyond the limits of v."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):

@@ -114,8 +114,8 @@ class BoundaryTables:
     edges: tuple[Row, ...]
     rules: Rules
     share: float
-    """Factor m of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff) or 1
-    (Rayleigh-Sommerfeld I)."""
+    """Factor m in the second term of (B3). It is 0 for the Rayleigh-Sommerfeld integral II, 1/2 for
+    Kirchhoff's integral, and 1 for the Rayleigh-Sommerfeld integral I."""
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
@@ -346,7 +346,10 @@ def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
 
 
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
-    """Return the integral over a panel times the amplitude of the wave, and its error."""
+    """Return the contribution of a panel to the field, and its error estimate.
+
+    The contribution is the integral along the panel times the amplitude of the wave.
+    """
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
@@ -395,7 +398,10 @@ def edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """Return the wave at the length t along the panel, relative to the phase of the distance."""
+    """Return the wave at the distance t from the start of the panel.
+
+    The phase is relative to the phase of the distance from the point to the centre of the source.
+    """
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return unit_wave(ops, turns)
 

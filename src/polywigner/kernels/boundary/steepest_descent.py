@@ -111,9 +111,9 @@ class _Line:
     lift: Any
     """Difference N' - N of the path differences of (B2)."""
     rest: float
-    """Factor 1/2 - m of (B3)."""
+    """Factor 1/2 - m in the second term of (B3)."""
     curved: float
-    """1 for spherical waves, 0 for parabolic waves."""
+    """Number that is 1 for spherical waves and 0 for parabolic waves."""
 
     @classmethod
     def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
@@ -197,7 +197,10 @@ class _Line:
             at: Any, w: Any, v1: Any, v2: Any, half: Any, begin: Any, first: Any, foot2: Any,
             *data: Any,
         ) -> Values:  # fmt: skip
-            """Return the integrand of (B3), without the wave e in the second term."""
+            """Return the contribution of a node to the integral (B3).
+
+            The wave e in the second term is omitted.
+            """
             (*wave, b, z, across, pz, beta, lift, free_r, free_i), moment = data[:13], data[13:]
             t = half * (1.0 + at)
             s, t = first + t, begin + t

@@ -51,7 +51,7 @@ _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 
 class _Exact:
-    """The operations of :func:`crossing` on NumPy arrays of float64."""
+    """Operations on NumPy arrays of float64 that :func:`crossing` uses."""
 
     select = staticmethod(np.where)
 

@@ -161,13 +161,13 @@ _NONE = np.zeros((1, 4), np.uint32)
 
 @dataclass(frozen=True, eq=False)
 class HostGrid:
-    """The lists of a :class:`PairGrid` for NumPy, with points as complex numbers."""
+    """The lists of a :class:`PairGrid` for NumPy. Points are complex numbers."""
 
     low: complex
     """Lower left corner of the region of cells."""
     per_unit: float
     shape: tuple[int, int]
-    """Numbers of cells along y and along x."""
+    """Number of cells along y, and number of cells along x."""
     step: float
     cells: Array
     """First three columns of ``PairGrid.cells``, with a border of empty cells. Shape (n, 3)."""
@@ -235,9 +235,9 @@ def cut_edges(
     Returns
     -------
     tuple of ndarray, each of shape (k,)
-        Index of the offset of each part, in ascending order; row of its edge in ``grid.first``;
-        length of the part as a fraction of the edge; and weight of the edge times the conjugate of
-        the level.
+        Index of the offset of each part, in ascending order. Row of its edge in ``grid.first``.
+        Length of the part as a fraction of the edge. Weight of the edge times the conjugate of the
+        level.
 
     Notes
     -----

@@ -125,7 +125,7 @@ class EdgeTerms:
         raise NotImplementedError
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        """Return the term of a part from its centre, its vector and its weight."""
+        """Return the term of a part of an edge from its centre, its vector and its weight."""
         nu_x, nu_y = self.nu
         along = self.along(dx, dy)
         midpoint = self.ops.fma(nu_x, x, nu_y * y)
@@ -133,12 +133,12 @@ class EdgeTerms:
         return self.of_edge(along, 1.0, sums)
 
     def total(self, sums: Values) -> Values:
-        """Return W or A from the sum over all edges."""
+        """Return the Wigner or ambiguity function from the sum over all edges."""
         raise NotImplementedError
 
 
 class EvenTerms(EdgeTerms):
-    """Terms of W for real weights, (W1), which are even in the frequency."""
+    """Terms of the Wigner function for real weights, (W1), which are even in the frequency."""
 
     values = 1
 
@@ -185,7 +185,7 @@ class WaveTerms(EdgeTerms):
         self.ops, self.nu, self.values, self.factor = ops, nu, values, factor
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Return nu.u and cross(nu, u)."""
+        """Return nu.u and cross(nu, u) for the vector u of an edge."""
         nu_x, nu_y = self.nu
         return self.ops.fma(nu_x, ux, nu_y * uy), self.ops.fma(nu_x, uy, nu_y * -ux)
 

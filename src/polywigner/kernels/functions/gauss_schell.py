@@ -119,7 +119,10 @@ def _descent_rules(size: int) -> Rules:
 
 
 class _Arc:
-    """The arc from one end of an edge to the other, and the steepest descents from both ends."""
+    """Paths of integration in the complex plane between both ends of an edge.
+
+    One path is an arc, and the other path consists of the steepest descents from both ends.
+    """
 
     def __init__(self, ops: Any, start: Any, end: Any, size: Any, rate: Any) -> None:
         self.ops, self.ends = ops, (start, end)
@@ -217,7 +220,7 @@ def _times(a: Any, b: Any) -> Values:
 
 
 def _one_less_exp(ops: Any, x: Any) -> Number:
-    """Return 1 - exp(-x) for small x, accurate to rounding."""
+    """Return 1 - exp(-x) for small x without cancellation."""
     small = ops.select(abs(x) < _SMALL, x, 0.0)
     series: Any = 0.0
     for k in range(_TERMS[ops.double], 0, -1):

@@ -1,11 +1,11 @@
-"""The transforms in one dimension: sums over intervals in closed form.
+"""Closed-form transforms of slits, which are intervals on a line.
 
 The lag slice and the position slice of two intervals are intervals as well. Every transform is
 therefore a sum of means of plane waves over intervals (docs/theory.md, (S1) to (S3)).
 
-For each pair of slits, only the distance of the centres depends on x or xi. It is computed without
-rounding, so that the length of the overlap is accurate to an ulp, however narrow the slits are
-compared with their distance.
+For each pair of slits, only the distance of the centres depends on the position x or the lag xi.
+The distance is computed without rounding. The length of the overlap is therefore accurate to an
+ulp, even for slits that are much narrower than their distance.
 """
 
 from __future__ import annotations
@@ -39,25 +39,32 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 Interval = tuple[Fraction, Fraction, Waves]
-"""Start and end of a slit in the frame as exact numbers, and the field in the slit."""
+"""Start and end of a slit in the frame as exact numbers, and plane waves in the slit."""
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
-    """Return u without the carrier in an interval that includes its start but not its end."""
+    """Return the field in an interval, without the carrier wave.
+
+    The interval includes its start but not its end.
+    """
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
-    # Comparisons with NaN are false. Without the second term, NaN arguments would count as outside
-    # and give 0.
+    # Comparisons with NaN are false. Without the second term, the field at NaN would be 0.
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
 @dataclass(frozen=True)
 class SlitFrame:
-    """Frame of a line: x' = (x - centre)/scale and nu' = scale nu; the scale is a power of two."""
+    """Normalised coordinates on a line.
+
+    A position x has the coordinate (x - centre)/scale, and a frequency nu becomes scale nu. The
+    scale is a power of two.
+    """
 
     centre: tuple[float]
     scale: float
     carrier: tuple[float] = (0.0,)
-    """Frequency, in the user's unit, relative to which fields are stored."""
+    """Frequency of the carrier wave, in the user's unit. The stored fields are relative to this
+    wave."""
 
     @property
     def measure(self) -> float:
@@ -68,7 +75,7 @@ class SlitFrame:
         return (total + low,)
 
     def exact_position(self, x: Any) -> Doubled:
-        """Return x' as the sum of two floats."""
+        """Return the coordinate of a position in the frame as the sum of two floats."""
         total, low = phases.difference(x, self.centre[0])
         return total * (1 / self.scale), low * (1 / self.scale)
 
@@ -79,7 +86,7 @@ class SlitFrame:
         return (nu * self.scale,)
 
     def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
-        """Return a spatial frequency minus the carrier, in the frame."""
+        """Return a spatial frequency minus the carrier frequency, in the frame."""
         return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
 
     def exact_frequency(self, nu: float) -> tuple[float]:
@@ -88,23 +95,24 @@ class SlitFrame:
 
 @dataclass(frozen=True)
 class SlitTables:
-    """The intervals of a source in their frame. The transforms are sums over ``edges``."""
+    """The slits of a source as intervals in their frame."""
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """Each entry is an `Interval`. For F it contains the start and the length of an interval, each
-    as two floats."""
+    """Intervals over which transforms are summed. For the Fourier transform, an entry contains the
+    start and the length of an interval, each as two floats. For other transforms it is an
+    `Interval`."""
 
 
 @dataclass(frozen=True)
 class PairTables:
-    """Pairs of intervals, as rows of numbers.
+    """Pairs of slits, with one row of numbers for each pair.
 
-    A row contains: the distance of the centres at x = 0 or xi = 0, as two floats; both
-    half-lengths; the mean of the centres, which does not move, as two floats; and the mutual field
-    (real, imag). If fields are sums of waves, each pair of waves has a separate row with two more
-    numbers: the shift to subtract from the frequency, and the frequency of the mutual field along
-    4x or xi.
+    A row contains the distance of the centres at x = 0 or xi = 0, both half-lengths, the mean of
+    the centres, and the complex product of the first field and the conjugate of the second field.
+    The distance and the mean are sums of two floats. If fields are sums of plane waves, each pair
+    of waves has a separate row with two more numbers: the shift to subtract from the frequency, and
+    the frequency of the product along 4x or xi.
     """
 
     frame: SlitFrame
@@ -114,7 +122,7 @@ class PairTables:
 
     @property
     def terms(self) -> int:
-        """Number of terms that determines the engine: a pair of slits counts as half an edge."""
+        """Number of terms for the choice of the engine. A pair of slits counts as half an edge."""
         return -(-len(self.edges) // 2)
 
 
@@ -140,16 +148,22 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
 
 @lru_cache(maxsize=256)
 def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Return pairs of slits for the lag slice at x, 2(I_k - x) & 2(x - I_l).
+    """Return the pairs of slits that contribute to the Wigner function.
 
-    The pair (l, k) gives the mirror image with the conjugate field, and is counted with (k, l).
+    At the position x, the lag slice of the slits I_k and I_l is the intersection of 2(I_k - x) and
+    2(x - I_l). The slits in reverse order give the mirror image with the conjugate field, so each
+    pair is stored only once.
     """
     return _pair_tables(source, double, of_lags=True)
 
 
 @lru_cache(maxsize=256)
 def position_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Return pairs of slits for the position slice, (I_k - xi/2) & (I_l + xi/2)."""
+    """Return the pairs of slits that contribute to the ambiguity function.
+
+    At the lag xi, the position slice of the slits I_k and I_l is the intersection of I_k - xi/2 and
+    I_l + xi/2.
+    """
     return _pair_tables(source, double, of_lags=False)
 
 
@@ -165,8 +179,8 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # In a lag slice, the wave pairs (v, w) and (w, v) of one slit have conjugate fields, so one
-        # of the pairs is counted twice.
+        # In the lag slice of a single slit, the pairs of waves (v, w) and (w, v) have conjugate
+        # fields. Only one of them is stored, with a factor of 2.
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
@@ -183,10 +197,10 @@ def _overlap(
 ) -> tuple[Any, Any]:
     """Return the length of the overlap of two intervals, and the offset of the overlap's centre.
 
-    The intervals have half-lengths ``half`` and ``other``. Their centres are ``gap + gap_low -
-    shift`` apart. The offset is relative to the mean of both centres. If the shorter interval lies
-    inside the longer interval, the overlap has the centre of the shorter interval; otherwise the
-    offset is constant.
+    The intervals have the half-lengths ``half`` and ``other``. The distance of their centres is
+    ``gap + gap_low - shift``. The offset is relative to the mean of both centres. If the shorter
+    interval lies inside the longer interval, the overlap has the centre of the shorter interval.
+    Otherwise the offset is constant.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
@@ -198,7 +212,7 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
-    """Return the transform of the mutual field on the slices as (real, imaginary)."""
+    """Return the real and the imaginary part of a transform, summed over all pairs of slits."""
 
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
@@ -227,8 +241,8 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     return total
 
 
-# Largest difference of frequencies that count as equal, in cycles per unit of the frame, or
-# relative to the largest frequency.
+# Largest difference of two frequencies that are treated as equal, in cycles per unit of the frame,
+# or relative to the largest frequency.
 _EQUAL = 1e-14
 
 
@@ -238,14 +252,14 @@ class LineField:
 
     half: float
     waves: Waves
-    """Waves with one frequency component each."""
+    """Plane waves, each with one frequency component."""
 
     @property
     def pairs(self) -> int:
         return len(self.waves) * (len(self.waves) + 1) // 2
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
-        """Return W, which is real, for a coherence width in units of the frame."""
+        """Return the Wigner function for a coherence width in units of the frame."""
         pairs = mean_pairs(self.waves, self.waves, True)
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
@@ -264,12 +278,15 @@ class LineField:
         return Pair(real, imag).scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """Return u in an interval that includes its lower end and excludes its upper end."""
+        """Return the field at a position.
+
+        The interval includes its lower end but not its upper end.
+        """
         return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
 def _length(ops: Any, overlap: Any, scale: float) -> Number:
-    """Return the length of an overlap, at least 0; NaN for NaN positions."""
+    """Return the length of an overlap, which is at least 0, and NaN for NaN positions."""
     return scale * ops.maximum(overlap, 0.0) + (overlap - overlap)
 
 
@@ -277,7 +294,7 @@ def _over_pairs(
     ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
-    """Return the sum over pairs of waves, by (I4), or by (I6) for a finite coherence width."""
+    """Return the sum over pairs of waves, (I4), or (I6) for a finite coherence width."""
     largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
     tolerance = _EQUAL * max(1.0, largest)
     waves: dict[int, Pair] = {}
@@ -303,9 +320,10 @@ def _over_pairs(
 
 
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
-    """Return 4x in the frame as two floats.
+    """Return four times the position in the frame, as the sum of two floats.
 
-    If x changes by dx, the copies of two slits in the lag slice move towards each other by 4 dx.
+    If the position x changes by dx, the copies of two slits in the lag slice move towards each
+    other by 4 dx.
     """
     total, low = frame.exact_position(x)
     return phases.halves(ops, (4.0 * total, 4.0 * low))
@@ -324,20 +342,20 @@ def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
 
 @lru_cache(maxsize=256)
 def _segment_tables(source: Slits, double: bool) -> SlitTables:
-    """Return the begin and the length of each slit, as pairs of floats."""
+    """Return the start and the length of each slit, each as the sum of two floats."""
     tables = _slit_tables(source)
     rows = ((*doubled(a, double), *doubled(b - a, double)) for a, b, _ in tables.edges)
     return SlitTables(tables.frame, tuple(rows))
 
 
 def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
-    """Return the phase of the centre, and nu in the frame as two floats."""
+    """Return the phase of the centre, and the frequency in the frame as the sum of two floats."""
     cycles = phases.cycles_to_centre(ops, frame.centre, nu)
     return (cycles, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
 
 
 def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
-    """Return the (cosine, sine) parts of F = cosine - i sine. Source: (S1)."""
+    """Return the real part and minus the imaginary part of the Fourier transform, (S1)."""
 
     def term(begin: Any, begin_low: Any, length: Any, length_low: Any) -> Values:
         total, low = phases.dot(ops, (nu,), ((length, length_low),))
@@ -355,7 +373,11 @@ def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
 
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
-    """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
+    """Return the arguments of the ambiguity function in the frame.
+
+    The arguments are the phase of the centre and the carrier wave in cycles, and upsilon and xi,
+    each as the sum of two floats.
+    """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
@@ -367,13 +389,13 @@ def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
 
 
 def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
-    """Return (cosine part, sine part) of A = cosine - i sine."""
+    """Return the real part and minus the imaginary part of the ambiguity function."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
 def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
-    """Return W, which is real because the lag slice is Hermitian."""
+    """Return the Wigner function, which is real because the field on the lag slice is Hermitian."""
     return _sum(ops, tables, (x, x_low), nu)[:1]
 
 

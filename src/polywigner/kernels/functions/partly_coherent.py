@@ -1,8 +1,8 @@
-"""Kernels of W in partly coherent light, which weight the lag slice by the degree of coherence.
+"""Kernels of the Wigner function in partly coherent light.
 
-The degree of coherence exp(-xi^2/(2 width^2)) is a factor of the integrand over lags xi. Edges are
-therefore cut, and waves paired, as for coherent light. Only the term of a part of an edge differs
-(docs/theory.md, (I5)).
+The Wigner function is an integral over lags xi, and the integrand contains the degree of coherence
+exp(-xi^2/(2 width^2)) as a factor. Edges are cut, and pairs of waves are formed, as for coherent
+light. Only the contribution of a part of an edge differs (docs/theory.md, (I5)).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from polywigner.numerics.phases import Pair
 
 
 def coherence_of(frame: Frame, width: float) -> Matrix:
-    """Return the matrix that converts lags in the frame to coherence widths (``width`` in m)."""
+    """Return the matrix that converts lags in the frame to units of the coherence width."""
     (xx, xy), (yx, yy) = frame.inverse_transpose
     return ((xx / width, yx / width), (xy / width, yy / width))
 
@@ -41,9 +41,10 @@ def _tables_of(source: Wavefront, double: bool) -> Tables:
 def term_of_lags(
     ops: Any, coherence: Matrix, nu: Sequence[Any], midpoint: Values, vector: Values
 ) -> Values:
-    """Return the contribution of a part of an edge to W, as (real, imaginary).
+    """Return the contribution of a part of an edge to the Wigner function.
 
-    The part is given by its midpoint and its vector, as lags in the frame; ``nu`` is in the frame.
+    The part has the specified midpoint and vector, which are lags in the frame. The frequency
+    ``nu`` is also in the frame. The result is a tuple of the real and the imaginary part.
     """
     (xx, xy), (yx, yy) = coherence
     size = determinant(coherence)
@@ -64,7 +65,7 @@ def term_of_lags(
 
 
 class _LagTerms(EdgeTerms):
-    """Terms of parts of edges, weighted by the degree of coherence, (I5)."""
+    """Contributions of parts of edges to W in partly coherent light, (I5)."""
 
     values, by_part = 2, True
 
@@ -77,8 +78,8 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        # The edges of the other copy are mirror images of the edges of this copy. Their terms are
-        # the complex conjugates.
+        # The edges of the other copy are mirror images of these edges. Their contributions are the
+        # complex conjugates.
         return 2.0 * sums[0], 2.0 * sums[1]
 
 

@@ -1,4 +1,4 @@
-"""Kernels of the transforms of apertures, in their plane and in any pose."""
+"""Kernels of apertures, in their plane and in any pose in space."""
 
 from __future__ import annotations
 
@@ -32,14 +32,17 @@ from polywigner.source.normal_form import normal_form
 
 @lru_cache(maxsize=256)
 def tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return the cached tables of an aperture or array, for float64 or float32 kernels."""
+    """Return the edges, weights and fields of an aperture or array, from a cache if possible.
+
+    ``double`` is true for kernels in float64, and false for kernels in float32.
+    """
     return new_tables_of(source, double)
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Build the tables of :func:`tables_of` without the cache, from the vertices of this source.
+    """Return the tables of :func:`tables_of` without the cache.
 
-    A cached source that is equal may have rings that begin at other vertices.
+    The cache may contain the tables of an equal source whose rings start at other vertices.
     """
     return build_tables(normal_form(source), double=double)
 
@@ -50,13 +53,16 @@ def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
 
 
 def new_outline_of(aperture: Aperture) -> OutlineTables:
-    """Return the tables of the Fourier transform, with vertices in the order of the aperture."""
+    """Return the edges for the Fourier transform, with vertices in the order of the aperture."""
     return outline_tables(aperture.rings)
 
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """Return tables for grids, with all elements in one frame; None if an element has a pose."""
+    """Return the edges of a source for Fourier transforms on grids of frequencies.
+
+    The result is None if an element has a pose.
+    """
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))
@@ -74,7 +80,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of a plane in a pose (4, 4), whose entries count as exact."""
+    """Return the frame of a plane with a pose, whose matrix is treated as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -96,7 +102,7 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return the phase of centre and carrier in cycles, and upsilon and xi in the frame."""
+    """Return the phase of the centre and the carrier wave, and upsilon and xi in the frame."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
     cycles, *inner = enter_frequency(ops, frame, *upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, *xi)
@@ -104,7 +110,7 @@ def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return the phase of the carrier in cycles, and x + xi/2 and x - xi/2 in the frame."""
+    """Return the phase of the carrier wave, and the points x + xi/2 and x - xi/2 in the frame."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
     cycles = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
@@ -114,7 +120,7 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return the real and the imaginary part of u(x + xi/2) conj(u(x - xi/2))."""
+    """Return both parts of the autocorrelation, from the fields at both ends of the lag."""
     product = Pair(*sums[:2]) * Pair(*sums[2:]).conjugate()
     if not any(frame.carrier):
         return product.real, product.imag
@@ -122,12 +128,13 @@ def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values
 
 
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the (real, imaginary) field u at a point of the frame, without the carrier.
+    """Return the real and the imaginary part of the field at a point, without the carrier wave.
 
-    The field u is the sum of the weights of the elements around the point, times their waves. Edges
-    that cross the horizontal line to the right of the point count with the weight of their element
-    if they rise, and with minus the weight if they fall. An edge includes its lower end but not its
-    upper end. Therefore each point on an edge between two polygons belongs to exactly one polygon.
+    The field is the sum over all elements that contain the point, each with its weight and its
+    plane waves. It is computed from the edges that cross the horizontal line to the right of the
+    point. An upward edge adds the weight of its element, and a downward edge subtracts it. An edge
+    includes its lower end but not its upper end. Each point on a common edge of two polygons
+    therefore belongs to exactly one polygon.
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
@@ -142,14 +149,16 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
         rows = tables.edges[tables.names[:, 3] == group].tolist()
         weight = Pair(*ops.sum_over(rows, term, 2, like=x))
         total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
-    # Comparisons with NaN are false. Without the term ``undefined``, NaN arguments would count as
-    # outside and give 0.
+    # Comparisons with NaN are false. Without the term ``undefined``, the field at NaN would be 0.
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return a kernel sum that evaluates ``field(ops, tables, x, y)`` at both ends of a lag."""
+    """Return a function for the second step of a kernel that evaluates the field at two points.
+
+    The points are both ends of a lag, and ``field(ops, tables, x, y)`` computes the field.
+    """
     return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[:2]),
         *field(ops, tables, *ends[2:]),

@@ -1,9 +1,9 @@
-"""Product fields u(x, y) = f(x) g(y) on a rectangle, with x and y along its sides.
+"""Kernels for rectangles whose field u(x, y) is a product f(x) g(y) along the sides.
 
 All transforms are products of two transforms in one dimension, each of which is a sum over pairs of
-a few waves (docs/theory.md, (I4)). For example, a Taylor taper along both axes has 49 waves with
-1,225 pairs, but only 7 waves with 28 pairs along each axis. Products are recognised from the waves
-of a field.
+plane waves (docs/theory.md, (I4)). For example, a field with a Taylor taper along both axes
+consists of 49 waves with 1,225 pairs, but of only 7 waves with 28 pairs along each axis. Whether a
+field is a product is determined from its waves.
 """
 
 from __future__ import annotations
@@ -28,21 +28,22 @@ from polywigner.numerics import Floats, Number, phases
 from polywigner.numerics.phases import Pair
 from polywigner.source.lattices import column_and_row
 
-# An outline counts as a rectangle if its corners deviate from a true rectangle by less than
-# _ROUNDING times the shorter side, or by less than _ROUNDINGS times the rounding of the largest
-# coordinate: a rotated point has five roundings along each axis (two products, two sums and the
-# shift). The limit is at most _SHAPELESS times the shorter side, because the shape of a strip a few
-# ulps wide is undefined.
+# An outline is treated as a rectangle if its corners deviate from an exact rectangle by less than a
+# limit. The limit is _ROUNDING times the shorter side, or _ROUNDINGS times the rounding error of
+# the largest coordinate, because the rotation of a point has five roundings along each axis. The
+# limit is at most _SHAPELESS times the shorter side, because the shape of a strip with a width of a
+# few ulps is undefined.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the corners (4, 2) of a rectangular aperture and their rounding, or None.
+    """Return the corners of a rectangular aperture and their rounding error.
 
-    The corners are counter-clockwise and begin with a longer side. Vertices may lie on the sides.
-    The rounding is the largest distance between the corners and the corners of a true rectangle.
+    The result is None for other apertures. The corners are in counter-clockwise order and start
+    with a longer side. Additional vertices may lie on the sides. The rounding error is the largest
+    distance between the corners and the corners of an exact rectangle.
     """
     if len(aperture.rings) != 1:
         return None
@@ -61,11 +62,12 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
 
 
 # Largest deviation of amplitudes from a product of two profiles, relative to the largest amplitude,
-# and of frequencies that count as equal, in cycles per side or relative to the largest frequency.
-# Such deviations change W by less than 1e-13 of the energy.
+# and largest difference of two frequencies that are treated as equal, in cycles per side or
+# relative to the largest frequency. Such deviations change W by less than 1e-13 of the energy.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Largest increase of the limit of frequencies by rounding, in cycles per side. Both limits increase
-# because frequencies may be rotated and amplitudes contain phases relative to the origin.
+# Largest increase of the limit of frequencies due to rounding, in cycles per side. Both limits are
+# increased, because frequencies may be rotated and amplitudes contain phases relative to the
+# origin.
 _LARGEST_ROUNDING = 1e-6
 # Cost of a pair of waves, relative to the cost of cutting an edge by another edge.
 _CLIPS_PER_PAIR = 0.5
@@ -73,14 +75,14 @@ _CLIPS_PER_PAIR = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SeparableTables:
-    """The field along each axis of the rectangle, in the frame of the rectangle."""
+    """The fields along both axes of a rectangle, in the frame of the rectangle."""
 
     frame: Frame
     fields: tuple[LineField, LineField]
     coherence_widths: tuple[float, float] = (math.inf, math.inf)
-    """Coherence width along each axis, in units of the frame of that axis."""
+    """Coherence width along each axis, in units of the frame along this axis."""
     terms: ClassVar[int] = 1
-    """Number of terms that determines the engine: there is no sum over edges."""
+    """Number of terms for the choice of the engine. It is 1, because there is no sum over edges."""
 
     @property
     def clips(self) -> int:
@@ -94,7 +96,7 @@ def is_separable(aperture: Aperture) -> bool:
 
 @lru_cache(maxsize=256)
 def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None:
-    """Return the tables of a field that is a product on a rectangle; None for other apertures."""
+    """Return the fields along both axes of a rectangle; None for other apertures and fields."""
     illumination = aperture.illumination
     if illumination is None or len(illumination.amplitudes) < 2:
         return None
@@ -106,7 +108,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     a, b, c, d = corners
     (length, width), direction = (high - low).tolist(), (1.0, 0.0)
     is_rotated = bool((b - a).all())
-    # The first axis has the mean direction of both longer sides.
+    # The direction of the first axis is the mean direction of both longer sides.
     if is_rotated:
         length, width = float(np.hypot(*(b - a))), float(np.hypot(*(d - a)))
         along = (b - a) + (c - d)
@@ -114,9 +116,9 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     sizes = power_of_two(length), power_of_two(width)
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
-    # The rounding of frequencies is some ulps of the largest frequency. For a rotated rectangle, it
-    # includes the error of the rotation angle: the rounding of the corners divided by the length of
-    # the rectangle.
+    # The rounding error of frequencies is some ulps of the largest frequency. For a rotated
+    # rectangle it includes the error of the rotation angle, which is the rounding error of the
+    # corners divided by the length of the rectangle.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
@@ -134,7 +136,10 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
 def _profiles(
     waves: Waves, frequency_rounding: tuple[float, float], phase_rounding: float
 ) -> tuple[Waves, Waves] | None:
-    """Return the waves along each axis whose products are the given waves, or None."""
+    """Return the waves along both axes whose products are the waves of a field.
+
+    The result is None if the field is not a product.
+    """
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
     (rates_x, i), (rates_y, j) = (
@@ -156,7 +161,10 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return distinct values up to rounding, in ascending order, and the index of each input."""
+    """Return the values that differ by more than rounding errors, in ascending order.
+
+    The second result is the index of each input value among these values.
+    """
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
@@ -166,12 +174,12 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and nu minus the carrier in the frame."""
+    """Return the phase of the centre in cycles, and the frequency minus the carrier frequency."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
-    """Return W(x, nu) in the frame. Source: (I4)."""
+    """Return the Wigner function W(x, nu), for arguments in the frame, (I4)."""
     along_x, along_y = tables.fields
     width_x, width_y = tables.coherence_widths
     return along_x.wigner(ops, x, nu_x, width_x) * along_y.wigner(ops, y, nu_y, width_y)
@@ -180,21 +188,21 @@ def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: A
 def ambiguity(
     ops: Any, tables: SeparableTables, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> tuple[Any, Any]:
-    """Return A(upsilon, xi) in the frame as (cosine part, sine part), A = cosine - i sine."""
+    """Return the real part and minus the imaginary part of the ambiguity function."""
     along_x, along_y = tables.fields
     return _parts(along_x.ambiguity(ops, upsilon_x, xi_x) * along_y.ambiguity(ops, upsilon_y, xi_y))
 
 
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
-    """Return F(nu) in the frame as (cosine part, sine part)."""
+    """Return the real part and minus the imaginary part of the Fourier transform."""
     along_x, along_y = tables.fields
     return _parts(along_x.fourier(ops, nu_x) * along_y.fourier(ops, nu_y))
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the (real, imaginary) field u at a point of the frame, without the carrier.
+    """Return the real and the imaginary part of the field at a point, without the carrier wave.
 
-    The lower end of either axis belongs to the rectangle, the upper end does not.
+    The rectangle includes its lower end along each axis, but not its upper end.
     """
     along_x, along_y = tables.fields
     value = along_x.field(ops, x) * along_y.field(ops, y)

@@ -1,13 +1,15 @@
-"""W and A as sums over the edges of slices (Stokes' theorem).
+"""Wigner and ambiguity functions W and A as sums over the edges of slices (Stokes' theorem).
 
-The sums are (W1), (W2) and (A1) of docs/theory.md. They run over the cut edges of one copy for W,
-since the edges of the other copy are mirror images, and over the cut edges of both copies for A.
-Fields of several waves, and elements with different fields, give sums over pairs of waves. Each
-pair contributes the sum of a uniform source at a shifted frequency, times an amplitude that depends
-only on position or lag, (I2), (I3). Each edge is cut only once for all pairs.
+A slice is the intersection of two copies of the source, and its boundary consists of cut edges of
+both copies. The sums are (W1), (W2) and (A1) of docs/theory.md. For W they extend over the edges of
+one copy only, because the edges of the other copy are mirror images. If the field on an element
+consists of several plane waves, or elements have different fields, W and A are sums over pairs of
+waves. Each pair contributes the sum of a uniform source at a shifted frequency, times an amplitude
+that depends only on position or lag, (I2), (I3). Each edge is cut only once for all pairs.
 
-On NumPy, edges are divided into last parts, which run from a crossing to the end of an edge. Their
-weights add up to the weight of the slice on each edge. Compiled code loops over edges and cuts.
+The NumPy code lists parts of edges that run from a crossing to the end of the edge. The weights of
+the parts add up to the weight of the slice along the edge. Compiled code loops over edges and their
+cuts.
 """
 
 from __future__ import annotations
@@ -36,17 +38,19 @@ from polywigner.numerics.phases import Pair
 Values = tuple[Any, ...]
 Array = NDArray[Any]
 Views = tuple[tuple[View, float], ...]
-"""Pairs (view, side). A point p of an edge is ``scale (p + side T)`` in the slice."""
+"""Pairs of a view and a side. A point p of an edge is the point ``scale (p + side T)`` of the
+slice, where T is the offset between both copies."""
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
-"""Group of edges, group of the other copy, views of the edges there, and pairs of waves."""
+"""Group of the elements whose edges are cut, group of elements of the other copy, views of the
+edges, and pairs of waves."""
 
-# Largest number of samples times edges, and of parts of edges times frequencies, that NumPy
-# computes at a time: about 2 MB.
+# Largest product of the numbers of samples and edges, and of edge parts and frequencies, that NumPy
+# computes together. The arrays take about 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which the lists of pairs of edges on NumPy are optimised.
+# Number of samples for which the lists of pairs of edges are optimised in NumPy code.
 _SAMPLES = 1 << 9
-# Largest number of pairs of waves that are compiled as code, which takes 20 ms per pair. More pairs
-# become rows of a table.
+# Largest number of pairs of waves that are constants in compiled code. The compilation takes 20 ms
+# for each pair. More pairs are read from a table.
 MOST_PAIRS_AS_CODE = 16
 # Number of columns in the table of pairs of waves (amplitude, shift and rate), padded to a multiple
 # of four.
@@ -55,24 +59,24 @@ _ROW = 8
 
 @dataclass(frozen=True, eq=False)
 class SliceSum:
-    """Sum of a kernel over the edges of a slice, which are parts of edges of the outline."""
+    """Second step of a kernel of W or A: a sum over the edges of a slice."""
 
     views: tuple[View, ...]
-    """Views in which edges are cut: one view for W, two for A."""
+    """Views of the edges that are cut: one view for W, and two views for A."""
     scale: float
-    """Factor of the offset T between the two copies of the outline: T is ``scale`` times the
-    position or lag, that is 2x or xi. A point p of an edge corresponds to the point ``scale
-    (p + side T)`` of the slice."""
+    """Ratio of the offset T between the two copies of the outline to the position or lag. It is 2
+    for W and 1 for A. A point p of an edge corresponds to the point ``scale (p + side T)`` of the
+    slice."""
     position: slice
     """Indices of the position or lag among the arguments in the frame."""
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
-    """Function (ops, tables, frequency, is_even, is_real) -> terms of a pair of waves. ``is_even``:
-    whether weights are real and both elements have the same field. ``is_real``: whether only the
-    real part is needed."""
+    """Function (ops, tables, frequency, is_even, is_real) that returns the terms of a pair of
+    waves. ``is_even`` states whether weights are real and both elements have the same field.
+    ``is_real`` states whether only the real part is needed."""
     values: int
-    """Number of results: 1 for a real sum; 2 for the cosine and sine part of cosine - i sine."""
+    """Number of results: 1 for a real sum, or 2 for the real part and minus the imaginary part."""
     arguments: slice | None = None
     """Indices of the position or lag among the user's arguments. None if frequencies at one
     position cannot share a slice.
@@ -86,8 +90,8 @@ class SliceSum:
             if is_plain and np.shape(position[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
                 return self._as_waves(self._sums(ops, tables, position, nu))
             return self._in_blocks(ops, tables, inner)
-        # Dr.Jit cannot differentiate nested loops, so edges become code if derivatives are
-        # required.
+        # Dr.Jit cannot differentiate nested loops, so the loop over edges is unrolled if
+        # derivatives are required.
         if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
             offset = (self.scale * c for c in inner[self.position])
             return self._summed(Clipper(ops, tables, *offset), inner)
@@ -96,18 +100,21 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """Return the sums from lists of pairs of edges: ``pairs``, or the lists of the tables."""
+        """Return the sums from lists of pairs of edges.
+
+        If ``pairs`` is None, the lists of ``tables`` are used.
+        """
         tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """Return the keys of all lists of pairs of edges that the sums use."""
+        """Return the keys of all lists of pairs of edges from which the sums are computed."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
 
     def after(self, count: int) -> SliceSum:
-        """Return the same sum, for arguments that follow ``count`` other arguments."""
+        """Return the same sum for a kernel with ``count`` additional arguments in front."""
         position, frequency = (
             slice(s.start + count, s.stop + count) for s in (self.position, self.frequency)
         )
@@ -132,10 +139,10 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sums over pairs of waves, with one pass over the edges for each pair of groups.
+        """Yield the sum over edges for each pair of waves.
 
-        Many pairs of waves are rows of a table, over which compiled code loops for each part of an
-        edge.
+        There is one pass over the edges for each pair of groups. If there are many pairs of waves,
+        compiled code loops over a table of pairs for each part of an edge.
         """
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
@@ -154,7 +161,7 @@ class SliceSum:
                 yield run.value(sums, position)[:count]
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
-        """Return the sums for arguments that broadcast, computed in blocks of samples."""
+        """Return the sums for NumPy arguments that broadcast, computed in blocks of samples."""
         arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
@@ -169,13 +176,16 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Return sums (n, m) at positions (n,); the slice at each position is cut only once."""
+        """Return the sums for all pairs of a position and a frequency.
+
+        The slice at each position is computed only once. The result has one row for each position.
+        """
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # Temporary arrays have (points, frequencies) entries, so blocks with many frequencies have
-        # fewer points.
+        # Temporary arrays have one entry for each pair of a position and a frequency, so blocks
+        # with many frequencies contain fewer positions.
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -187,7 +197,7 @@ class SliceSum:
         return self._as_waves(results)
 
     def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
-        """Return the sums at points (n,), each with its own frequency.
+        """Return the sums at n positions, each with one or several frequencies.
 
         Frequencies of shape (n,) give sums of shape (n,). Frequencies of shape (1, m) or (n, m)
         give sums of shape (n, m).
@@ -218,10 +228,10 @@ class SliceSum:
     def parts(
         self, tables: Tables, position: Sequence[Array]
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
-        """Yield pairs of waves, whether their terms are even, and the last parts of edges, (K1).
+        """Yield each pair of waves, whether its terms are even, and the parts of edges, (K1).
 
-        The parts are given by the index of their point (k,), and by centre and vector in the slice
-        (x, y, dx, dy) and weight (real, imag), in double precision.
+        A part runs from a crossing to the end of an edge. It has the index of its position, its
+        centre and its vector in the slice, and its complex weight, all in double precision.
         """
         t = np.empty(len(position[0]), np.complex128)
         t.real, t.imag = position
@@ -238,7 +248,7 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            # For the copy AHEAD, complex weights are conjugated.
+            # The complex weights of edges of the copy AHEAD are conjugated.
             if weight.dtype.kind == "c":
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
@@ -252,11 +262,13 @@ class SliceSum:
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
-        """Return the index of each point's first part (n + 1,), the parts, and a flag.
+        """Return the parts of edges of the slices at all positions, for compiled code.
 
-        The flag states whether weights are real. A part is a row (x, y, dx, dy) if all weights are
-        1 or -1 and no frequency is shifted. A part of weight -1 is then stored reversed, because
-        terms are odd. Otherwise the row also contains (real, imag, shift_x, shift_y).
+        The results are the index of the first part of each position, a table of the parts, and
+        whether all weights are real. If all weights are 1 or -1 and no frequency is shifted, a row
+        contains the centre and the vector of a part. A part with a weight of -1 is then stored
+        reversed, because terms change their sign with the vector. Otherwise a row also contains the
+        complex weight and the frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
@@ -278,7 +290,7 @@ class SliceSum:
     def of_listed(
         self, ops: Any, tables: Tables, columns: int, is_real: bool, nu: Values
     ) -> PartSum:
-        """Return the sum over the rows that :meth:`listed` has returned, at frequencies ``nu``."""
+        """Return the sum over the rows from :meth:`listed`, at the frequencies ``nu``."""
 
         def terms(shifted: Values) -> EdgeTerms:
             return self.terms(ops, tables, shifted, is_real, self.values == 1)
@@ -289,7 +301,7 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
-    """Return the sums (count, columns) of parts, for frequencies of shape (1 or count, columns)."""
+    """Return the sums over the parts of edges at each position, one column for each frequency."""
     rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
@@ -303,7 +315,7 @@ def _row_sums(
 
 
 def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
-    """Return a real or complex sum, multiplied by the amplitude of its pair of waves."""
+    """Return a sum over edges, multiplied by the amplitude of its pair of waves."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(scaled(real, value) for value in total)
@@ -320,7 +332,7 @@ def _sum_of_rows(
     position: Values,
     count: int,
 ) -> Values:
-    """Return the sums over all pairs of waves of two groups, computed by a loop over the pairs."""
+    """Return the sums over all pairs of waves of two groups, computed in a loop over the pairs."""
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
@@ -339,7 +351,7 @@ def _sum_of_rows(
 
 
 class TermSum:
-    """The sum for a pair of waves in compiled code."""
+    """The sum over edges for a pair of waves, in compiled code."""
 
     def __init__(
         self, clipper: Clipper, terms: EdgeTerms, views: Views, pair: WavePair, scale: float
@@ -352,7 +364,7 @@ class TermSum:
             self.moved = {side: scaled(scale * side, cycles) for side in (-0.5, 0.5)}
 
     def terms(self, edge: Edge, cuts: Cuts) -> Values:
-        """Return the sums over the parts of an edge in all views."""
+        """Return the contributions of an edge, which are sums over its parts in all views."""
         ops, function, scale = self.ops, self.function, self.scale
         if function.by_part:
             return self._part_terms(edge, cuts)
@@ -393,13 +405,13 @@ class TermSum:
         return total
 
     def value(self, sums: Sequence[Any], position: Values) -> Values:
-        """Return the contribution of the pair of waves to the result."""
+        """Return the contribution of the pair of waves to the result, from the sums over edges."""
         amplitude = self.pair.amplitude(self.ops, position)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
 
 class PartSum:
-    """The sum over listed parts of edges at the frequencies ``nu``."""
+    """The sum over a list of parts of edges, in compiled code."""
 
     def __init__(
         self, terms: Any, nu: Values, is_plain: bool, is_real: bool, as_waves: Any
@@ -409,18 +421,18 @@ class PartSum:
         self.values = self.terms.values
 
     def term(self, *row: Any) -> Values:
-        """Return the contribution of a part of an edge from the columns of its row."""
+        """Return the contribution of a part of an edge, from the entries of its row."""
         if self.is_plain:
             values: Values = self.terms.of_part(*row, 1.0, 0.0)
             return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # A row of the list of edge parts may contain a shift of the frequency.
+        # The row of a part may contain a frequency shift.
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total
 
     def total(self, sums: Values) -> Values:
-        """Return the values of the kernel's sum from the sums of all terms."""
+        """Return the results of the kernel's second step from the sums over all parts."""
         values: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
         return values
 
@@ -430,7 +442,7 @@ _BOTH: Views = ((BEHIND, -0.5), (AHEAD, +0.5))
 
 
 def mean_pairings(tables: Tables) -> list[Pairing]:
-    """Return the pairs of waves that contribute to W."""
+    """Return the pairs of waves that contribute to the Wigner function."""
     groups = list(enumerate(tables.groups))
     return [
         (k, n, _MIRROR, mean_pairs(field, other, k == n))
@@ -440,9 +452,10 @@ def mean_pairings(tables: Tables) -> list[Pairing]:
 
 
 def difference_pairings(tables: Tables) -> list[Pairing]:
-    """Return the pairs of waves that contribute to A.
+    """Return the pairs of waves that contribute to the ambiguity function.
 
-    The field of the edges is the first factor for the view BEHIND, and the second for AHEAD.
+    In the product of two fields, the field on the cut edges is the first factor for the view
+    BEHIND, and the second factor for the view AHEAD.
     """
     pairings: list[Pairing] = []
     for k, field in enumerate(tables.groups):
