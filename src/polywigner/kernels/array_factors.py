@@ -41,8 +41,8 @@ Row = tuple[float, ...]
 
 # Number of coefficients that Dr.Jit reads with one load instruction.
 _PACKET = 4
-# Largest number of terms in a temporary array, which then takes some tens of megabytes together
-# with intermediate results.
+# Largest number of terms in a temporary array. Together with intermediate results, the array takes
+# some tens of megabytes.
 _BLOCK = 1 << 18
 
 
@@ -161,8 +161,8 @@ class _Series:
         ``pairs`` is the number of pairs of elements, and ``last`` is the index of the last row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Row indices of the table are integers, because float32 rounds integers above 2^24, which
-        # profiles of more than 8,200 sites need.
+        # Row indices are integers, because float32 rounds integers above 2^24. The tables of
+        # profiles with more than 8,200 elements have more rows.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         # If the number of terms is even, the centre of the row lies between two terms.

@@ -170,7 +170,7 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
     """
     declared = TRANSFORMS[name]
     assert declared.full is not None
-    # The lag marginal is real if the field is 1 on the source.
+    # The lag marginal of a uniform source is real.
     is_array = isinstance(source, Array)
     is_uniform = not is_array and getattr(source, "illumination", None) is None
     flat = source.source if isinstance(source, Wavefront) else source

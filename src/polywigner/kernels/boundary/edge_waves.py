@@ -34,8 +34,8 @@ Values = tuple[Any, ...]
 Point = tuple[Any, ...]
 """Coordinates of a point, which are numbers or arrays."""
 
-# Largest phase difference of two waves, in cycles, for which their difference is computed as a
-# product to avoid cancellation.
+# Largest phase difference of two waves, in cycles, for which the difference of the waves is
+# computed as a product, to avoid cancellation.
 _CLOSE = 0.5
 # A travelling wave grazes a point if the height of the point is below _LOW wavelengths and the sine
 # of the angle between the point and the mirrored ray is below _GRAZING.

@@ -50,8 +50,8 @@ _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) fo
 # Distance that represents "no singularity", in half-lengths of the edge. It exceeds the largest
 # ellipse of the quadrature rules.
 _NO_SINGULARITY = 100.0
-# Number of cycles of phase along an edge above which two tails need fewer quadrature nodes than the
-# edge itself.
+# Number of phase cycles along an edge above which two tails need fewer quadrature nodes than the
+# edge.
 _FEW = 2.0
 
 
@@ -236,7 +236,8 @@ class _Line:
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        # The integrand for parabolic waves has no singularity, so its distance is infinite.
+        # The integrand for parabolic waves has no singularity, so the distance of singularities is
+        # infinite.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:

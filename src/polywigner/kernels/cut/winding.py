@@ -110,7 +110,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
-        # The sums start with NaN if an argument is infinite or NaN.
+        # The initial value of the sums is NaN if an argument is infinite or NaN, and 0 otherwise.
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
             for part in self._sums(view, self._grid((view, group, other)), term, values):

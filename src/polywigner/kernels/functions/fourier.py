@@ -211,7 +211,7 @@ _MOST_SLENDER = 512.0
 # 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is computed from sines and cosines along both axes,
 # which is accurate to an ulp.
 _NEAR, _TERMS = 0.1, 5
-# Number of values in a temporary array that fit into the cache of a core.
+# Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
 # Largest number of multiplications, and smallest number of rows, of a single matrix product. BLAS
 # divides larger products among threads, which takes up to a hundred times as long on a busy

@@ -23,8 +23,8 @@ from polywigner.numerics.phases import cos_sin_cycles
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Shape of the arc of integration in the complex plane: smallest parameter c, and largest ratio of
-# the height of the arc to its length.
+# Shape of the arc of integration in the complex plane, (I5): smallest parameter c, and largest
+# ratio of the height of the arc to its length.
 _SPREAD, _LIFT = 10.0, 0.6
 # Number of quadrature nodes on an arc, which depends on its length c |x_end - x_start|, multiplied
 # by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision.
@@ -36,8 +36,8 @@ _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 
 # the wave is integrated along paths of steepest descent, with the number of nodes in _OF_DESCENTS.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond _FAR, f is
-# as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
+# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges whose distance
+# exceeds _FAR, f is as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
 _FAR, _SMOOTH = 8.7, 3.0
 # If |Re Z| is below _SMALL, the difference exp(-beta^2/2) - |g| is computed from a series of _TERMS
 # terms. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
