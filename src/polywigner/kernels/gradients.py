@@ -39,9 +39,9 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Interface of objects that compute the change dV of a value V.
+    """Interface of objects that compute the change of a transform at one sample.
 
-    V changes because the vertices and weights of the source change.
+    The transform changes because the vertices and weights of the source change.
     """
 
     needs_vertices: bool
@@ -52,18 +52,18 @@ class Accumulator(Protocol):
     """Whether the indices of vertices must be Python integers."""
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
-        """Return the change of V if the vertices ``begin`` and ``end`` of an edge move.
+        """Return the change of the transform if the vertices ``begin`` and ``end`` of an edge move.
 
-        ``at`` contains the derivatives of V with respect to the displacement of both vertices along
-        ``normal``.
+        ``at`` contains the derivatives of the transform with respect to the displacement of both
+        vertices along ``normal``.
         """
         ...
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
-        """Return the change of V if the weight w of element ``number`` changes.
+        """Return the change of the transform if the weight w of element ``number`` changes.
 
-        ``gradient`` and ``of_conjugate`` are the derivatives of V with respect to w and to the
-        complex conjugate of w.
+        ``gradient`` and ``of_conjugate`` are the derivatives of the transform with respect to w and
+        to the complex conjugate of w.
         """
         ...
 
@@ -75,7 +75,7 @@ class Gradients:
     frequency: list[Pair]
     position: list[Pair]
     shared: Pair
-    """Change of V due to vertices and weights, summed over the results of an `Accumulator`."""
+    """Change of the value due to vertices and weights, summed over all edges and elements."""
 
 
 class Axes:

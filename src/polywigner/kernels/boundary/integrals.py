@@ -144,7 +144,7 @@ def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> 
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return both parts of the field at a point, and the error estimate.
+    """Return the real and the imaginary part of the field at a point, and the error estimate.
 
     The field lacks the phase of the distance from the centre of the source to the point.
     """

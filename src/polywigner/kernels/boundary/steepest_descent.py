@@ -63,7 +63,7 @@ def _tail_rules() -> Rules:
 
 
 def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return both parts of the field of travelling waves at a point, and the error estimate.
+    """Return the field of travelling waves at a point, and the error estimate.
 
     Each row of ``tables`` is a complete edge. The field lacks the phase of the distance from the
     centre of the source.
@@ -103,11 +103,11 @@ class _Line:
     least: Any
     """Stationary phase c, in cycles."""
     ahead: Any
-    """Path difference N of (B2), minus the phase difference x^2."""
+    """Path difference N of (B2), minus the difference of the phase from the stationary phase."""
     lean: Any
-    """Constant a of (B2)."""
+    """Constant a of (B2), which is the same at all positions on the edge."""
     beta: Any
-    """Constant b' of (B2)."""
+    """Constant b' of (B2), which is the same at all positions on the edge."""
     lift: Any
     """Difference N' - N of the path differences of (B2)."""
     rest: float

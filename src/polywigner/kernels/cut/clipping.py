@@ -77,7 +77,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class Line:
-    """A line, defined by a point and a direction."""
+    """A straight line, defined by a point and a direction."""
 
     dx: float
     dy: float

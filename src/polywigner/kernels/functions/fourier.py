@@ -411,7 +411,7 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Return both parts of the Fourier transform on a grid, and a mask of inaccurate values.
+    """Return the Fourier transform on a grid of frequencies, and a mask of inaccurate values.
 
     Formula (F4) is inaccurate if the frequency is below `GridTables.floor`. The operations ``ops``
     must be in float64.

@@ -176,7 +176,7 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a node on the arc in the complex plane, and the step of integration at this node."""
+    """Return a quadrature node on an arc in the complex plane, and its step of integration."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -186,7 +186,7 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a node on a path of steepest descent, and the step of integration at this node."""
+    """Return a quadrature node on a path of steepest descent, and its step of integration."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
