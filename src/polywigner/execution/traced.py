@@ -239,7 +239,7 @@ def _order(
 
 
 def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
-    """Return the entries of an array with these indices.
+    """Return the entries of an array with the specified indices.
 
     An array with a single entry is returned unchanged.
     """

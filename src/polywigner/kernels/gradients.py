@@ -299,7 +299,7 @@ class _WavePairGradients:
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
         """Return the real and imaginary parts of the six sums to which an edge contributes.
 
-        The sums are the area, the change due to a shift of the edge along both axes, two moments,
+        The sums are the area, the changes due to a shift of the edge along x and y, two moments,
         and the result of the accumulator.
         """
         ops, scale, clipper = self.ops, self.scale, self.clipper

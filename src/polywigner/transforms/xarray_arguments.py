@@ -209,7 +209,7 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
     """Return the types of the results, from a call with empty arrays of points.
 
-    The call also checks the other arguments.
+    The call also checks the arguments that are not points.
     """
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values

@@ -294,7 +294,7 @@ class _Line:
 
 
 def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
-    """Return the index of the smallest rule whose error bound (B11) is at most exp(-digits)."""
+    """Return the index of the smallest rule with an error bound, (B11), of exp(-digits)."""
     decay = ops.log(2.0 * math.pi * ops.maximum(beyond, 0.1))
     number = 0.0
     for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):

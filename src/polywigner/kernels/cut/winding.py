@@ -125,7 +125,10 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Yield the sum over the edges inside the other copy, then the sum over all other rows."""
+        """Yield the sum over all edges inside the other copy of the outline, then the other sum.
+
+        The other sum extends over all other rows of the lists.
+        """
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 

@@ -44,7 +44,7 @@ Values = tuple[Any, ...]
 Array = NDArray[Any]
 Views = tuple[tuple[View, float], ...]
 """Pairs of a view and a side. A point p of an edge is the point ``scale (p + side T)`` of the
-slice, where T is the offset between both copies."""
+slice, where T is the offset between the two copies of the outline."""
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group of the elements whose edges are cut, group of elements of the other copy, views of the
 edges, and pairs of waves."""
