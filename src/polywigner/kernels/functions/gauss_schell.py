@@ -63,8 +63,8 @@ def wave_over_edge(
     start, end : array
         Positions of the ends of the edge along its unit vector, in coherence widths.
     distance : array
-        Distance of the edge's line from the origin, cross(xi, unit vector) for the lags xi on the
-        edge, in coherence widths.
+        Signed distance of the edge's line from the origin, in coherence widths. It is cross(xi,
+        unit vector) for all lags xi on the edge.
     along, across : array
         Components of the frequency, nu.(unit vector) and cross(nu, unit vector), in cycles per
         coherence width.
