@@ -31,8 +31,8 @@ SUM = "sum of terms"
 # Smallest number of samples for which compiled code that reads the source from memory is faster
 # than NumPy. All thresholds in this module were measured by benchmarks/default_regret.py.
 _LEAST_SAMPLES = 1000
-# Smallest number of terms (samples times edges, waves and copies) for which a kernel compiled for
-# one source is faster than NumPy.
+# Smallest number of terms for which a kernel that is compiled for one source is faster than NumPy.
+# The number of terms is the product of the numbers of samples, edges, waves and copies.
 _LEAST_TERMS = 1 << 18
 # Smallest number of samples for which code that contains the edges as constants is faster than code
 # that reads the edges from memory.
@@ -218,7 +218,7 @@ def drjit_float(engine: str, double: bool) -> type:
     """Return the Dr.Jit array type of an engine in double or in single precision."""
     import importlib
 
-    # While another thread imports Dr.Jit, the submodules exist but are incomplete. This import
+    # While another thread imports Dr.Jit, the submodules of Dr.Jit may be incomplete. This import
     # waits until they are complete.
     import drjit  # noqa: F401
 

@@ -60,8 +60,8 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
     acquires a lock.
     """
     with _POOL:
-        # Scalar variants of Mitsuba use Dr.Jit's thread pool even without an LLVM library. In that
-        # case Dr.Jit has already been imported.
+        # Scalar variants of Mitsuba use Dr.Jit's thread pool even if no LLVM library is available.
+        # Mitsuba has then already imported Dr.Jit.
         if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
             yield
             return

@@ -164,7 +164,7 @@ class NumpyOperations(_Unfused):
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(*row, *samples)`` over the rows of one table for each sample.
+        """Return the sums of ``term(*row, *samples)``, with a table of rows for each sample.
 
         ``rule`` is the index in ``rules`` of the table for each sample. The index -1 gives a sum of
         0.

@@ -158,7 +158,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # Derivatives in closed form exist only for the last arguments of a kernel.
+    # Closed-form derivatives exist only with respect to the last arguments of a kernel.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -239,7 +239,7 @@ def _order(
 
 
 def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
-    """Return the entries of an array with these indices.
+    """Return the entries of an array with the specified indices.
 
     An array with a single entry is returned unchanged.
     """

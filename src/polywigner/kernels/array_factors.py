@@ -41,8 +41,8 @@ Row = tuple[float, ...]
 
 # Number of coefficients that Dr.Jit reads with one load instruction.
 _PACKET = 4
-# Largest number of terms in a temporary array, which then takes some tens of megabytes together
-# with intermediate results.
+# Largest number of terms in a temporary array. Together with intermediate results, the array takes
+# some tens of megabytes.
 _BLOCK = 1 << 18
 
 
@@ -104,7 +104,8 @@ class ProfileFactor:
         """Return the array factor of all pairs of elements with the same midpoint or difference.
 
         The midpoint (``by_mean``) or the difference is specified by ``number``, which
-        :func:`partner` defines. ``cycles`` is the frequency t of the module's formula.
+        :func:`partner` defines. ``cycles`` is the frequency along the direction of the profile, in
+        cycles per period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -114,9 +115,10 @@ class ProfileFactor:
         return series.value(ops, number, 2.0 * last, pairs, cycles)
 
     def total(self, ops: Any, cycles: Any) -> Pair:
-        """Return the sum of all amplitudes a_k with phases of -t (k - (n - 1)/2) cycles.
+        """Return the array factor of all elements along one direction of a lattice.
 
-        ``cycles`` is the frequency t, modulo 2, and n is the number of elements.
+        The amplitude of element k has a phase of -t (k - (n - 1)/2) cycles, where t is the
+        frequency ``cycles``, modulo 2, and n is the number of elements.
         """
         count = float(self.count) + 0.0 * cycles
         if self.profile.is_uniform:
@@ -156,13 +158,14 @@ class _Series:
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the trigonometric sum of a row at t = ``cycles``, or 0 if the row does not exist.
+        """Return the trigonometric sum of a row at the frequency ``cycles``.
 
-        ``pairs`` is the number of pairs of elements, and ``last`` is the index of the last row.
+        ``pairs`` is the number of pairs of elements, and ``last`` is the index of the last row. If
+        the row does not exist, the sum is 0.
         """
         exists = (row >= 0.0) & (row <= last)
-        # Row indices of the table are integers, because float32 rounds integers above 2^24, which
-        # profiles of more than 8,200 sites need.
+        # Row indices are integers, because float32 rounds integers above 2^24. The tables of
+        # profiles with more than 8,200 elements have more rows.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         # If the number of terms is even, the centre of the row lies between two terms.

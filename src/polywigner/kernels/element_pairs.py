@@ -143,7 +143,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         centre, across = (high, low), (0.0 * high, 0.0 * high)
     else:
         first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
-        # Each pair is stored once, because the reversed pair contributes the complex conjugate.
+        # Each pair is stored only once for W, because the reversed pair contributes the complex
+        # conjugate.
         if view is MIRRORED:
             first, second = first[first <= second], second[first <= second]
         weights = weights[first] * weights[second].conj()

@@ -35,9 +35,9 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Interface of objects that compute the change dV of a value V.
+    """Interface of objects that compute the change of a transform at one sample.
 
-    V changes because the vertices and weights of the source change.
+    The transform changes because the vertices and weights of the source change.
     """
 
     needs_vertices: bool
@@ -48,18 +48,18 @@ class Accumulator(Protocol):
     """Whether the indices of vertices must be Python integers."""
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
-        """Return the change of V if the vertices ``begin`` and ``end`` of an edge move.
+        """Return the change of the transform if the vertices ``begin`` and ``end`` of an edge move.
 
-        ``at`` contains the derivatives of V with respect to the displacement of both vertices along
-        ``normal``.
+        ``at`` contains the derivatives of the transform with respect to the displacement of both
+        vertices along ``normal``.
         """
         ...
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
-        """Return the change of V if the weight w of element ``number`` changes.
+        """Return the change of the transform if the weight w of element ``number`` changes.
 
-        ``gradient`` and ``of_conjugate`` are the derivatives of V with respect to w and to the
-        complex conjugate of w.
+        ``gradient`` and ``of_conjugate`` are the derivatives of the transform with respect to w and
+        to the complex conjugate of w.
         """
         ...
 
@@ -71,7 +71,7 @@ class Gradients:
     frequency: list[Pair]
     position: list[Pair]
     shared: Pair
-    """Change of V due to vertices and weights, summed over the results of an `Accumulator`."""
+    """Change of the value due to vertices and weights, summed over all edges and elements."""
 
 
 class Axes:
@@ -295,7 +295,7 @@ class _WavePairGradients:
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
         """Return the real and imaginary parts of the six sums to which an edge contributes.
 
-        The sums are the area, the change due to a shift of the edge along both axes, two moments,
+        The sums are the area, the changes due to a shift of the edge along x and y, two moments,
         and the result of the accumulator.
         """
         ops, scale, clipper = self.ops, self.scale, self.clipper

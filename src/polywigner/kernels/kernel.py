@@ -67,7 +67,7 @@ def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
 
 
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return both parts of a complex transform in the user's units from its sums over edges.
+    """Return a complex transform in the user's units from its sums over edges.
 
     The sums are rotated by the phase of the source's centre, which is the first argument in the
     frame.

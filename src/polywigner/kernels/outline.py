@@ -171,7 +171,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
     power = exponent - row_exponent
     if power < 0:
         divisor <<= -power
-    # A quotient of Python integers is rounded only once.
+    # Python rounds the quotient of two integers only once.
     return ((sums << max(power, 0)) / divisor).astype(np.float64)
 
 

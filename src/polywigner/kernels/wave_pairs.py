@@ -104,7 +104,7 @@ class WavePair:
         return result
 
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
-        """Return a frequency minus the shift of these pairs."""
+        """Return a frequency minus the frequency shift of the pairs."""
         pairs = zip(frequency, self.shift, strict=True)
         return tuple(f if _is_zero(s) else f - s for f, s in pairs)
 
@@ -186,10 +186,10 @@ def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
 
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
-    """Yield all pairs of waves.
+    """Yield all pairs of a wave of the first field and a wave of the second field.
 
-    Each pair consists of both indices, the product of the first amplitude and the conjugate of the
-    second, the mean of both frequencies, and their difference.
+    A pair consists of the indices of the two waves, the product of the first amplitude and the
+    conjugate of the second amplitude, the mean of the two frequencies, and their difference.
     """
     for (m, wave), (n, second_wave) in product(enumerate(first), enumerate(second)):
         components = list(zip(wave.frequency, second_wave.frequency, strict=True))

@@ -177,7 +177,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the sum of the integrals along all edges.
+    """Return the transform of curved waves over an outline, as a sum of integrals along edges.
 
     The number of quadrature nodes depends on the edge and the point.
     """

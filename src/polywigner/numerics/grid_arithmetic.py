@@ -66,7 +66,8 @@ def _is_convex(polygon: Floats) -> bool:
     ahead = (before * following).sum(axis=1)
     if (crosses < 0).any() or ((crosses == 0) & (ahead <= 0)).any():
         return False
-    # The exterior angles of a ring that winds once add up to 2 pi, otherwise to 4 pi or more.
+    # The exterior angles of a convex ring that winds once add up to 2 pi. If the ring winds several
+    # times, they add up to 4 pi or more.
     return bool(np.arctan2(crosses, ahead).sum() < 3 * np.pi)
 
 

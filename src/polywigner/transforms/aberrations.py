@@ -28,13 +28,13 @@ from polywigner.source.normal_form import normal_form, polygons_of
 
 Path = Callable[[Floats, Floats], ArrayLike]
 
-# With z = x + iy, the Zernike polynomials V_n^m(z) = R_n^m(r) exp(i m theta) obey, for m >= 0,
+# The complex Zernike polynomials V_n^m(z) = R_n^m(r) exp(i m theta) with z = x + iy satisfy
 #
 #     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
 #
-# The recurrence has no cancellation, so high orders are accurate. The real part of V_n^m is the
-# cosine polynomial, and the imaginary part the sine polynomial. Source: T. B. Andersen, Opt.
-# Express 26, 18878 (2018), in complex form.
+# where m >= 0. The recurrence has no cancellation, so high orders are accurate. The real part of
+# V_n^m is the cosine polynomial, and the imaginary part is the sine polynomial. Source: T. B.
+# Andersen, Opt. Express 26, 18878 (2018), in complex form.
 
 Order = tuple[int, int]
 """Radial order n and azimuthal frequency m of a Zernike polynomial. A negative m denotes a sine

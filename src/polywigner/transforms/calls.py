@@ -5,7 +5,8 @@ in front of the system, (O2) and (O3). Second, a partly coherent source is repla
 source times the degree of coherence, or by a closed form, (PC3). Third, a curved wave is replaced
 by a flat wave at sheared points, (Q1) to (Q5). Finally, a kernel computes the transform of the flat
 source. The third step uses the following relations between the curved wave u = u0 exp(i pi (x -
-c).Q (x - c)) and the flat wave u0, where c is the centre of curvature and Q the curvature matrix:
+c).Q (x - c)) and the flat wave u0, where c is the point at which the curved wave touches the plane
+of the source, and Q is its curvature matrix:
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
@@ -170,7 +171,7 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
     """
     declared = TRANSFORMS[name]
     assert declared.full is not None
-    # The lag marginal is real if the field is 1 on the source.
+    # The lag marginal of a uniform source is real.
     is_array = isinstance(source, Array)
     is_uniform = not is_array and getattr(source, "illumination", None) is None
     flat = source.source if isinstance(source, Wavefront) else source

@@ -80,7 +80,7 @@ class PupilNumbers:
 
     @classmethod
     def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers]:
-        """Return a source without Dr.Jit arrays, and the Dr.Jit arrays of the original source."""
+        """Return a source with plain numbers instead of Dr.Jit arrays, and the Dr.Jit arrays."""
         coefficients = aberration.traced if isinstance(aberration, Aberration) else None
         if isinstance(source, Differentiable):
             return source.source, cls(source.vertices, source.weights, coefficients)

@@ -146,7 +146,10 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
 def _of_rings(
     parts: list[list[NDArray[np.float64]]], illumination: Illumination | None
 ) -> Aperture:
-    """Return an aperture with exactly these vertices. Raises GeometryError if it is invalid."""
+    """Return an aperture with the specified rings, of which all vertices are kept.
+
+    Raises GeometryError if the aperture is invalid.
+    """
     for part in parts:
         for number, ring in enumerate(part):
             area = signed_area(ring) if len(ring) > 2 and np.isfinite(ring).all() else 0.0

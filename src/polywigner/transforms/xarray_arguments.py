@@ -224,13 +224,13 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
     """Return the types of the results, from a call with empty arrays of points.
 
-    The call also checks the other arguments.
+    The call also checks the arguments that are not points.
     """
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
     with warnings.catch_warnings():
-        # Warnings are suppressed here, because the call with points issues them.
+        # Warnings are suppressed here, because the later call with points issues them again.
         warnings.simplefilter("ignore")
         results = call(*empty)
     return [part.dtype for part in (results if isinstance(results, tuple) else (results,))]

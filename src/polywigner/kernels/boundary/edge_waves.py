@@ -34,8 +34,8 @@ Values = tuple[Any, ...]
 Point = tuple[Any, ...]
 """Coordinates of a point, which are numbers or arrays."""
 
-# Largest phase difference of two waves, in cycles, for which their difference is computed as a
-# product to avoid cancellation.
+# Largest phase difference of two waves, in cycles, for which the difference of the waves is
+# computed as a product, to avoid cancellation.
 _CLOSE = 0.5
 # A travelling wave grazes a point if the height of the point is below _LOW wavelengths and the sine
 # of the angle between the point and the mirrored ray is below _GRAZING.
@@ -111,7 +111,7 @@ class _Travelling:
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand times R, at the distance t from the start of the panel."""
+        """Return the integrand of (B3), times the distance R, at the length t along the panel."""
         tiny = 1e-300 if ops.double else 1e-37
         lean, path = detour(ops, t, s, radius, along, b, z, across, pz, *moment)
         mirror = path + 2.0 * (pz * z)
@@ -171,7 +171,7 @@ class _Evanescent:
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand times R, at the distance t from the start of the panel.
+        """Return the integrand of (B3), times the distance R, at the length t along the panel.
 
         For evanescent waves, N' is the conjugate of N, and b' is minus the conjugate of a.
         """
@@ -216,9 +216,10 @@ def detour(
 def wave_difference(
     ops: Any, edge: Pair, free: Pair, path: Any, factor: Any = None, lost: Any = None
 ) -> Pair:
-    """Return the difference E - e of two waves without cancellation.
+    """Return the difference of the wave E at an edge and the wave e at a point.
 
-    The second wave is e = E exp(-2 pi i path) factor. ``lost`` is 1 - factor, without cancellation.
+    The difference is computed without cancellation. The wave at the point is e = E exp(-2 pi i
+    path) factor, and ``lost`` is 1 - factor.
     """
     close = abs(path) < _CLOSE
     c, d = cos_sin_cycles(ops, 0.5 * ops.select(close, path, 0.0))

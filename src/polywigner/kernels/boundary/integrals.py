@@ -119,10 +119,11 @@ class BoundaryTables:
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
-    """Return the coordinates, the distance and the phase of a point, and the digits.
+    """Return a point in the form that the boundary integrals require.
 
-    Each coordinate and the distance are sums of two floats. ``digits`` is minus the natural
-    logarithm of the allowed error.
+    The results are the coordinates of the point and its distance from the centre, each as the sum
+    of two floats, and the phase of the distance. ``digits``, minus the natural logarithm of the
+    allowed error, is returned unchanged.
     """
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
@@ -144,7 +145,7 @@ def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> 
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return both parts of the field at a point, and the error estimate.
+    """Return the real and the imaginary part of the field at a point, and the error estimate.
 
     The field lacks the phase of the distance from the centre of the source to the point.
     """

@@ -50,8 +50,8 @@ _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) fo
 # Distance that represents "no singularity", in half-lengths of the edge. It exceeds the largest
 # ellipse of the quadrature rules.
 _NO_SINGULARITY = 100.0
-# Number of cycles of phase along an edge above which two tails need fewer quadrature nodes than the
-# edge itself.
+# Number of phase cycles along an edge above which two tails need fewer quadrature nodes than the
+# edge.
 _FEW = 2.0
 
 
@@ -63,7 +63,7 @@ def _tail_rules() -> Rules:
 
 
 def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return both parts of the field of travelling waves at a point, and the error estimate.
+    """Return the field of travelling waves at a point, and the error estimate.
 
     Each row of ``tables`` is a complete edge. The field lacks the phase of the distance from the
     centre of the source.
@@ -103,11 +103,11 @@ class _Line:
     least: Any
     """Stationary phase c, in cycles."""
     ahead: Any
-    """Path difference N of (B2), minus the phase difference x^2."""
+    """Path difference N of (B2), minus the difference of the phase from the stationary phase."""
     lean: Any
-    """Constant a of (B2)."""
+    """Constant a of (B2), which is the same at all positions on the edge."""
     beta: Any
-    """Constant b' of (B2)."""
+    """Constant b' of (B2), which is the same at all positions on the edge."""
     lift: Any
     """Difference N' - N of the path differences of (B2)."""
     rest: float
@@ -236,7 +236,8 @@ class _Line:
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        # The integrand for parabolic waves has no singularity, so its distance is infinite.
+        # The integrand for parabolic waves has no singularity, so the distance of singularities is
+        # infinite.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
@@ -293,7 +294,7 @@ class _Line:
 
 
 def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
-    """Return the index of the smallest rule whose error bound (B11) is at most exp(-digits)."""
+    """Return the index of the smallest rule with an error bound, (B11), of exp(-digits)."""
     decay = ops.log(2.0 * math.pi * ops.maximum(beyond, 0.1))
     number = 0.0
     for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):

@@ -77,7 +77,7 @@ class _Cells:
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
-        """Return cells for offsets up to ``reach`` along both axes.
+        """Return square cells that cover all offsets up to ``reach`` along both axes.
 
         ``across`` is the smallest number of cells along the longer side.
         """
@@ -181,7 +181,10 @@ def _leads(outline: Outline, far: float) -> Array:
 def _rows_of_cells(
     outline: Outline, cells: _Cells, edges: Array, others: Array
 ) -> Iterator[tuple[tuple[Array, ...], ...]]:
-    """Yield two tables in blocks: the edges inside the other copy, and all other list entries.
+    """Yield the list entries of all cells in blocks, as two tables.
+
+    The first table contains the edges inside the other copy of the outline, and the second table
+    contains all other entries.
 
     Each entry consists of its cell, its row and its level. The level is evaluated at the centre of
     the cell. The level at the start of an edge can change within a cell only if both this edge and

@@ -77,7 +77,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class Line:
-    """A line, defined by a point and a direction."""
+    """A straight line, defined by a point and a direction."""
 
     dx: float
     dy: float
@@ -183,7 +183,8 @@ BEHIND = View(offset=-1, point=+1)
 AHEAD = View(offset=+1, point=+1)
 
 Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
-"""Parts of an edge inside the other copy for each view, as `Clipper.intervals` yields them."""
+"""Parts of an edge inside the other copy of the outline, for each view, in the form of
+`Clipper.intervals`."""
 
 
 class Clipper:
@@ -258,7 +259,7 @@ class Clipper:
     def intervals(
         self, edge: Edge, view: View, group: int = 0
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """Yield the part of an edge inside each convex piece of the other copy.
+        """Yield the parts of an edge inside the convex pieces of the other copy of the outline.
 
         A part runs from the fraction t0 to the fraction t1 of the edge. It is yielded as the sum t0
         + t1, the length t1 - t0, and the real and imaginary part of the product of one weight and
@@ -300,7 +301,10 @@ class Clipper:
         return low + high, length
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
-        """Return the fraction of an edge at which it meets a line of the other copy."""
+        """Return the position at which an edge meets a line of the other copy of the outline.
+
+        The position is a fraction of the edge.
+        """
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:

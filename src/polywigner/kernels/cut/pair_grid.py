@@ -152,7 +152,7 @@ class PairGrid:
     def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
         """Return a copy of these lists in the memory of an engine."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
-        # Engines cannot read from empty arrays.
+        # Dr.Jit cannot read from empty arrays.
         return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
 
 

@@ -114,7 +114,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
-        # The sums start with NaN if an argument is infinite or NaN.
+        # The initial value of the sums is NaN if an argument is infinite or NaN, and 0 otherwise.
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
             for part in self._sums(view, self._grid((view, group, other)), term, values):
@@ -129,7 +129,10 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Yield the sum over the edges inside the other copy, then the sum over all other rows."""
+        """Yield the sum over all edges inside the other copy of the outline, then the other sum.
+
+        The other sum extends over all other rows of the lists.
+        """
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 

@@ -211,7 +211,7 @@ _MOST_SLENDER = 512.0
 # 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is computed from sines and cosines along both axes,
 # which is accurate to an ulp.
 _NEAR, _TERMS = 0.1, 5
-# Number of values in a temporary array that fit into the cache of a core.
+# Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
 # Largest number of multiplications, and smallest number of rows, of a single matrix product. BLAS
 # divides larger products among threads, which takes up to a hundred times as long on a busy
@@ -411,7 +411,7 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Return both parts of the Fourier transform on a grid, and a mask of inaccurate values.
+    """Return the Fourier transform on a grid of frequencies, and a mask of inaccurate values.
 
     Formula (F4) is inaccurate if the frequency is below `GridTables.floor`. The operations ``ops``
     must be in float64.

@@ -23,8 +23,8 @@ from polywigner.numerics.phases import cos_sin_cycles
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Shape of the arc of integration in the complex plane: smallest parameter c, and largest ratio of
-# the height of the arc to its length.
+# Shape of the arc of integration in the complex plane, (I5): smallest parameter c, and largest
+# ratio of the height of the arc to its length.
 _SPREAD, _LIFT = 10.0, 0.6
 # Number of quadrature nodes on an arc, which depends on its length c |x_end - x_start|, multiplied
 # by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision.
@@ -36,8 +36,8 @@ _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 
 # the wave is integrated along paths of steepest descent, with the number of nodes in _OF_DESCENTS.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond _FAR, f is
-# as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
+# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges whose distance
+# exceeds _FAR, f is as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
 _FAR, _SMOOTH = 8.7, 3.0
 # If |Re Z| is below _SMALL, the difference exp(-beta^2/2) - |g| is computed from a series of _TERMS
 # terms. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
@@ -63,8 +63,8 @@ def wave_over_edge(
     start, end : array
         Positions of the ends of the edge along its unit vector, in coherence widths.
     distance : array
-        Distance of the edge's line from the origin, cross(xi, unit vector) for the lags xi on the
-        edge, in coherence widths.
+        Signed distance of the edge's line from the origin, in coherence widths. It is cross(xi,
+        unit vector) for all lags xi on the edge.
     along, across : array
         Components of the frequency, nu.(unit vector) and cross(nu, unit vector), in cycles per
         coherence width.
@@ -176,7 +176,7 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a node on the arc in the complex plane, and the step of integration at this node."""
+    """Return a quadrature node on an arc in the complex plane, and its step of integration."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -186,7 +186,7 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a node on a path of steepest descent, and the step of integration at this node."""
+    """Return a quadrature node on a path of steepest descent, and its step of integration."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y

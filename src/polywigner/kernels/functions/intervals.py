@@ -278,7 +278,7 @@ class LineField:
         return Pair(real, imag).scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """Return the field at a position.
+        """Return the field of the interval at a position.
 
         The interval includes its lower end but not its upper end.
         """

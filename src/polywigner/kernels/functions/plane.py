@@ -120,7 +120,7 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return both parts of the autocorrelation, from the fields at both ends of the lag."""
+    """Return the autocorrelation, which is the product of the fields at both ends of the lag."""
     product = Pair(*sums[:2]) * Pair(*sums[2:]).conjugate()
     if not any(frame.carrier):
         return product.real, product.imag

@@ -163,7 +163,7 @@ def _profiles(
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
     """Return the values that differ by more than rounding errors, in ascending order.
 
-    The second result is the index of each input value among these values.
+    The second result is the index in this list for each input value.
     """
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)

@@ -39,7 +39,7 @@ Values = tuple[Any, ...]
 Array = NDArray[Any]
 Views = tuple[tuple[View, float], ...]
 """Pairs of a view and a side. A point p of an edge is the point ``scale (p + side T)`` of the
-slice, where T is the offset between both copies."""
+slice, where T is the offset between the two copies of the outline."""
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group of the elements whose edges are cut, group of elements of the other copy, views of the
 edges, and pairs of waves."""
@@ -52,8 +52,8 @@ _SAMPLES = 1 << 9
 # Largest number of pairs of waves that are constants in compiled code. The compilation takes 20 ms
 # for each pair. More pairs are read from a table.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns in the table of pairs of waves (amplitude, shift and rate), padded to a multiple
-# of four.
+# Number of columns in the table of pairs of waves. A row contains the amplitude, the shift and the
+# rate of a pair, padded to a multiple of four numbers.
 _ROW = 8
 
 
@@ -205,7 +205,7 @@ class SliceSum:
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # The sums of a slice start with NaN if an argument is infinite or NaN.
+        # The initial value of the sums is NaN if an argument is infinite or NaN, and 0 otherwise.
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
         for pairs, is_even, owner, part in self.parts(tables, position):
             for pair in pairs:
