@@ -130,6 +130,45 @@ def test_holes_and_plates_follow_babinet(kind: str, other: str) -> None:
     assert np.abs(off).max() < 1e-6 * np.abs(free).max()
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_field_is_smooth_where_the_mirror_image_is_the_source(kind: str) -> None:
+    plate, step = pw.shapes.rectangle(8.0, 6.0).placed(at(0.5, 0.2, 20)), np.array([3e-3, 0, 0])
+    for shift in (0.0, 1e-12, 1e-7):
+        image = np.array([0.3 + shift, 0.2, 50.0])  # of LAMP
+        points = np.stack([image + number * step for number in (0, -2, -1, 1, 2)])
+        value, *near = field(LAMP, points, kind, obstacles=plate)
+        assert abs(value - np.dot([-1, 4, 4, -1], near) / 6) < 1e-6 * abs(value)
+
+
+def test_field_in_the_plane_of_a_plate_continues_both_sides() -> None:
+    """The change of the field is even for soft plates, and odd for hard plates."""
+    flat = np.array([[9.0, 1, 0, 1], [7.2, -3, 0, 1], [-2.0, -9, 0, 1], [0.0, 4.0, 0, 1]])
+    points, step = (flat @ POSE.T)[:, :3], 1e-6 * POSE[:3, 2]
+    for kind in KINDS:
+        below, inside, above = (field(LAMP, points + n * step, kind) for n in (-1, 0, 1))
+        assert np.abs(0.5 * (below + above) - inside).max() < 1e-4 * np.abs(inside).min()
+
+
+def test_field_of_a_distant_source_is_zero_on_a_large_soft_plate() -> None:
+    plate, source = pw.shapes.square(2e6).placed(np.eye(4)), pw.PointSource((0.0, 0.0, -1e8))
+    value = field(source, np.array([1.0, 2.0, 0.0]), "soft", obstacles=plate)
+    assert abs(value) * 1e8 < 1e-7
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_plates_in_single_precision_are_in_one_plane(kind: str) -> None:
+    points = drawn(20, (-20, -20, 5), (20, 20, 40), 6)
+    poses = []
+    for shift in (-2.0, 2.0):
+        pose = POSE.copy()
+        pose[:3, 3] += shift * POSE[:3, 0] + [0.0, 0.0, 1e-6 * shift]
+        poses.append(pose)
+    halves = [pw.shapes.rectangle(4.0, 6.0).placed(pose) for pose in poses]
+    whole = pw.shapes.rectangle(8.0, 6.0).placed(POSE)
+    off = field(LAMP, points, kind, obstacles=halves) - field(LAMP, points, kind, obstacles=whole)
+    assert np.abs(off).max() * 20 < 1e-5
+
+
 def test_error_estimate_covers_the_error() -> None:
     points, how = drawn(50, (-20, -20, 5), 40, 4), {"obstacles": PLATE, "edge": "hard"}
     fine = pw.amplitude(LAMP, points, 1.0, tolerance=1e-8, **how)
@@ -154,6 +193,7 @@ def test_irradiances_and_grids_take_the_edge() -> None:
         ({"obstacles": [PLATE, OUTLINE.placed(at(0, 0, 40))]}, "plates in one plane"),
         ({"obstacles": None}, "requires obstacles"),
         ({"edge": "metal"}, "edge"),
+        ({"obstacles": OUTLINE.placed(at(0, 0, -10))}, "source lies on a soft or hard plate"),
     ],
 )
 def test_edges_that_cannot_be_are_refused(options: dict[str, Any], words: str) -> None:

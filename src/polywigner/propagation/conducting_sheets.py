@@ -8,8 +8,9 @@ points.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -18,12 +19,22 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.silhouettes import ON, Obstacles, Silhouette
+from polywigner.propagation.equivalent_points import RadiatingPoint
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 Edge = Literal["black", "soft", "hard"]
 EDGES = ("black", "soft", "hard")
+
+# Largest distance of vertices from the common plane, as a fraction of the extent of all plates, for
+# coordinates in single precision.
+_UNEVEN = 1e-6
+# Distance from a point of the source, in wavelengths, below which the change of its field loses
+# digits: the mirror image of an observation point may lie on the source. The change is then a mean
+# over four positions at one and two steps along the plane, exact to fourth order.
+_CLOSE, _STEP = 1e-4, 1e-3
+_WEIGHTS = {1: 4 / 6, -1: 4 / 6, 2: -1 / 6, -2: -1 / 6}
 
 
 @dataclass(frozen=True)
@@ -38,17 +49,16 @@ class Sheet:
 
     @classmethod
     def of(cls, bodies: Obstacles) -> Sheet:
-        """Return the plane of all plates; raise ArgumentError for bodies or for several planes."""
-        normal = bodies.bodies[0].normals[0]
-        normal = normal / np.linalg.norm(normal)
-        heights = bodies.vertices @ normal
-        uneven = float(np.ptp(heights)) > ON * float(np.abs(bodies.vertices).max())
-        if uneven or any(body.is_solid for body in bodies.bodies):
-            raise ArgumentError(
-                "soft and hard edges require plates in one plane as obstacles, got bodies or "
-                'several planes; use edge="black", or pass only plates in one plane'
-            )
-        return cls(np.append(normal, -heights.mean()))
+        """Return the plane through the vertices of all obstacles, by least squares."""
+        centre = bodies.vertices.mean(axis=0)
+        normal = np.linalg.svd(bodies.vertices - centre, full_matrices=False)[2][2]
+        return cls(np.append(normal, -normal @ centre))
+
+    @property
+    def direction(self) -> Floats:
+        """A unit vector (3,) in the plane."""
+        across = np.cross(self.plane[:3], np.eye(3)[np.abs(self.plane[:3]).argmin()])
+        return np.asarray(across / np.linalg.norm(across))
 
     def heights(self, positions: Floats) -> Floats:
         return np.asarray(positions @ self.plane[:3] + self.plane[3])
@@ -77,34 +87,98 @@ class Sheet:
         return np.asarray(positions + shifts[..., None] * self.plane[:3]).reshape(-1, 3)
 
 
+def flattened(bodies: Obstacles) -> Obstacles:
+    """Return plates moved into one plane; raise ArgumentError if they are not plates in one plane.
+
+    Plates from files in single precision are not exactly in one plane.
+    """
+    sheet = Sheet.of(bodies)
+    heights = sheet.heights(bodies.vertices)
+    allowed = _UNEVEN * float(np.ptp(bodies.vertices, axis=0).max())
+    allowed += ON * float(np.abs(bodies.vertices).max())
+    if np.abs(heights).max() > allowed or any(body.is_solid for body in bodies.bodies):
+        raise ArgumentError(
+            "soft and hard edges require plates in one plane as obstacles, got bodies or "
+            'several planes; use edge="black", or pass only plates in one plane'
+        )
+    normal, plates = sheet.plane[:3], []
+    for body in bodies.bodies:
+        height = sheet.heights(body.vertices)
+        normals = np.where(body.normals @ normal < 0.0, -1.0, 1.0)[:, None] * normal
+        flat = body.vertices - height[:, None] * normal
+        plates.append(replace(body, vertices=flat, normals=normals))
+    return Obstacles(plates)
+
+
+Fields = tuple[Complex, Complex, Floats]
+
+
 def change_by_sheet(
-    compute: Callable[[list[Silhouette], Floats], tuple[Complex, Complex, Floats]],
+    compute: Callable[[list[Silhouette], Floats], Fields],
     edge: Edge,
     bodies: Obstacles,
-    sources: Floats,
+    sources: Sequence[RadiatingPoint],
     positions: Floats,
     least: Floats,
-) -> tuple[Complex, Complex, Floats]:
+) -> Fields:
     """Return the change of the field that soft or hard plates cause at positions (n, 3).
 
-    Returns the change, the field without plates, and the error of the change. ``compute`` returns
-    the same three arrays for black plates. Positions closer to a plate than ``least`` (n,) count as
-    points on its illuminated side.
+    Also return the field without plates, and the error of the change. ``compute`` returns the same
+    three arrays for black plates. Positions closer to a plate than ``least`` (n,) count as points
+    on its illuminated side.
     """
     sheet, count = Sheet.of(bodies), len(positions)
+    origins = np.array([point.position for point in sources])
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
-    raised = np.where(on_plate, least, 0.0)
-    both = sheet.with_images(positions, sources.mean(axis=0), raised)
-    changes, waves, error = compute(sheet.silhouettes(bodies, sources), both)
-    (here, mirrored), (wave, image) = np.split(changes, 2), np.split(waves, 2)
-    # Positions on a plate were moved off it. The field without plates at the original position is
-    # the mean of the fields at the moved position and at its image.
-    free = np.where(on_plate, 0.5 * (wave + image), wave)
+    # Edge waves on both faces of a plate differ, also in its plane next to the plate. Soft plates
+    # require one position on each side. For hard plates the difference in the plane is 0.
+    raised = np.where(on_plate | (edge == "soft"), least, 0.0)
+    both = sheet.with_images(positions, origins.mean(axis=0), raised)
+    seen = sheet.silhouettes(bodies, origins)
+    changes, waves, error = _clear_of(
+        partial(compute, seen), both, _close_to(origins, both), _STEP * sheet.direction
+    )
+    (here, mirrored), wave = np.split(changes, 2), waves[:count]
+    free = wave.copy()  # at the position that is not moved
+    free[on_plate] = sum(point.wave(positions[on_plate].T) for point in sources)
     if edge == "soft":
         change = np.where(on_plate, -free, here + mirrored)
     else:
         change = here - mirrored + (wave - free)
     return change, free, error[:count] + error[count:]
+
+
+def check_source(bodies: Obstacles, origins: Floats) -> None:
+    """Raise ArgumentError if a plate contains a point (k, 3) of the source."""
+    least = ON * float(np.abs(bodies.vertices).max())
+    if min(float(body.distance(origins).min()) for body in bodies.bodies) <= least:
+        raise ArgumentError(
+            "the source lies on a soft or hard plate, where its field is undefined; move the "
+            "plate away from the source"
+        )
+
+
+def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
+    """Return a mask of the positions (n, 3) next to one of the points (k, 3) of a source."""
+    close = np.zeros(len(positions), bool)
+    low, high = origins.min(axis=0) - _CLOSE, origins.max(axis=0) + _CLOSE
+    rows = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))
+    for origin in origins:
+        close[rows] |= np.linalg.norm(positions[rows] - origin, axis=1) < _CLOSE
+    return close
+
+
+def _clear_of(
+    compute: Callable[[Floats], Fields], positions: Floats, close: NDArray[np.bool_], step: Floats
+) -> Fields:
+    """Return the results of ``compute``, as means over four neighbours for ``close`` positions."""
+    moved = np.where(close[:, None], positions + step, positions)
+    results = compute(moved)
+    if close.any():
+        near = [compute(positions[close] + number * step) for number in _WEIGHTS]
+        for result, *values in zip(results, *near, strict=True):
+            result[close] = np.tensordot(list(_WEIGHTS.values()), values, 1)
+    return results
 
 
 def check_edge(edge: object, obstacles: object) -> None:

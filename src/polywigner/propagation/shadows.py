@@ -42,7 +42,7 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics.phases import Pair, unit_wave
-from polywigner.propagation.conducting_sheets import Edge, change_by_sheet
+from polywigner.propagation.conducting_sheets import Edge, change_by_sheet, check_source, flattened
 from polywigner.propagation.edge_sums import EdgeSum, Targets
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
@@ -117,7 +117,13 @@ def shadow_of(
     Raises ArgumentError for obstacles around the source, and for sources that need too many points.
     """
     positions = points / wavelength
+    if edge != "black":
+        bodies = flattened(bodies)
     sources, seen = _seen(source, bodies, positions, wavelength, method, tolerance)
+    origins = np.array([position for position, *_ in sources])
+    if edge != "black":
+        check_source(bodies, origins)
+    _check_clearance(bodies, sources)
     compute: Any = partial(
         diffracted, bodies, sources, engine=engine, with_error=with_error, tolerance=tolerance
     )
@@ -125,9 +131,8 @@ def shadow_of(
         change, free, off = compute(seen, positions)
     else:
         compute = partial(compute, is_sheet=True)
-        origins = np.array([position for position, *_ in sources])
         least = 2.0 * _ON_SURFACE * _resolution(bodies.vertices, origins, positions)
-        change, free, off = change_by_sheet(compute, edge, bodies, origins, positions, least)
+        change, free, off = change_by_sheet(compute, edge, bodies, sources, positions, least)
     if with_error and len(sources) > 1:
         off += _OF_GRID * tolerance * np.abs(free).max(initial=0.0)
     return change, bodies.inside(positions), off
@@ -212,7 +217,6 @@ def _seen(
     targets = np.concatenate([np.stack(boxes), np.stack([positions, positions], axis=1)])
     error = _OF_GRID * tolerance
     sources = radiating_points(source, wavelength, method, error, targets=targets)
-    _check_clearance(bodies, sources)
     return sources, bodies.silhouettes([position for position, *_ in sources])
 
 
