@@ -249,9 +249,10 @@ def volume(
 
 
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
-    """Print the largest and the rms difference of each method from the reference method.
+    """Print the largest and the rms level difference of each method from the reference, in dB.
 
-    All fields have the same points. Lazy arrays are read chunk by chunk.
+    Points with a level of 30 dB or more below the peak of the reference are left out, and so are
+    values of zero. All fields have the same points. Nothing is printed for a single field.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
 

@@ -291,7 +291,11 @@ class FieldSourceOptions(SourceOptions):
 
 
 def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-    """Return the file, the position of its origin in m, and theta and phi of its z axis in rad."""
+    """Return the file, the position of its origin in m, and theta and phi of its z axis in rad.
+
+    The text has the form "FILE at X, Y, Z towards THETA, PHI"; the position and the direction are 0
+    by default.
+    """
     path, at, placement = text.rpartition(" at ")
     if not at:
         return text, (0.0, 0.0, 0.0), (0.0, 0.0)

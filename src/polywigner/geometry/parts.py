@@ -185,8 +185,9 @@ def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, rea
 def weld(parts: Sequence[Part]) -> list[Part]:
     """Make nearly equal vertices equal, and insert vertices into the edges that they touch.
 
-    Vertices move by at most 64 ulp of the largest coordinate. Afterwards, two parts that touch
-    along an edge have the same vertices on that edge.
+    A part is a tuple of rings. Vertices move by at most 64 ulp of the largest coordinate.
+    Afterwards, two parts that touch along an edge have the same vertices on that edge. A ring that
+    is smaller than this distance becomes empty.
     """
     rings = [ring for part in parts for ring in part]
     reach = max(rounding_tolerance(ring) for ring in rings)

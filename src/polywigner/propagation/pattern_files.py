@@ -276,9 +276,10 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 
 
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Arrange the field components of a list of directions on a grid of theta and phi.
+    """Arrange the field components (2, k) of k directions in degrees on a grid of theta and phi.
 
-    Returns theta (n,) and phi (m,) in rad, and the components E_theta and E_phi (2, n, m).
+    Returns theta (n,) and phi (m,) in rad, and the components E_theta and E_phi (2, n, m). Raises
+    FileFormatError if the grid is incomplete, or has different fields in the same direction.
     """
     polar, row = np.unique(theta, return_inverse=True)
     azimuth, column = np.unique(phi, return_inverse=True)

@@ -73,7 +73,7 @@ _RULES = (
 # Allowed error of the points that represent the source, as a fraction of the tolerance.
 _OF_GRID = 0.1
 # Error of nodes that replace these points, as a fraction of the tolerance.
-_OF_NODES = 0.3
+_OF_NODES = 0.15
 # Direction from a point to the neighbouring point at which it is decided whether the point is
 # illuminated or in shadow.
 ASIDE = np.array([0.57, 0.31, 0.76])

@@ -56,7 +56,8 @@ from polywigner.source.polarisation import Stokes
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     """Return the ratio of received to radiated power in free space.
 
-    The radiated power is defined by the parameter ``normalise`` of the receiver.
+    It is the sum of :func:`polywigner.coupling` over the waves of emitter and receiver. The
+    radiated power is defined by the parameter ``normalise`` of the receiver.
     """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
