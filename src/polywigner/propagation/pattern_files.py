@@ -445,7 +445,7 @@ def write_pattern(
     .ffd     Far-field data of HFSS, for its far-field links and PyAEDT. Requires evenly spaced
              angles with theta from 0 to 180 degrees.
     .cut     TICRA's GRASP: a polar cut for each phi. Fields are scaled to a radiated power of 4 pi
-             W, so |E|^2 is the directivity. Requires evenly spaced theta.
+             W, so ``|E|^2`` is the directivity. Requires evenly spaced theta.
     .msi     MSI Planet: attenuations every degree in the horizontal and the vertical plane, for an
     .pln     aperture whose y axis points up; 99.9 dB behind it. Requires cuts at phi = 0 and 90
              degrees with theta from -90 to 90 degrees, or the halves of these cuts.
@@ -455,7 +455,7 @@ def write_pattern(
     polarised along x, the components are ``E_theta = E cos(phi)`` and ``E_phi = -E sin(phi)``. For
     an aperture polarised along y, they are ``E_theta = E sin(phi)`` and ``E_phi = E cos(phi)``.
     Files use the phases exp(+j omega t - j k r), so fields are conjugated. The field rE is in V,
-    and |rE|^2/(2 Z0) is the radiant intensity in W/sr, where Z0 is the impedance of free space.
+    and ``|rE|^2/(2 Z0)`` is the radiant intensity in W/sr, where Z0 is the impedance of free space.
     Directions without radiation have -300 dBi.
 
     Parameters
