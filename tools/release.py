@@ -38,16 +38,17 @@ LARGEST_SDIST = 3_000_000  # bytes
 
 LEFT_TO_DO = """
 Left to do by a person:
- 1. Name the authors in paper/paper.md, and answer its questions about the use of AI.
- 2. Run `python tools/release.py --date YYYY-MM-DD`; review, commit and push the changes.
- 3. Create {home}: issues, private vulnerability reports, Pages by Actions.
- 4. On PyPI, add a trusted publisher: project polywigner, release.yml, environment pypi (no token).
- 5. Wait until all jobs of tests.yml pass, also on macOS, on Windows and with the lowest versions.
- 6. Run `git tag v{version} && git push origin v{version}`: release.yml builds and publishes.
- 7. Connect Zenodo, make a GitHub release of the tag, and add the DOI to CITATION.cff.
- 8. Build build/conda/meta.yaml with conda-build, and send it to conda-forge/staged-recipes.
- 9. Submit paper/paper.md to JOSS.
-10. Set the next version in src/polywigner/__init__.py.
+ 1. Go through packaging/claims.md: repeat the checks, and correct pages and list.
+ 2. Name the authors in paper/paper.md, and answer its questions about the use of AI.
+ 3. Run `python tools/release.py --date YYYY-MM-DD`; review, commit and push the changes.
+ 4. Create {home}: issues, private vulnerability reports, Pages by Actions.
+ 5. On PyPI, add a trusted publisher: project polywigner, release.yml, environment pypi (no token).
+ 6. Wait until all jobs of tests.yml pass, also on macOS, on Windows and with the lowest versions.
+ 7. Run `git tag v{version} && git push origin v{version}`: release.yml builds and publishes.
+ 8. Connect Zenodo, make a GitHub release of the tag, and add the DOI to CITATION.cff.
+ 9. Build build/conda/meta.yaml with conda-build, and send it to conda-forge/staged-recipes.
+10. Submit paper/paper.md to JOSS.
+11. Set the next version in src/polywigner/__init__.py.
 """
 
 
