@@ -2,7 +2,7 @@
 
     make release                                  # the rehearsal
     python tools/release.py --date 2026-12-01     # write version and date into the other files
-    python tools/release.py --install dist/*.whl --folder /tmp/empty   # as .ci/run does
+    python tools/release.py --install dist/*.whl --folder EMPTY   # used by .ci/run
 
 The version is named in src/polywigner/__init__.py alone. `--date` copies it, with the day of the
 release, into CITATION.cff, references.bib, the conda recipe and the changelog.
