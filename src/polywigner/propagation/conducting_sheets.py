@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,10 +175,23 @@ def _clear_of(
     moved = np.where(close[:, None], positions + step, positions)
     results = compute(moved)
     if close.any():
-        near = [compute(positions[close] + number * step) for number in _WEIGHTS]
-        for result, *values in zip(results, *near, strict=True):
-            result[close] = np.tensordot(list(_WEIGHTS.values()), values, 1)
+        means = mean_of_neighbours(compute, positions[close], step)
+        for result, mean in zip(results, means, strict=True):
+            result[close] = mean
     return results
+
+
+def mean_of_neighbours(
+    compute: Callable[[Floats], Fields], positions: Floats, step: Floats
+) -> list[NDArray[Any]]:
+    """Return the means of the results of ``compute`` over four neighbours of each position.
+
+    The neighbours are displaced by one and two steps in both directions. The error is of fourth
+    order in the step.
+    """
+    near = [compute(positions + number * step) for number in _WEIGHTS]
+    weights = list(_WEIGHTS.values())
+    return [np.tensordot(weights, values, 1) for values in zip(*near, strict=True)]
 
 
 def check_edge(edge: object, obstacles: object) -> None:

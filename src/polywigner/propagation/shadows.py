@@ -42,7 +42,13 @@ from polywigner.kernels.boundary.edge_waves import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics.phases import Pair, unit_wave
-from polywigner.propagation.conducting_sheets import Edge, change_by_sheet, check_source, flattened
+from polywigner.propagation.conducting_sheets import (
+    Edge,
+    change_by_sheet,
+    check_source,
+    flattened,
+    mean_of_neighbours,
+)
 from polywigner.propagation.edge_sums import EdgeSum, Targets
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
@@ -169,12 +175,9 @@ def diffracted(
         views = few.views
     near, across = _near_corners(views, positions)
     if near.any():
-        # The change at a point near a corner line is a weighted mean over four neighbouring points.
-        # Its error is of fourth order in their distance.
-        change[near] = 0.0
-        for number, share in ((1, 4 / 6), (-1, 4 / 6), (2, -1 / 6), (-2, -1 / 6)):
-            beside = positions[near] + number * across
-            change[near] += share * summed(_Edges.of(bodies, sources, seen, beside))[0]
+        change[near], *_ = mean_of_neighbours(
+            lambda beside: summed(_Edges.of(bodies, sources, seen, beside)), positions[near], across
+        )
     return change, free, off
 
 

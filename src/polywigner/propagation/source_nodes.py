@@ -112,7 +112,7 @@ class SourceNodes:
 
         The second array is left out if no point has a weight of the field.
         """
-        units = np.stack([_unit_wave(places - point.position) for point in self.points], axis=1)
+        units = _unit_waves(places, self.origins)
         field, slope = (np.array([point[k] for point in self.points]) for k in (1, 2))
         if not field.any():
             return [units * slope]
@@ -124,9 +124,7 @@ class SourceNodes:
 
     def _waves_at(self, places: Floats) -> tuple[Complex, Floats]:
         waves = self.waves_of_points(places)
-        starts = np.concatenate([self.positions, self.centre[None]])
-        units = np.stack([_unit_wave(places - start) for start in starts], axis=1)
-        parts = np.column_stack([waves @ self.fractions.T, waves.sum(axis=1)]) / units
+        parts, units = self._over_units(places, waves)
         moments = waves / units[:, -1:]
         x, y = (self.origins - self.centre)[:, :2].T
         first = np.hypot(*np.abs(moments @ np.stack([x, y], axis=1)).T)
@@ -140,18 +138,28 @@ class SourceNodes:
 
     def dipoles_at(self, places: Floats) -> Complex:
         """Return the dipoles (q, k + 1) of the waves of :meth:`waves_at`, without obliquity."""
-        starts = np.concatenate([self.positions, self.centre[None]])
-        parts = []
-        for some in self.blocks_of(places):
-            units = np.stack([_unit_wave(some - start) for start in starts], axis=1)
-            waves = np.stack([p.field * _unit_wave(some - p.position) for p in self.points], axis=1)
-            parts.append(np.column_stack([waves @ self.fractions.T, waves.sum(axis=1)]) / units)
+        field = np.array([point.field for point in self.points])
+        parts = [
+            self._over_units(some, field * _unit_waves(some, self.origins))[0]
+            for some in self.blocks_of(places)
+        ]
         return np.concatenate(parts)
 
+    def _over_units(self, places: Floats, waves: Complex) -> tuple[Complex, Complex]:
+        """Return the waves of the nodes and of the source over unit waves, and the unit waves.
 
-def _unit_wave(ahead: Floats) -> Complex:
-    wave = spherical_wave(NumpyOperations(), tuple(ahead.T))
-    return np.asarray(wave.real + 1j * wave.imag)
+        ``waves``: waves (q, n) of the radiating points at positions (q, 3). Both results have the
+        shape (q, k + 1), with a last column for the entire source.
+        """
+        units = _unit_waves(places, np.concatenate([self.positions, self.centre[None]]))
+        parts = np.column_stack([waves @ self.fractions.T, waves.sum(axis=1)])
+        return parts / units, units
+
+
+def _unit_waves(places: Floats, starts: Floats) -> Complex:
+    """Return unit spherical waves (q, k) from the points ``starts`` (k, 3) at positions (q, 3)."""
+    waves = [spherical_wave(NumpyOperations(), tuple((places - start).T)) for start in starts]
+    return np.stack([wave.real + 1j * wave.imag for wave in waves], axis=1)
 
 
 def all_points(points: Sequence[RadiatingPoint]) -> SourceNodes:
