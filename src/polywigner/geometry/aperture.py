@@ -115,14 +115,13 @@ class Aperture(TakesWaves):
         illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
-        """Make an aperture from parts that are known to be valid."""
+        """Make an aperture from valid parts, without checks."""
         aperture = object.__new__(cls)
         aperture._set(parts, illumination, segments)
         return aperture
 
     @classmethod
     def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
-        """Make an aperture whose :attr:`segments` are simple rings, which may touch."""
         parts = cls(rings)._parts
         return cls._of_parts(
             parts, None, [(ring,) for ring in rings] if len(parts) < len(rings) else None
@@ -131,7 +130,7 @@ class Aperture(TakesWaves):
     def _mapped(
         self, image: Callable[[Ring], Ring], image_of_field: Callable[[Illumination], Illumination]
     ) -> Aperture:
-        """Return the image of the aperture, its segments and its field under a similarity."""
+        """Apply a similarity transform to the outline, the segments and the field."""
         field = self.illumination
         parts, segments = (
             parts and [tuple(map(image, part)) for part in parts]
@@ -365,7 +364,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, independent of the order of parts and of the first vertices."""
+        """Field and outline, independent of the order of parts and of starting vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -526,7 +525,6 @@ def automean(aperture: Aperture) -> Aperture:
 def _overlap(
     aperture: Aperture, *images: Callable[[Ring], Ring]
 ) -> shapely.Polygon | shapely.MultiPolygon:
-    """Return the intersection of two images of an aperture."""
     _require_aperture(aperture)
     first, second = (shapely.transform(aperture.polygons, image) for image in images)
     parts = polygons_in(shapely.intersection(first, second))

@@ -80,8 +80,7 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Largest absolute value of a coordinate or parameter. Products of a few larger numbers would
-# overflow.
+# Largest absolute value of an argument; products of a few larger values overflow.
 _LARGEST = 1e100
 
 
@@ -100,10 +99,10 @@ def real_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return real numbers as a float64 copy, whose shape must be one of ``shapes``.
+    """Return a float64 copy of real numbers, whose shape must match one of ``shapes``.
 
-    In a shape, None stands for any length above zero, and ``...`` at the start for any leading
-    axes. Error messages start with ``expected``.
+    In a shape, None matches any length above zero, and a leading ``...`` any number of axes. Error
+    messages start with ``expected``.
     """
     try:
         array = real_numbers(values)
@@ -120,7 +119,7 @@ def finite_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a :func:`real_array` whose numbers are finite and below 1e100."""
+    """Return a :func:`real_array` with finite numbers below 1e100."""
     array = real_array(values, expected, *shapes, error=error)
     is_finite = np.abs(array) < _LARGEST
     if not is_finite.all():
@@ -132,14 +131,14 @@ def finite_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return one or more real numbers (k,); error messages start with ``expected``."""
+    """Return one or more real numbers, shape (k,)."""
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
 
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Return real numbers (..., *last); error messages start with ``expected``."""
+    """Return an array of real numbers of shape (..., *last)."""
     return real_array(values, expected, (..., *last), error=error)
 
 
@@ -150,7 +149,7 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
 
 
 class Immutable:
-    """Base of read-only values, which are equal if their class and their ``_key`` are equal."""
+    """Base class of read-only objects; equality compares the class and ``_key``."""
 
     _key: Any
 
@@ -170,17 +169,16 @@ class Immutable:
     __delattr__ = __setattr__
 
 
-# Largest count for parameters without a specific limit. Larger counts would exhaust the memory.
+# Default upper limit of counts; larger counts exhaust memory.
 _LARGEST_COUNT = 1_000_000
 
 
 def checked_number(
     value: Any, name: str, meaning: str, is_valid: Callable[[float], bool] = math.isfinite
 ) -> float:
-    """Return a finite number that is valid; raise ArgumentError for other values.
+    """Return a finite number that satisfies ``is_valid``; raise ArgumentError for other values.
 
-    The message is "expected ``name`` as ``meaning``". ``is_valid``: condition that a finite number
-    has to satisfy, by default none.
+    The error message is "expected ``name`` as ``meaning``".
     """
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
@@ -272,19 +270,15 @@ def checked_path(path: Any) -> Path:
     return Path(os.path.abspath(text))  # noqa: PTH100 (pathlib does not resolve "..")
 
 
-# Range of numbers, in metres, that are probably frequencies in Hz instead of wavelengths: no
-# antenna has such a long wavelength.
+# Range of wavelengths [m] that are probably frequencies in Hz.
 _LIKE_A_FREQUENCY = 1e6, 1e17
-# Largest plausible ratio of the wavelength to the diameter of the source.
+# Largest plausible ratio of wavelength to source diameter.
 _LONGEST = 1e4
-# Largest plausible ratio of the diameter of a source to the wavelength. Few radio sources exceed a
-# thousand wavelengths. Optical sources reach a million wavelengths, which is a metre at 1 µm. A
-# length in mm that is passed as m is too large by a factor of a thousand.
+# Largest plausible source diameter in wavelengths, for radio and for optical sources.
 _WIDEST_RADIO, _WIDEST_OPTICAL = 1e3, 1e6
-# Shortest radio wavelength in m.
+# Shortest radio wavelength [m].
 _SHORTEST_RADIO = 1e-4
-# Largest plausible ratio of the length of a link to the diameter of its source or to the
-# wavelength, whichever is larger. Automotive radar reaches a hundredth of this ratio.
+# Largest plausible ratio of link length to source diameter; automotive radar reaches 1e3.
 _LONGEST_LINK = 1e5
 
 
@@ -304,7 +298,6 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 
 
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
-    """Warn if a wavelength in m looks like a frequency, or is implausible for the source."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
             f"a wavelength of {wavelength:g} m, which looks like a frequency in Hz; pass it "
@@ -329,7 +322,7 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 
 def _diameter(source: Any) -> float | None:
-    """Return the diagonal of the bounds of a source in m; None for other objects."""
+    """Return the diagonal of a source's bounding box in m; None if it has no bounds."""
     outline = getattr(source, "source", source)
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
@@ -342,16 +335,14 @@ def _diameter(source: Any) -> float | None:
 
 
 def warn_caller(message: str, stacklevel: int = 3) -> None:
-    """Issue a :class:`PolywignerWarning` that points to the caller of the calling function."""
+    """Issue a :class:`PolywignerWarning` at the line that called the public function."""
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# Whether a function that takes a wavelength is being called. Nested calls do not repeat its
-# warnings.
+# Suppresses repeated warnings when one public function calls another one.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
-# Lowest frequency in Hz, whose wavelength is a thousand kilometres. Lower numbers are probably
-# meant in GHz.
+# Lowest frequency [Hz]; smaller values are probably in GHz.
 _LOWEST_FREQUENCY = 300.0
 
 P = ParamSpec("P")
@@ -360,8 +351,6 @@ T = TypeVar("T")
 
 
 class _WithFrequency(Protocol[P, R]):
-    """A function that accepts a wavelength in m or a frequency in Hz."""
-
     __name__: str
 
     @overload
@@ -372,17 +361,16 @@ class _WithFrequency(Protocol[P, R]):
 
 
 def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
-    """Add a keyword ``frequency`` (Hz) to a function with a parameter ``wavelength`` (m).
+    """Add a keyword ``frequency`` in Hz to a function with a parameter ``wavelength`` in m.
 
-    A call with the frequency omits the wavelength, even as a positional argument:
-    ``radiation_pattern(source, theta, phi, frequency=77e9)``. Sources among the arguments are
-    converted by their ``at_wavelength``, and implausible wavelengths cause a warning.
+    Calls with the keyword omit the wavelength, even in a positional call:
+    ``radiation_pattern(source, theta, phi, frequency=77e9)``. The sources among the arguments are
+    converted to the wavelength, and implausible wavelengths cause a warning.
     """
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # If the next parameter has no default, a number at the position of the wavelength may be the
-    # value of that parameter, in a call that omits the wavelength.
+    # If the call omits the wavelength, a number in its position is the next argument.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -423,7 +411,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Return a source, or a container with its sources, converted to a wavelength in m."""
+    """Convert a source, or all sources in a container, to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}
@@ -445,9 +433,7 @@ def _checked(frequency: Any) -> float:
     return number
 
 
-# Largest deviation of a matrix from a rotation that counts as rounding. Scene files contain angles
-# in single precision, so products of a few rotations deviate by about 1e-6. Scale factors that
-# users intend deviate by more.
+# Largest deviation from a rotation that counts as rounding; scene files have float32 angles.
 RIGID_TOLERANCE = 1e-4
 
 

@@ -37,7 +37,7 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     if radians == quarters * (math.pi / 2):
         c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
     x, y = points.T
-    # The addition of 0.0 replaces negative zeros.
+    # Adding 0.0 turns -0.0 into 0.0.
     return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0
 
 
@@ -166,7 +166,6 @@ class Illumination(Immutable):
         return Illumination, (self.amplitudes, self.frequencies)
 
     def __len__(self) -> int:
-        """Return the number of waves."""
         return len(self.amplitudes)
 
     def __repr__(self) -> str:
@@ -221,10 +220,7 @@ def _checked(
 def _merged(
     amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Merge waves of equal frequencies, in lexicographic order, without negative zeros.
-
-    Sums of amplitudes below the rounding error of the amplitudes count as zero.
-    """
+    """Merge waves of equal frequency, sort them, and drop waves whose amplitudes cancel."""
     distinct, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
     total, size = np.zeros(len(distinct), np.complex128), np.zeros(len(distinct))
     np.add.at(total, number.ravel(), amplitudes)

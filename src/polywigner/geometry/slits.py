@@ -13,8 +13,7 @@ from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.illumination import Illumination, checked_field, checked_shift
 from polywigner.geometry.wavefront import TakesWaves
 
-# Largest overlap of intervals that count as touching, as a fraction of the largest coordinate;
-# equal to ``rings.rounding_tolerance``.
+# Largest overlap of touching intervals, as a fraction of the largest coordinate.
 _ROUNDING = 2.0**-46
 
 

@@ -148,8 +148,7 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # The combined coherence width is 1/sqrt(1/least^2 + 1/most^2), here computed without
-        # squares that could overflow.
+        # Equals 1/sqrt(1/least^2 + 1/most^2), without squares that could overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
@@ -226,7 +225,6 @@ class Wavefront(TakesWaves):
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if not np.array_equal(q, q.T):
             raise IlluminationError(f"{expected}, got {value_text(curvature)}")
-        # The centre of a flat wave has no effect and is set to the origin.
         c = c.copy() if q.any() else np.zeros(d)
         width = _checked_width(coherence_width, "coherence_width")
         length = None if wavelength is None else checked_wavelength(wavelength)
@@ -290,7 +288,6 @@ class Wavefront(TakesWaves):
         return self._of_source("plot")(ax, unit)
 
     def _of_source(self, name: str) -> Any:
-        """Return a method of the underlying source; raise ArgumentError if the source has none."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
@@ -350,7 +347,7 @@ class Wavefront(TakesWaves):
 def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
-    """Return the curvature matrix Q (d, d) in 1/m^2 for one radius, or for one radius per axis."""
+    """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m."""
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"
     expected = (
@@ -363,7 +360,6 @@ def _curvature_of(
 
 
 def _checked_width(value: Any, name: str) -> float:
-    """Return a coherence width in m, infinite for coherent waves; ArgumentError if invalid."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
     return checked_length(value, name)
