@@ -15,13 +15,12 @@ from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
 
-# Largest deviation of a ray matrix from the symplectic conditions, relative to the products in each
-# condition. A matrix typed to ten digits passes; a wrong sign or a missing element does not.
+# Largest relative violation of the symplectic conditions; matrices of ten digits pass.
 _SYMPLECTIC = 1e-9
-# Relative rounding error of matrix elements and of their products.
+# Relative rounding error of matrix elements.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
-# Smallest magnitude of a focal length or a magnification. Its inverse is still finite.
+# Smallest focal length or magnification with a finite inverse.
 _LEAST = 2.0**-1023
 
 
@@ -151,7 +150,6 @@ class FirstOrder:
         """
         expected = "expected f as a focal length in m other than 0, or as a pair (f_x, f_y)"
         powers = -1.0 / checked_pair(f, f"{expected}; inf means no lens") + 0.0
-        # The rows of ``axes`` are the axes of a cylindrical lens.
         axes = turned_points(_ONE, angle)
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])
@@ -406,5 +404,5 @@ def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
 
 
 def _product(first: Matrix, second: Matrix) -> Matrix:
-    """Return a matrix product without fused operations, whose rounding depends on the machine."""
+    """Multiply two matrices without fused operations, which round differently on each machine."""
     return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)

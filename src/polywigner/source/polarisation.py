@@ -111,7 +111,7 @@ def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complex, C
 
 
 def _count(source: Any) -> int:
-    """Return the number of elements of an array; 0 for other sources and for None."""
+    """Return the number of elements of an array; 0 for other sources."""
     return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
@@ -136,8 +136,7 @@ def _error(value: Any, count: int) -> ArgumentError:
 def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
     """Return scalar sources u and vectors (2,); the sum of their products is the polarised field.
 
-    There is one source if all elements have the same polarisation; otherwise there is one for the x
-    components and one for the y components.
+    Elements with different polarisations need one source for each axis.
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
@@ -154,8 +153,7 @@ Stokes = tuple[float, float, float, float]
 """Stokes parameters S0 to S3 of a wave towards the observer, with respect to x and y; S3 > 0 is
 left-handed (IEEE)."""
 
-# Largest relative size at which weights, and differences of Jones vectors, count as rounding
-# errors.
+# Rounding error of weights and Jones vectors.
 _ROUNDING = 1e-12
 
 
@@ -180,9 +178,8 @@ def stokes_vector(polarisation: Complex) -> Stokes:
 def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]]:
     """Return scalar sources and Stokes vectors; irradiance times vector adds up to the total.
 
-    For one polarisation (2,) the only field is the source. For one polarisation per element (n, 2),
-    the fields are u_x, u_y, u_x + u_y and u_x + i u_y, without those that are zero. Their real
-    irradiances (or functions W) determine the complex cross term of u_x and u_y*.
+    For one polarisation per element (n, 2), the fields are u_x, u_y, u_x + u_y and u_x + i u_y,
+    without zero fields.
     """
     if polarisation.ndim == 1:
         return [(source, stokes_vector(polarisation))]
@@ -269,7 +266,7 @@ def polarisation_of_text(text: str, source: Any) -> Complex:
 
 
 def _numbers(text: str) -> str | list[complex]:
-    """Return complex numbers that are separated by commas; other strings are unchanged."""
+    """Split text at commas into complex numbers; other text is unchanged."""
     if "," not in text:
         return text
     try:

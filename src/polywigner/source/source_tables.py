@@ -1,8 +1,7 @@
 """Tables and short strings in source files and options: fields, layouts, weights and shapes.
 
-A table names a function, and its keys are the parameters of the function; docs/source_files.md
-lists all tables. msgspec checks keys and types. Errors begin with the path of the key, such as
-``weights[1].sll``.
+The keys of a table are the parameters of a function; docs/source_files.md lists all tables. Errors
+begin with the path of the key, such as ``weights[1].sll``.
 """
 
 from __future__ import annotations
@@ -60,7 +59,6 @@ class Complex(complex):
 
 
 def _coordinates(values: Any) -> Any:
-    """Convert coordinates in nested lists to numbers in m."""
     if isinstance(values, list):
         return [_coordinates(value) for value in values]
     is_number = type(values) is float and math.isfinite(values)
@@ -87,8 +85,7 @@ _PARSERS: dict[type, Callable[[Any], Any]] = {
 def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
     """Convert a table to an object of the schema; FileFormatError names an invalid key or value.
 
-    If not ``strict``, strings are converted to numbers. ``key``: key of the table, for error
-    messages.
+    If not ``strict``, strings are converted to numbers. ``key``: key of the table, for messages.
     """
     try:
         hook: Any = lambda kind, value: kind(_PARSERS[kind](value))  # noqa: E731
@@ -130,10 +127,6 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Each of the following tables calls a function, and its keys are the parameters of the function.
-# Angles replace a direction, and parameters that follow from other tables are omitted. A key has
-# the same type and meaning in all tables.
-
 _OF_ANNOTATION: dict[str, Any] = {
     "float": Coordinate, "ArrayLike": Coordinates, "int": int, "bool": bool, "str": str,
 }  # fmt: skip
@@ -142,14 +135,14 @@ _OF_KEY: dict[str, Any] = {
     "counts": list[int], "amplitudes": list[Complex],
     "frequencies": list[float | list[float]],
 }  # fmt: skip
-# Parameters that are not keys, because their values follow from other tables.
+# Parameters whose values follow from other tables.
 _FROM_CONTEXT = ("dimension", "positions", "shape")
 
 _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union type of tables for functions; the keys of a table are the parameters."""
+    """Return the union of table types for functions; the keys are their parameters."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -189,11 +182,9 @@ ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__},
 
 
 def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
-    """Call the function of a table with its values.
+    """Call the function of a table with the values of the table and of ``context``.
 
-    ``wavelength`` in m is the default of tables without a wavelength. Windows require ``layout``,
-    the table of the positions. ``context`` contains the values of parameters that are not keys of
-    tables.
+    ``wavelength``: default in m. ``layout``: table of the positions, required by windows.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -331,7 +322,6 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
-    """Apply the taper of a table, with the width and height of an aperture's bounds."""
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -344,7 +334,6 @@ def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
 
 
 def _times(aperture: Aperture, field: Illumination) -> Aperture:
-    """Multiply the field of an aperture by another field."""
     other: Any = aperture.illumination
     return aperture.with_illumination(field if other is None else other * field)
 
@@ -352,7 +341,7 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
 def parse_direction(text: str) -> tuple[float, float]:
     """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError otherwise."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
-    # Angles of 90 degrees and more occur, for example, if degrees are written without a unit.
+    # Rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '
