@@ -22,22 +22,20 @@ from polywigner.execution.operations import (
 )
 
 MOST_TERMS_AS_CODE = 12
-"""Largest number of terms of a sum that are unrolled in the code of a kernel. Each term takes about
-20 ms to compile."""
-# Largest total number of edge cuts in the terms of `sum_large_terms` for which the sum is unrolled.
-# Code with 256 cuts compiles in 0.5 s.
+"""Largest number of terms of an unrolled sum. Each term takes about 20 ms to compile."""
+# Largest number of clipped edges in an unrolled `sum_large_terms`. Code with 256 clipped edges
+# compiles in 0.5 s.
 _MOST_CUTS_AS_CODE = 256
-# Largest number of steps of a recursion that are unrolled. With four terms per step, unrolled code
-# of 50 steps compiles in 1.5 s, and of 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s,
-# respectively, and is as fast.
+# Largest number of unrolled recursion steps. With four terms per step, unrolled code of 50 steps
+# compiles in 1.5 s, and of 1,450 steps in a minute. A loop takes 0.3 s and 0.7 s, respectively.
 _MOST_STEPS_AS_CODE = 8
 
 
 class DrjitOperations(RowByRow):
     """Operations on Dr.Jit arrays of one float type, for the LLVM or the CUDA backend.
 
-    ``target`` is "compiled", or "data" if compiled code must read the edges from memory.
-    ``most_as_code`` is the largest number of terms that are unrolled.
+    ``target`` is "compiled", or "data" if edges must be read from memory. ``most_as_code`` is the
+    largest number of unrolled terms.
     """
 
     def __init__(
@@ -57,9 +55,9 @@ class DrjitOperations(RowByRow):
     ) -> Values:
         """Return the sums of ``term(*row)`` over all rows.
 
-        ``values`` is the number of results of ``term``. A sum over a few rows is unrolled. For more
-        rows the kernel contains a loop, which compiles in less time and is nearly as fast for long
-        terms. With ``unroll=False`` it always contains a loop.
+        ``values`` is the number of results of ``term``. Short sums are unrolled. Loops compile in
+        less time, and are nearly as fast for long terms. With ``unroll=False``, the kernel always
+        contains a loop.
         """
         if unroll and len(rows) <= self.most_as_code:
             return unrolled_sum(rows, term)
@@ -72,10 +70,7 @@ class DrjitOperations(RowByRow):
         return self.plain_sum(0, len(rows), of_row, values)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of terms with ``clips`` edge cuts each.
-
-        The sums are computed in a loop if unrolled code would take long to compile.
-        """
+        """Return the sums of terms with ``clips`` clipped edges, unrolled if this compiles fast."""
         if len(rows) * clips <= _MOST_CUTS_AS_CODE:
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
@@ -83,8 +78,8 @@ class DrjitOperations(RowByRow):
     def repeated(self, count: int, state: Values, step: Term, like: Any) -> Values:
         """Return the state after ``count`` steps ``state = step(number, *state)``.
 
-        More than a few steps become a loop. If ``like`` has derivatives, the steps are unrolled,
-        because reverse mode would have to store all states of a loop.
+        Steps are unrolled if ``like`` has derivatives, because reverse mode would store all states
+        of a loop.
         """
         if count <= _MOST_STEPS_AS_CODE or self.needs_gradient(like):
             return unrolled_steps(count, state, step)
@@ -94,14 +89,14 @@ class DrjitOperations(RowByRow):
         return any(self._dr.grad_enabled(value) for value in values)
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index], where the indices are valid and may be floats or integers."""
+        """Return table[index] for valid indices, which may be floats."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
-    # With some versions of LLVM, the functions dr.minimum and dr.maximum abort the process.
+    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
     def minimum(self, a: Any, b: Any) -> Drjit:
         a, b = self._typed(a), self._typed(b)
         return self._dr.select(a < b, a, b)
@@ -114,10 +109,7 @@ class DrjitOperations(RowByRow):
         return self._dr.round(a)
 
     def snapped(self, a: Any, step: float) -> Drjit:
-        """Return the multiple of ``step`` nearest to ``a``, with the derivative of ``a``.
-
-        ``step`` is a power of two.
-        """
+        """Return ``a``, rounded to a multiple of ``step``, with the derivative of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def exp(self, a: Any) -> Drjit:
@@ -172,8 +164,8 @@ class DrjitOperations(RowByRow):
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        # With the option max_iterations=-1, Dr.Jit assumes that the loop only adds terms, so that
-        # reverse mode stores no states.
+        # With max_iterations=-1, Dr.Jit assumes that the loop only adds terms, so reverse mode
+        # stores no states.
         options = {"max_iterations": -1} if is_sum else {}
         start = (self._numbers(first), *map(self._initial, state))
         _, *result = self._dr.while_loop(start, lambda row, *_: row < end, next_row, **options)
@@ -199,11 +191,10 @@ class DrjitOperations(RowByRow):
         )
 
 
-# Names of Dr.Jit's packet types, with the type of their entries as the key. A single load
-# instruction reads a packet of four entries.
+# Dr.Jit's packet types by type of entry. One instruction loads a packet of four entries.
 _PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
 
 
 def ops_for(float_type: type) -> Any:
-    """Return the operations for a float type, either ``float`` or a Dr.Jit type."""
+    """Return the operations for ``float`` or a Dr.Jit float type."""
     return ScalarOperations() if float_type is float else DrjitOperations(float_type)

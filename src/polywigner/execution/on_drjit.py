@@ -1,9 +1,8 @@
 """Kernels that Dr.Jit compiles and evaluates at NumPy points.
 
-The coordinates of an outline may be constants in the code of a kernel ("as code"). Such a kernel
-compiles in 0.1 s and occupies some hundred kilobytes until the process ends. A kernel that reads
-outlines from memory ("as data") is compiled once for all outlines, but runs at a half to a third of
-the speed.
+A kernel with the coordinates of an outline as constants ("as code") compiles in 0.1 s and occupies
+some hundred kilobytes until the process ends. A kernel that reads outlines from memory ("as data")
+is compiled once for all outlines, but runs at a half to a third of the speed.
 """
 
 from __future__ import annotations
@@ -32,12 +31,11 @@ from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
-# Largest number of recorded functions in the cache, and largest number of recordings of each
-# function. Arguments with a single entry need a separate recording.
+# Limits of the cached recordings, and of the recordings of each function. Arguments with a single
+# entry need a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Number of samples in a chunk for outlines as code, and for outlines as data. The launch of a
-# kernel takes little time compared with the computation of such a chunk. The arguments of a chunk
-# take some 10 MB.
+# Samples per chunk for outlines as code and as data. Launching a kernel takes little time compared
+# with such a chunk. The arguments of a chunk take some 10 MB.
 _CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
@@ -48,13 +46,13 @@ Function = Callable[..., Values]
 
 
 class _Frozen:
-    """A function that Dr.Jit records at its first call, and replays afterwards."""
+    """A function that Dr.Jit records at its first call and replays afterwards."""
 
     def __init__(self, function: Function, owners: Sequence[Any]) -> None:
         import drjit
 
-        # In each call, Dr.Jit traverses the closure of the recorded function, but not the
-        # attributes of a namespace. The function is therefore stored as an attribute.
+        # Dr.Jit traverses the closure of the function in each call, but not the attributes of a
+        # namespace.
         cell = SimpleNamespace(function=function)
 
         def replayed(*arguments: Any) -> Values:
@@ -62,7 +60,7 @@ class _Frozen:
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
         self.owners = owners
-        # If two threads record the same function at the same time, Dr.Jit aborts the process.
+        # Dr.Jit aborts the process if two threads record the same function at the same time.
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
@@ -70,8 +68,7 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # If an exception such as an interrupt ends the function, Dr.Jit raises a
-                # RuntimeError instead.
+                # If an exception ends the function, Dr.Jit raises a RuntimeError instead.
                 raise error.__cause__ or error from None
             return results
 
@@ -85,7 +82,7 @@ def without_collection() -> Iterator[None]:
     """Disable garbage collection within the block.
 
     Dr.Jit aborts the process if a thread that is recording frees an array that uses the memory of
-    NumPy. A garbage collection could free such an array.
+    NumPy.
     """
     with _lock:
         _paused.append(gc.isenabled())
@@ -109,12 +106,12 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
     """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
     The function must not depend on the number of samples, and must not allocate memory. The key of
-    the cache consists of ``owners``, which are compared by identity, and ``kind``.
+    the cache consists of ``owners``, compared by identity, and ``kind``.
     """
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            # The cached function holds references to its owners, so that their ids are not reused.
+            # References to the owners keep their ids from being reused.
             _known[key] = _Frozen(function, owners)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
@@ -130,10 +127,7 @@ def is_code(kernel: Kernel, tables: Any) -> bool:
 
 
 def is_recording(kind: Any) -> bool:
-    """Return whether Dr.Jit is recording the computation.
-
-    For backends other than LLVM, the result is True as well.
-    """
+    """Return whether Dr.Jit is recording, or the backend is not LLVM."""
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
@@ -163,7 +157,6 @@ class OnDrjit:
             )
 
     def _traced(self, *arguments: Any) -> tuple[Any, ...]:
-        """Return the results for arguments in float64."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -171,10 +164,9 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Return the results for samples that share slices, from lists of the slices' edge parts.
+        """Return the results for samples that share slices, one per row and column.
 
-        There is one sample for each row and each column. The slice of row k consists of the edge
-        parts ``ends[k]`` to ``ends[k + 1]`` in ``table``.
+        The slice of row k consists of the edge parts ``ends[k]`` to ``ends[k + 1]`` in ``table``.
         """
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
@@ -219,9 +211,8 @@ def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # The numbers are opaque to the compiler. With literals, a new kernel would be compiled for each
-    # number of columns. The quotient is correct for fewer than 2^21 samples, because two rounding
-    # errors in float32 are then smaller than half a sample.
+    # Literals would compile a kernel for each number of columns. The quotient is correct for fewer
+    # than 2^21 samples, because two float32 rounding errors are then smaller than half a sample.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -252,12 +243,11 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Smallest number of edges for which samples are sorted by cell. For fewer edges, sorting takes more
-# time than it saves (benchmarks/call_rates.py).
+# Number of edges from which samples are sorted by cell (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Dr.Jit records a function again if two arguments had different sizes in the recording and have
-# equal sizes in a later call, or the reverse. The size of table k is therefore a multiple of
-# _SIZES, plus (k + 1) _APART, so that no two tables have equal sizes.
+# Dr.Jit records a function again if equally sized arguments become different in size, or the
+# reverse. The size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have
+# equal sizes.
 _SIZES, _APART = 256, 8
 
 
@@ -288,10 +278,7 @@ class OnDrjitData:
             yield targets, *self._begun(arguments)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
-        """Start the computation of a chunk of samples.
-
-        The results are the order of the samples, and the function that waits for the chunk.
-        """
+        """Start a chunk. Returns the order of its samples, and the function that waits for it."""
         import drjit
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
@@ -327,11 +314,11 @@ class OnDrjitData:
 
 
 class _Slices:
-    """A source of Wigner or ambiguity functions as data: lists of pairs of edges that can cross.
+    """Edge pairs of a source as data, for Wigner and ambiguity functions.
 
-    ``numbers`` contains the tables of the source, and ``owners`` the objects on which the recording
-    of a kernel depends. ``is_recorded`` states whether a kernel may be recorded. This is the case
-    if the kernel reads no memory except ``numbers``.
+    ``numbers`` contains the tables, and ``owners`` the objects on which a recording depends.
+    ``is_recorded`` specifies that the kernel reads no memory except ``numbers``, as recordings
+    require.
     """
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
@@ -345,11 +332,11 @@ class _Slices:
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # A recorded kernel must not read other memory, such as quadrature nodes or tables of waves.
+        # Quadrature nodes and tables of waves are other memory.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """Return the tables of the source in the memory of the engine. They are cached."""
+        """Return the tables in the memory of the engine, from the cache if possible."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -361,7 +348,7 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
-        """Return indices that sort samples by cell. Adjacent samples then read the same lists."""
+        """Return indices that sort samples by cell. Neighbours then read the same lists."""
         if not self.sorts:
             return ...
         key, grid = next(iter(self.pairs.items()))
@@ -374,7 +361,7 @@ class _Slices:
 
 
 def order_by_cell(slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[Array]) -> Array:
-    """Return indices that sort samples by the cell of a grid that contains their offset."""
+    """Return indices that sort samples by the cell that contains their offset."""
     x, y = inner[slices.position]
     scale = key[0].side * slices.scale
     cell = cells_at(grid.on_host, scale * x, scale * y)
@@ -383,7 +370,7 @@ def order_by_cell(slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[A
 
 
 class _Edges:
-    """A source of Fourier transforms as data: a table of its edges."""
+    """Edges of a source as data, for Fourier transforms."""
 
     is_recorded = True
 
@@ -407,7 +394,7 @@ class _Edges:
 
 
 class _OverRows(DrjitOperations):
-    """Dr.Jit operations that sum over the rows of a table in the engine's memory."""
+    """Dr.Jit operations that sum over the rows of a table in the memory of the engine."""
 
     def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
         super().__init__(ops.float_type)
@@ -424,7 +411,7 @@ class _OverRows(DrjitOperations):
 
 @dataclass(frozen=True)
 class _DataFrame(Frame):
-    """A frame whose centre is read from memory, with each coordinate as two floats."""
+    """A frame with its centre in memory, each coordinate as two floats."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         pairs: Any = self.centre
@@ -433,10 +420,7 @@ class _DataFrame(Frame):
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
-    """Return a copy of tables in which the centre of the frame is read from memory.
-
-    The centre is then not a constant in the compiled code.
-    """
+    """Return tables whose frame has its centre in memory instead of in the compiled code."""
     pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
     numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
     values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}

@@ -25,12 +25,10 @@ from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest number of samples for which edges are data. For so few samples, the compilation of edges
-# as code would take more time than it saves.
+# Largest number of samples for edges as data. Compiling edges as code would take longer.
 _MOST_AS_DATA = 1 << 16
-# Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
-# Sorting waits for the arguments and takes about 30 ns per sample. With fewer samples or edges, it
-# takes more time than it saves.
+# Numbers of samples and edges from which samples are sorted by cell. Sorting waits for the
+# arguments and takes about 30 ns per sample.
 _LEAST_SORTED, _LEAST_EDGES = 1 << 12, 40
 
 Numbers = tuple[Any, Any]
@@ -41,8 +39,7 @@ Numbers = tuple[Any, Any]
 class Traced:
     """Vertices and weights of a source that are Dr.Jit arrays, in the frame of the source.
 
-    While a kernel is traced, each number is a separate array, and both attributes are pairs of
-    tuples.
+    While a kernel is traced, each number is a separate array.
     """
 
     vertices: Numbers | None = None
@@ -59,15 +56,15 @@ class Differentiable:
     """
 
     source: Any
-    """An Aperture or an Array with the current values of the vertices and weights."""
+    """Aperture or Array with the current values of the vertices and weights."""
     vertices: Drjit | None = None
-    """Vertices of all rings as an ``Array2f``; None if they are constant."""
+    """Vertices of all rings as an ``Array2f``, or None if they are constant."""
     weights: Drjit | None = None
-    """Weights of the elements as a ``Complex2f``; None if they are constant."""
+    """Weights of the elements as a ``Complex2f``, or None if they are constant."""
 
     @property
     def numbers(self) -> dict[str, Drjit]:
-        """The Dr.Jit arrays, with the keys ``"vertices"`` and ``"weights"``."""
+        """Dr.Jit arrays, with the keys ``"vertices"`` and ``"weights"``."""
         values = {"vertices": self.vertices, "weights": self.weights}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -86,7 +83,7 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Change of a transform due to changes of vertices and weights that are Dr.Jit arrays."""
+    """Derivative of a transform along the changes of vertices and weights."""
 
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
@@ -119,11 +116,11 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        # An array that was created inside a Dr.Jit loop cannot be used outside the loop.
+        # An array created inside a Dr.Jit loop cannot be used outside the loop.
         if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Each vertex is read only once for all edges that end at the vertex. Otherwise reverse mode
-        # would write the gradient of each edge to memory.
+        # Each vertex is read only once. Otherwise reverse mode would write the gradient of each
+        # edge to memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -131,10 +128,7 @@ class _Accumulator:
 
 
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
-    """Return zeros that have the derivatives of two arrays.
-
-    The zeros are stored in memory, because Dr.Jit removes constants from loops.
-    """
+    """Return zeros in memory with the derivatives of two arrays. Loops would lose constants."""
     import drjit as dr
 
     if pair is None or isinstance(pair[0], tuple):
@@ -145,10 +139,7 @@ def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Return the results of a kernel, with their derivatives.
-
-    The derivatives are taken with respect to the arguments of the kernel and to ``traced``.
-    """
+    """Return the results of a kernel, with derivatives in its arguments and in ``traced``."""
     import drjit as dr
 
     closed = gradient_kernel_of(kernel)
@@ -158,7 +149,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # Closed-form derivatives exist only with respect to the last arguments of a kernel.
+    # Closed-form derivatives exist only for the last arguments of a kernel.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -193,16 +184,14 @@ def evaluate_traced(
     numbers = source if isinstance(source, Differentiable) else Differentiable(source)
     make_tables: Any = kernel.tables_for
     if numbers.vertices is not None:
-        # The cache is not used, because it may contain the tables of an equal aperture whose rings
-        # start at other vertices.
+        # The cache may contain an equal aperture whose rings start at other vertices.
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
     traced = numbers.traced(ops, tables)
-    # A kernel with edges as data is compiled once for all outlines. For many samples, a kernel with
-    # edges as code is up to four times as fast. A function that the caller freezes must not contain
-    # cached memory, so its edges must be code.
+    # For many samples, edges as code are up to four times as fast. A function that the caller
+    # freezes must not contain cached memory, so its edges must be code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
     order = _order(kernel, ops, tables, components)
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
@@ -222,8 +211,8 @@ def _order(
 ) -> NDArray[np.intp] | None:
     """Return indices that sort samples by cell, or None if sorting saves no time.
 
-    A vector instruction processes several samples, and takes as long as the sample with the longest
-    list of edges. All samples in a cell have the same list.
+    A vector instruction takes as long as its sample with the longest list of edges, and samples in
+    one cell share a list.
     """
     import drjit
 
@@ -239,10 +228,7 @@ def _order(
 
 
 def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
-    """Return the entries of an array with the specified indices.
-
-    An array with a single entry is returned unchanged.
-    """
+    """Return the entries of an array with the specified indices. A single entry is broadcast."""
     import drjit
 
     if drjit.width(values) == 1:
@@ -252,7 +238,7 @@ def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component, and store it in memory if it is an infinite or NaN constant.
+    """Return a component, moved to memory if it is an infinite or NaN constant.
 
     Dr.Jit evaluates constants while it compiles code, and would lose NaN.
     """
@@ -267,10 +253,9 @@ def _in_memory(component: Drjit) -> Drjit:
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
-    """Return an array factor that is differentiable with respect to frequencies and weights, (L3).
+    """Return an array factor that is differentiable in frequencies and weights, (L3).
 
-    ``nu`` is an ``Array2f`` of frequencies, and ``weights`` a ``Complex2f`` with one entry for each
-    of the ``positions``.
+    ``nu`` is an ``Array2f``, and ``weights`` a ``Complex2f`` with one entry per position.
     """
     import drjit as dr
 
@@ -292,7 +277,7 @@ def with_jacobian(
     """Return values as a ``Float`` with specified derivatives.
 
     Each column of ``jacobian`` contains the derivatives of all values with respect to one entry of
-    ``numbers``. ``numbers`` consists of Dr.Jit floats, whose entries have the order of the columns.
+    ``numbers``, a sequence of Dr.Jit floats.
     """
     import drjit as dr
 

@@ -1,10 +1,9 @@
 """Wigner and ambiguity functions of phased arrays on a lattice.
 
-The Wigner function W(x, nu) of an array is a sum over the midpoints of pairs of elements. Each term
-is W of one element at x minus the midpoint, times an array factor (docs/theory.md, (L1)). The
-ambiguity function A(upsilon, xi) is a similar sum over the differences of two element positions,
-(L2). Only the midpoints within an element's size of x, or the differences within an element's size
-of xi, contribute. Their number does not depend on the number of elements.
+W(x, nu) is a sum over the midpoints of pairs of elements. Each term is W of one element at x minus
+the midpoint, times an array factor, (L1) of docs/theory.md. A(upsilon, xi) is a similar sum over
+differences of element positions, (L2). Only midpoints or differences within an element's size of x
+or xi contribute, so the cost does not depend on the number of elements.
 """
 
 from __future__ import annotations
@@ -34,8 +33,8 @@ from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form
 
-# Smallest number of elements for which W and A of a lattice are computed with array factors. An
-# array with fewer elements is computed as a single source (benchmarks/array_cost.py).
+# Number of elements from which W and A of a lattice use array factors. An array with fewer elements
+# is computed as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
 # Distance from the ends of an interval, in node spacings, within which a node contributes less than
 # rounding errors.
@@ -49,17 +48,13 @@ class _Nodes:
     """Midpoints, or differences, of the positions of two elements of a lattice."""
 
     scale: float
-    """Spacing in steps of the lattice: 1 for differences, 1/2 for midpoints."""
+    """Spacing in lattice steps: 1 for differences, 1/2 for midpoints."""
     windows: tuple[tuple[float, float, int, int], ...]
-    """Tuple (low, high, first node, number of nodes) for each direction of the lattice. Nodes are
-    the midpoints or differences. Node h contributes at t if t - h lies in the open interval (low,
-    high)."""
+    """Tuple (low, high, first node, number of nodes) for each lattice direction. Node h contributes
+    at t if low < t - h < high."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first midpoint or difference that contributes at (x, y), and its distance.
-
-        The distance is the vector from the midpoint or difference to (x, y) in the element's frame.
-        """
+        """Return the first contributing node, and (x, y) minus this node in the element's frame."""
         i, j = (
             0.0 * x + float(start)
             # Copies of an element larger than the lattice all overlap, so every node contributes.
@@ -72,7 +67,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps from the first contributing node to each other node, and the vectors."""
+        """Return the steps and the vectors from the first to all contributing nodes."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -110,7 +105,7 @@ class _ArrayFrame:
 
     @property
     def slope(self) -> Pair2:
-        """Phase difference of adjacent weights minus that of the carrier wave, in cycles."""
+        """Phase difference of adjacent weights minus the carrier's phase difference, in cycles."""
         along_first, along_second = (
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
@@ -121,8 +116,7 @@ class _ArrayFrame:
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # The Wigner function of the element vanishes outside its hull, and its ambiguity function at
-    # lags beyond its size.
+    # W of the element vanishes outside its hull, and A at lags beyond its size.
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -189,11 +183,7 @@ def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return the arguments of W relative to the first midpoint that contributes at x.
-
-    The arguments are the midpoint in half steps of the lattice, x relative to the midpoint, the
-    phases nu.b in cycles, and nu.
-    """
+    """Return (midpoint in half lattice steps, x - midpoint, phases nu.b in cycles, nu)."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)
     along = (t - cycles_per_site for t, cycles_per_site in zip(cycles, frame.cycles, strict=True))
@@ -217,17 +207,12 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return the arguments of A relative to the first difference that contributes at xi.
-
-    The arguments are the phase of the centre, the difference in steps of the lattice, xi relative
-    to the difference, the phases upsilon.b in cycles, and upsilon.
-    """
+    """Return (centre phase, difference in lattice steps, xi - difference, upsilon.b, upsilon)."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
-    # The midpoints are multiples of half a basis vector b, so the phase upsilon.b is reduced modulo
-    # 2 cycles.
+    # Midpoints are multiples of half a basis vector b, so upsilon.b is reduced modulo 2 cycles.
     along = (2.0 * t for t in _site_cycles(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
     return (cycles, *nearest, *along, *inner)
 

@@ -1,12 +1,10 @@
 """Fields of plane waves behind an aperture, by steepest descent from the ends of its edges.
 
-The phase of a wave along an edge is stationary at the position from which the diffracted ray
-(Keller's cone) reaches the point. An integral along an edge is divided at the positions where the
-phase exceeds the stationary phase by a few cycles. The inner part is a sum over Gauss-Legendre
-nodes. For the outer parts, the path of integration is deformed into the complex plane, where the
-wave decays. The number of nodes depends on the tolerance, but not on the wavelength. The formulas
-are (B10) and (B11) of docs/theory/exact_fields.md. In this module, c is the stationary phase and
-x^2 is the difference of the phase from c, in cycles.
+The phase along an edge is stationary at the position from which the diffracted ray (Keller's cone)
+reaches the point. Gauss-Legendre nodes integrate the inner part, where the phase is within a few
+cycles of its stationary value c. Outside, the path of integration is deformed into the complex
+plane. The number of nodes does not depend on the wavelength. The formulas are (B10) and (B11) of
+docs/theory/exact_fields.md.
 """
 
 from __future__ import annotations
@@ -39,8 +37,7 @@ from polywigner.numerics import Number
 from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
 from polywigner.numerics.phases import Pair
 
-# Numbers of nodes of the quadrature rules for tails. A tail is an integral from an end of an edge
-# to infinity.
+# Numbers of Gauss-Laguerre nodes for tails, which are integrals from an end of an edge to infinity.
 _SIZES = (2, 3, 4, 5, 6, 8, 10)
 # Logarithms of the numerators of the error bound (B11). With n Gauss-Laguerre nodes, the integral
 # of exp(-2 pi y) times (1 + iy/x^2)^-2 has an error of at most sqrt(2) (2n + 1) n!^2/(2 pi
@@ -88,14 +85,14 @@ class _End:
     slope: Any
     """Derivative of the phase along the edge, multiplied by the distance R from the point."""
     phase: Any
-    """Phase R + p_e s of the wave at this position, in cycles."""
+    """Phase R + p_e s, in cycles."""
     beyond: Any
     """Phase minus the stationary phase, in cycles."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """Quantities that are constant along the line of an edge, for one point and one wave."""
+    """Constants along the line of an edge, for one point and one wave."""
 
     view: PanelView
     upright: Any
@@ -103,25 +100,24 @@ class _Line:
     least: Any
     """Stationary phase c, in cycles."""
     ahead: Any
-    """Path difference N of (B2), minus the difference of the phase from the stationary phase."""
+    """Path difference N of (B2) minus the excess of the phase over the stationary phase."""
     lean: Any
-    """Constant a of (B2), which is the same at all positions on the edge."""
+    """Constant a of (B2)."""
     beta: Any
-    """Constant b' of (B2), which is the same at all positions on the edge."""
+    """Constant b' of (B2)."""
     lift: Any
     """Difference N' - N of the path differences of (B2)."""
     rest: float
     """Factor 1/2 - m in the second term of (B3)."""
     curved: float
-    """Number that is 1 for spherical waves and 0 for parabolic waves."""
+    """1 for spherical waves and 0 for parabolic waves."""
 
     @classmethod
     def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
-        """Return the line of an edge for spherical waves."""
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
-        # In this form, ``ahead`` is accurate close to the shadow boundary.
+        # This form of ``ahead`` is accurate close to the shadow boundary.
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
@@ -150,8 +146,7 @@ class _Line:
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
         """Return the ends of the inner part of an edge, which is integrated along the edge.
 
-        If the phase along an edge changes by only a few cycles, the inner part is the complete
-        edge.
+        If the phase changes by only a few cycles, the inner part is the complete edge.
         """
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
@@ -197,10 +192,7 @@ class _Line:
             at: Any, w: Any, v1: Any, v2: Any, half: Any, begin: Any, first: Any, foot2: Any,
             *data: Any,
         ) -> Values:  # fmt: skip
-            """Return the contribution of a node to the integral (B3).
-
-            The wave e in the second term is omitted.
-            """
+            """Return the contribution of a node to (B3), without the wave e in the second term."""
             (*wave, b, z, across, pz, beta, lift, free_r, free_i), moment = data[:13], data[13:]
             t = half * (1.0 + at)
             s, t = first + t, begin + t
@@ -209,8 +201,8 @@ class _Line:
             lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
             over = 0.5 * lean / ops.maximum(path, tiny)
             value = wave_difference(ops, edge, Pair(free_r, free_i), path).scaled(over)
-            # The modulus of E - e is replaced by its upper bound, because the rounding errors of
-            # both waves do not cancel even if the waves do.
+            # The rounding errors of E and e do not cancel, so |E - e| is replaced by its upper
+            # bound.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
             if rest:
                 value = value + edge.scaled(rest * beta / (path + lift))
@@ -236,8 +228,7 @@ class _Line:
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        # The integrand for parabolic waves has no singularity, so the distance of singularities is
-        # infinite.
+        # The integrand for parabolic waves has no singularity.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.rest:
@@ -246,13 +237,13 @@ class _Line:
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
         # If the phase is quadratic in the position and changes by q radians, the logarithm of the
-        # integrand grows by q sinh(u) cosh(u) within the ellipse of parameter u. The function
-        # nodes_needed assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
+        # integrand grows by q sinh(u) cosh(u) within the ellipse of parameter u. nodes_needed
+        # assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # ``extra`` is this excess plus the logarithm of pi N. The integrand may be larger by the
-        # factor pi N at complex positions at which E = e.
+        # ``extra`` is this excess plus log(pi N), because the integrand may be larger by the factor
+        # pi N at complex positions at which E = e.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)
@@ -260,10 +251,9 @@ class _Line:
         return needed, (digits, growth + extra, last + extra)
 
     def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
-        """Return the integral from an end of an edge to infinity, and an upper bound.
+        """Return ``sign`` times the integral from an end of an edge to infinity, and a bound.
 
-        ``wave`` is the wave at the end, and the integral is multiplied by ``sign``. The error is at
-        most exp(-digits) times the upper bound.
+        ``wave`` is the wave at the end. The error is at most exp(-digits) times the bound.
         """
         path = at.beyond + self.ahead
         slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
@@ -303,7 +293,6 @@ def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
 
 
 def _quotient(real: Any, divisor: Pair) -> Pair:
-    """Return the quotient of a real and a complex number."""
     return divisor.conjugate().scaled(real / divisor.norm())
 
 
@@ -340,9 +329,8 @@ def _signed_ends(
 ) -> tuple[tuple[_End, Any], ...]:
     """Return the ends of the outer parts of an edge, with the signs of their tails.
 
-    A tail is an integral from a position on the edge to infinity. The integral from ``high`` to
-    ``end`` is the tail at ``high`` minus the tail at ``end``. The tails at ``low`` and ``high`` are
-    equal, so a single tail is computed and multiplied by the number of these positions on the edge.
+    A tail is an integral from a position on the edge to infinity. The tails at ``low`` and ``high``
+    are equal, so a single tail is multiplied by the number of these positions on the edge.
     """
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)

@@ -1,11 +1,7 @@
-"""Sums over the boundary of a slice, in compiled code that reads the edges from memory.
+"""Edge sums over the overlap of two copies of an outline, for compiled kernels.
 
-A slice is the overlap of two copies of an outline. The term of an edge is multiplied by the winding
-number of the other copy at the start of the edge, which is updated along each ring. Each crossing
-with an edge of the other copy adds 1 or -1 from the crossing to the end of the edge
-(docs/theory/edges.md, (K1)). If a source has several elements, the winding number of each element
-is multiplied by the weight of the element. Outlines are passed as data, so one compiled kernel
-handles any outline.
+The winding number of the other copy is updated at each crossing while a loop follows the ring, (K1)
+of docs/theory/edges.md. Outlines are passed as data, so one compiled kernel handles any outline.
 """
 
 from __future__ import annotations
@@ -22,28 +18,24 @@ from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 
 Pass = tuple[View, int, int]
-"""Tuple of the view of the edges, the index of their field, and the index of the field on the other
+"""View of the edges, index of the group whose edges are cut, and index of the group on the other
 copy."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Number of samples that is assumed if the actual number is unknown.
+# Number of samples assumed if the caller does not specify one.
 _MANY = 1 << 20
-# Largest total size in bytes of the cached lists of pairs of all sources. The copies of these lists
-# in the memory of engines are not included and have the same size.
+# Limit of the cached edge pairs of all sources in bytes. Copies on devices are not counted.
 _MOST_BYTES = 1 << 27
 
 
 def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
-    """Return the lists of pairs of edges that can cross, from the cache if possible.
-
-    The size of the cells depends on the number of samples.
-    """
+    """Return the edge pairs that can cross, from the cache if possible."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    # The views AHEAD and BEHIND use the same lists of pairs of edges.
+    # AHEAD and BEHIND share their edge pairs.
     name = view.point, group, other, double, across
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
@@ -57,16 +49,13 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
 
 
 _cached: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
-"""Owner, key and size of each cached list, oldest first."""
+"""Owner, key and size in bytes of each cached table, oldest first."""
 # Mitsuba loads the sources of a scene file in several threads.
 _cache_lock = threading.Lock()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """Return the index of the cell that contains an offset.
-
-    An offset outside the region of cells belongs to an empty cell.
-    """
+    """Return the index of the cell that contains an offset. Outside the grid, the cell is empty."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (
@@ -77,7 +66,7 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
 
 
 class PairClipper(Clipper):
-    """Cuts of the edges that are listed in the cell of each sample."""
+    """Clipped edges of the cell that contains the offset of each sample."""
 
     def __init__(
         self,
@@ -89,11 +78,6 @@ class PairClipper(Clipper):
         arguments: tuple[Any, ...] = (),
         pairs: Mapping[Pass, PairGrid] | None = None,
     ) -> None:
-        """Set up the cuts for the offset (``tx``, ``ty``) of each sample.
-
-        ``pairs`` contains lists in the memory of the engine. If it is None, the lists of ``tables``
-        are used.
-        """
         self.ops, self.tables = ops, tables
         self.views, self.arguments, self.pairs = views, arguments, pairs
         *_, step = ops.gather(self._grid((views[0], 0, 0)).numbers, ops.truncated(0.0))
@@ -106,7 +90,7 @@ class PairClipper(Clipper):
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
         grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
         if ops.key not in grid.copies:
-            # With the method setdefault of dictionaries, all threads use the same copy.
+            # setdefault is atomic, so all threads use the same copy.
             grid.copies.setdefault(ops.key, grid.on_device(ops.on_device))
         copy: PairGrid = grid.copies[ops.key]
         return copy
@@ -114,7 +98,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
-        # The initial value of the sums is NaN if an argument is infinite or NaN, and 0 otherwise.
+        # Infinite and NaN arguments must give NaN: x - x is NaN for these values, and 0 otherwise.
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
             for part in self._sums(view, self._grid((view, group, other)), term, values):
@@ -129,10 +113,7 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Yield the sum over all edges inside the other copy of the outline, then the other sum.
-
-        The other sum extends over all other rows of the lists.
-        """
+        """Yield the sum over edges inside the other copy, and the sum over all other rows."""
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 
@@ -140,14 +121,12 @@ class PairClipper(Clipper):
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def last_part(number: Any, edge: Any, fraction: Any, level: Level) -> Level:
-            """Return the term of the last ``fraction`` of an edge, multiplied by a level."""
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (2.0 - fraction, fraction, weight, phase)
-            # The edge's vector with a length of 1 gives the same result as a unit vector with the
-            # actual length.
+            # The edge vector serves as the direction, with a length of 1.
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:

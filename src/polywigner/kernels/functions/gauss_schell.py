@@ -1,10 +1,9 @@
-"""Integrals of Gaussian waves over polygons and intervals, for W in partly coherent light.
+"""Integrals of Gaussian waves over polygons and intervals, for W in partially coherent light.
 
-The Wigner function W is the sum of an integral over each edge, (I5) of docs/theory.md, whose
-symbols this module uses. Lengths are in units of the coherence width. Each integral runs along a
-path in the complex plane. With 10 to 36 nodes its error is below 1e-12 of the square of the largest
-lag. For complex weights, cancellation costs as many ulps as the ratio of the coherence width to the
-largest lag. For real weights there is no cancellation.
+W is the sum of an integral over each edge, (I5) of docs/theory.md. Lengths are in coherence widths.
+Each integral runs along a path in the complex plane. With 10 to 36 nodes its error is below 1e-12
+of the square of the largest lag. For complex weights, cancellation costs as many ulps as the ratio
+of the coherence width to the largest lag.
 """
 
 from __future__ import annotations
@@ -23,30 +22,29 @@ from polywigner.numerics.phases import cos_sin_cycles
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Shape of the arc of integration in the complex plane, (I5): smallest parameter c, and largest
-# ratio of the height of the arc to its length.
+# Shape of the arc of integration, (I5): smallest parameter c, and largest ratio of height to
+# length.
 _SPREAD, _LIFT = 10.0, 0.6
-# Number of quadrature nodes on an arc, which depends on its length c |x_end - x_start|, multiplied
-# by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision.
-# They are relative to the squared length of random edges, and to the length of random intervals.
+# Numbers of quadrature nodes on an arc, by its length c |x_end - x_start|, multiplied by beta_s/8
+# if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision, relative to
+# the squared length of random edges or the length of random intervals.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# If the frequency beta_s along the edge exceeds _STEEP and the phase along the edge exceeds _LONG,
-# the wave is integrated along paths of steepest descent, with the number of nodes in _OF_DESCENTS.
+# Frequency beta_s and phase along the edge from which the paths are steepest descents, and numbers
+# of nodes of such paths.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges whose distance
-# exceeds _FAR, f is as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
+# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On more distant edges, f is
+# as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
 _FAR, _SMOOTH = 8.7, 3.0
-# If |Re Z| is below _SMALL, the difference exp(-beta^2/2) - |g| is computed from a series of _TERMS
-# terms. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
-# precision.
+# If |Re Z| is below _SMALL, exp(-beta^2/2) - |g| is a series of _TERMS terms. The first omitted
+# term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# Smallest arguments of the exponential function in double and single precision. Smaller arguments
-# would give subnormal numbers, which slow down the processor.
+# Smallest exponents in double and single precision. Subnormal numbers would slow down the
+# processor.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# Smallest divisors in double and single precision. The squares of these numbers are normal.
+# Smallest divisors in double and single precision, whose squares are normal numbers.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 
@@ -92,18 +90,14 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
     everywhere = rate == rate
     rule = arc.rule(everywhere)
     real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
-    # The term ``undefined`` is NaN if an argument is NaN, and 0 otherwise.
+    # ``undefined`` is NaN if an argument is NaN, and 0 otherwise.
     undefined = 0.0 * (start + rate)
     return real + undefined, imag + undefined
 
 
 @lru_cache(maxsize=4)
 def _arc_rules(sizes: tuple[int, ...]) -> Rules:
-    """Return quadrature rules for arcs in the complex plane.
-
-    A row contains a node, its weight, 1 - node^2, and the derivative of 1 - node^2 times the
-    weight.
-    """
+    """Return rows (node t, weight, 1 - t^2, weight times the derivative of 1 - t^2) for arcs."""
     rules = []
     for size in sizes:
         t, weight = np.polynomial.legendre.leggauss(size)
@@ -150,9 +144,8 @@ class _Arc:
     ) -> Values:
         """Return the complex integral of ``value(ops, p, r, *wave)`` from one end to the other.
 
-        The position in the complex plane is p + i r. The integral uses one of the rules of
-        ``sizes``. It uses steepest descents if the edge ``is_near`` and the frequency along the
-        edge is high. The first number of ``wave`` is the frequency beta_s along the edge.
+        The position in the complex plane is p + i r. The first number of ``wave`` is the frequency
+        beta_s along the edge.
         """
         ops = self.ops
 

@@ -1,11 +1,8 @@
-"""Closed-form transforms of slits, which are intervals on a line.
+"""Closed-form transforms of slits, which are intervals on a line, (S1) to (S3) of docs/theory.md.
 
-The lag slice and the position slice of two intervals are intervals as well. Every transform is
-therefore a sum of means of plane waves over intervals (docs/theory.md, (S1) to (S3)).
-
-For each pair of slits, only the distance of the centres depends on the position x or the lag xi.
-The distance is computed without rounding. The length of the overlap is therefore accurate to an
-ulp, even for slits that are much narrower than their distance.
+Lag slices and position slices of two intervals are intervals as well. The distance of the centres
+is computed without rounding, so overlaps are accurate to an ulp even for slits much narrower than
+their distance.
 """
 
 from __future__ import annotations
@@ -43,12 +40,12 @@ Interval = tuple[Fraction, Fraction, Waves]
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
-    """Return the field in an interval, without the carrier wave.
+    """Return the field in an interval, without the carrier.
 
     The interval includes its start but not its end.
     """
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
-    # Comparisons with NaN are false. Without the second term, the field at NaN would be 0.
+    # Comparisons with NaN are false, so ``inside`` alone would be 0 at NaN.
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
@@ -63,8 +60,8 @@ class SlitFrame:
     centre: tuple[float]
     scale: float
     carrier: tuple[float] = (0.0,)
-    """Frequency of the carrier wave, in the user's unit. The stored fields are relative to this
-    wave."""
+    """Frequency of the carrier, in the user's unit. The stored fields are relative to the carrier.
+    Frequency of the carrier, in the user's unit. The stored fields are relative to the carrier."""
 
     @property
     def measure(self) -> float:
@@ -99,20 +96,18 @@ class SlitTables:
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """Intervals over which transforms are summed. For the Fourier transform, an entry contains the
-    start and the length of an interval, each as two floats. For other transforms it is an
-    `Interval`."""
+    """`Interval` of each slit, or its start and length as two floats each for the Fourier
+    transform."""
 
 
 @dataclass(frozen=True)
 class PairTables:
     """Pairs of slits, with one row of numbers for each pair.
 
-    A row contains the distance of the centres at x = 0 or xi = 0, both half-lengths, the mean of
-    the centres, and the complex product of the first field and the conjugate of the second field.
-    The distance and the mean are sums of two floats. If fields are sums of plane waves, each pair
-    of waves has a separate row with two more numbers: the shift to subtract from the frequency, and
-    the frequency of the product along 4x or xi.
+    A row contains the distance of the centres at x = 0 or xi = 0 as two floats, both half-lengths,
+    the mean of the centres as two floats, and the complex product of one field and the conjugate of
+    the other. For fields of plane waves, each pair of waves has a row with two more numbers: the
+    shift to subtract from the frequency, and the frequency of the product along 4x or xi.
     """
 
     frame: SlitFrame
@@ -151,8 +146,7 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
     """Return the pairs of slits that contribute to the Wigner function.
 
     At the position x, the lag slice of the slits I_k and I_l is the intersection of 2(I_k - x) and
-    2(x - I_l). The slits in reverse order give the mirror image with the conjugate field, so each
-    pair is stored only once.
+    2(x - I_l). The reversed pair contributes the complex conjugate, so each pair is stored once.
     """
     return _pair_tables(source, double, of_lags=True)
 
@@ -179,8 +173,7 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # In the lag slice of a single slit, the pairs of waves (v, w) and (w, v) have conjugate
-        # fields. Only one of them is stored, with a factor of 2.
+        # In the lag slice of one slit, the pairs of waves (v, w) and (w, v) have conjugate fields.
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
@@ -197,10 +190,8 @@ def _overlap(
 ) -> tuple[Any, Any]:
     """Return the length of the overlap of two intervals, and the offset of the overlap's centre.
 
-    The intervals have the half-lengths ``half`` and ``other``. The distance of their centres is
-    ``gap + gap_low - shift``. The offset is relative to the mean of both centres. If the shorter
-    interval lies inside the longer interval, the overlap has the centre of the shorter interval.
-    Otherwise the offset is constant.
+    The intervals have the half-lengths ``half`` and ``other``, and their centres the distance ``gap
+    + gap_low - shift``. The offset is relative to the mean of both centres.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
@@ -212,7 +203,7 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
-    """Return the real and the imaginary part of a transform, summed over all pairs of slits."""
+    """Return the real and imaginary part of a transform, summed over all pairs of slits."""
 
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
@@ -241,8 +232,8 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     return total
 
 
-# Largest difference of two frequencies that are treated as equal, in cycles per unit of the frame,
-# or relative to the largest frequency.
+# Difference below which two frequencies are treated as equal, in cycles per unit of the frame, or
+# relative to the largest frequency.
 _EQUAL = 1e-14
 
 
@@ -278,10 +269,7 @@ class LineField:
         return Pair(real, imag).scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """Return the field of the interval at a position.
-
-        The interval includes its lower end but not its upper end.
-        """
+        """Return the field at a position. The interval includes only its lower end."""
         return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
@@ -322,8 +310,7 @@ def _over_pairs(
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
     """Return four times the position in the frame, as the sum of two floats.
 
-    If the position x changes by dx, the copies of two slits in the lag slice move towards each
-    other by 4 dx.
+    If x changes by dx, the copies of two slits in the lag slice move towards each other by 4 dx.
     """
     total, low = frame.exact_position(x)
     return phases.halves(ops, (4.0 * total, 4.0 * low))
@@ -373,11 +360,7 @@ def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
 
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
-    """Return the arguments of the ambiguity function in the frame.
-
-    The arguments are the phase of the centre and the carrier wave in cycles, and upsilon and xi,
-    each as the sum of two floats.
-    """
+    """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))

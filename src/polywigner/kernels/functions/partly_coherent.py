@@ -1,8 +1,7 @@
-"""Kernels of the Wigner function in partly coherent light.
+"""Kernels of the Wigner function in partially coherent light, (I5) of docs/theory.md.
 
-The Wigner function is an integral over lags xi, and the integrand contains the degree of coherence
-exp(-xi^2/(2 width^2)) as a factor. Edges are cut, and pairs of waves are formed, as for coherent
-light. Only the contribution of a part of an edge differs (docs/theory.md, (I5)).
+The integrand of W contains the degree of coherence exp(-xi^2/(2 width^2)) at the lag xi. Only the
+contribution of a part of an edge differs from coherent light.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from polywigner.numerics.phases import Pair
 
 
 def coherence_of(frame: Frame, width: float) -> Matrix:
-    """Return the matrix that converts lags in the frame to units of the coherence width."""
+    """Return the matrix that converts lags in the frame to coherence widths."""
     (xx, xy), (yx, yy) = frame.inverse_transpose
     return ((xx / width, yx / width), (xy / width, yy / width))
 
@@ -41,10 +40,9 @@ def _tables_of(source: Wavefront, double: bool) -> Tables:
 def term_of_lags(
     ops: Any, coherence: Matrix, nu: Sequence[Any], midpoint: Values, vector: Values
 ) -> Values:
-    """Return the contribution of a part of an edge to the Wigner function.
+    """Return the complex contribution of a part of an edge to the Wigner function.
 
-    The part has the specified midpoint and vector, which are lags in the frame. The frequency
-    ``nu`` is also in the frame. The result is a tuple of the real and the imaginary part.
+    The midpoint and the vector of the part are lags in the frame.
     """
     (xx, xy), (yx, yy) = coherence
     size = determinant(coherence)
@@ -65,7 +63,7 @@ def term_of_lags(
 
 
 class _LagTerms(EdgeTerms):
-    """Contributions of parts of edges to W in partly coherent light, (I5)."""
+    """Contributions of parts of edges to W in partially coherent light, (I5)."""
 
     values, by_part = 2, True
 
@@ -78,8 +76,7 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        # The edges of the other copy are mirror images of these edges. Their contributions are the
-        # complex conjugates.
+        # The mirrored edges of the other copy contribute the complex conjugate.
         return 2.0 * sums[0], 2.0 * sums[1]
 
 
