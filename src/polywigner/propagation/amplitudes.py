@@ -51,8 +51,7 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Numerical error of a Fourier transform, as a fraction of the upper bound on its modulus that
-# `Radiator.content` returns.
+# Relative rounding error of a Fourier transform, over the upper bound `Radiator.content`.
 _FOURIER_ERROR = 1e-13
 
 
@@ -275,7 +274,6 @@ def field_and_error(
 
 
 def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options that point sources or obstacles do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "
@@ -292,7 +290,6 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
 def _checked_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> Aperture | Array | Wavefront:
-    """Return the source; raise ArgumentError if an option cannot be combined with an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -315,7 +312,6 @@ def _aberrated_field(
     method: str,
     tolerance: float,
 ) -> tuple[Complex, Floats]:
-    """Return the field of an aberrated source at points, and its error."""
     if isinstance(source, Wavefront):
         checked_wavefront(source)
     checked_aberration(aberration, wavelength)
@@ -331,10 +327,7 @@ def _aberrated_field(
 
 
 def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return directions and distances of points from a centre, and the phase factors exp(ikr).
-
-    The distances r are in wavelengths.
-    """
+    """Return directions and distances [wavelengths] from a centre, and phase factors exp(ikr)."""
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     doubled = distance_of(_OPS, ahead)
@@ -351,7 +344,6 @@ def _free_field(
     tolerance: float | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the field without obstacles at points, and its error."""
     allowed = checked_amplitude_tolerance(tolerance)
     if isinstance(source, PointSource):
         field = source.amplitude * incident_of_point(source.position, points, wavelength)
@@ -374,7 +366,6 @@ def _free_field(
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
-    """Return points in metres; raise ArgumentError if one of them is the point source."""
     positions = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
     if (positions == np.array(source.position)).all(axis=-1).any():
         raise ArgumentError(
