@@ -29,12 +29,11 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest number of samples in a repetition, and largest number of repetitions.
+# Largest numbers of samples and of repetitions.
 _MOST = 1 << 20
-# Largest relative rounding error of an interval or of a sample rate that a user specifies.
+# Relative tolerance of intervals and sample rates.
 _ROUNDING = 1e-9
-# Number of points at which a window over an array is computed. Values between these points are
-# interpolated.
+# Points at which windows over an array are computed before interpolation.
 _WINDOW_POINTS = 1025
 
 
@@ -236,18 +235,11 @@ def parse_waveform(text: str | FMCW) -> FMCW:
 
 
 def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
-    """Return the attributes of a data cube that describe its waveform."""
     return {"waveform": waveform.repetition, **asdict(waveform)}
 
 
 def waveform_of(cube: Any) -> FMCW:
-    """Return the waveform of a data cube from its attributes.
-
-    Raises
-    ------
-    ArgumentError
-        If the argument is not a dataset of :func:`polywigner.mitsuba.radar_cube`.
-    """
+    """Return the waveform of a data cube; raise ArgumentError for other arguments."""
     try:
         names = [field.name for field in fields(FMCW)]
         if tuple(cube["signal"].dims) == CUBE_DIMS:
@@ -359,7 +351,7 @@ def range_angle(
             f"expected several array elements along {array_axis}, got positions "
             f"{positions.ravel()!r:.60}"
         )
-    # The window is wider than the array by one element spacing, so that no element has zero weight.
+    # One more element spacing prevents weights of zero at the ends.
     spacing = extent / (len(np.unique(positions.round(9))) - 1)
     across = (positions - positions.min() + spacing / 2) / (extent + spacing)
     shape = window_of(window, _WINDOW_POINTS)
@@ -367,12 +359,11 @@ def range_angle(
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
     image = np.zeros((len(values), len(cosines), len(ranges)))
-    # Beams are computed for one range rate at a time to limit the memory.
+    # One range rate at a time limits the memory.
     for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # The sum over range rates is larger than the power of a target by a factor equal to the noise
-    # bandwidth of the window in bins.
+    # The window spreads a target over several range rates, by its noise bandwidth in bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
@@ -444,9 +435,9 @@ def detections(
 
 
 def window_of(name: str, count: int) -> Floats:
-    """Return a symmetric window without zeros at its ends, shape (count,).
+    """Return a symmetric window (count,) without zeros at its ends.
 
-    Raises ArgumentError if scipy does not provide a window of this name.
+    Raises ArgumentError for unknown names.
     """
     signal = require("scipy.signal", "arrays", "windows are computed with")
     try:
@@ -461,9 +452,8 @@ def window_of(name: str, count: int) -> Floats:
 def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Transform a data cube from repetitions to range rates.
 
-    The spectra have the shape (draw, receiver, emitter, rate, frequency). The range rates in m/s,
-    and the factor by which noise power changes, are returned as well. Motion within each repetition
-    is compensated for the range rate of each bin.
+    Returns spectra (draw, receiver, emitter, rate, frequency), compensated for motion within
+    repetitions, range rates in m/s, and the gain of noise power.
     """
     waveform = waveform_of(cube)
     bins = waveform.chirps * checked_count(pad, "pad", 1, 64)
@@ -479,10 +469,7 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 
 
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Transform spectra from frequencies to ranges.
-
-    The ranges in m, and the factor by which noise power changes, are returned as well.
-    """
+    """Transform spectra to ranges; return values, ranges in m, and the gain of noise power."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)

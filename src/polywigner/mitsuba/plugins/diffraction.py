@@ -1,9 +1,7 @@
-"""Shadows with diffraction in scenes: the estimator ``exact`` with ``diffraction``. Source: (SB3).
+"""Field of a source behind obstacles, with diffraction by their edges. Source: (SB3).
 
-The source is represented by radiating points. The field at an illuminated point is the sum of two
-parts: the waves of the radiating points that no obstacle hides, and the boundary waves from the
-obstacles' edges. One compiled loop reads the edges from tables. Lengths are in wavelengths, in the
-source's frame.
+The field is the sum of the waves of the visible radiating points and of the boundary waves of the
+edges. Lengths are in wavelengths, in the source's frame.
 """
 
 from __future__ import annotations
@@ -49,35 +47,34 @@ Point = tuple[Drjit, Drjit, Drjit]
 Field = tuple[Drjit, Drjit]
 """Real and imaginary part of a field."""
 
-# Allowed error of |F|^2 relative to its peak. Diffraction by one edge at a time is less accurate.
+# Allowed error of |F|^2 relative to its peak; the error of single diffraction is larger.
 _ERROR = 3e-4
-# Largest number of radiating points; for each sample, one ray per point is tested for obstacles.
+# Largest number of radiating points; each sample traces one ray per point.
 _MOST_POINTS = 1024
-# Quadrature rule along edges. Measured relative errors for random edges: mostly 5e-7, at most 9e-6.
+# Quadrature rule along edges; its relative error is at most 9e-6 for random edges.
 _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
-# Edges are omitted if their wave adds less than this fraction of the free peak to |U|^2. Fields
-# below _WEAK times the peak count as equal to _WEAK times the peak.
+# Smallest contribution of an edge to |U|^2, and smallest |U| of the free field that enters this
+# test, as fractions of the peak values without obstacles.
 _FAINT, _WEAK = 5e-5, 0.1
-# Largest number of faces times points of the source with a silhouette for each point if their
-# silhouettes differ, and largest number of faces times nodes with a silhouette for each node.
+# Largest faces × radiating points and largest faces × nodes with one silhouette per point or node.
 _FEW_FACES, _MOST_FACES = 1 << 15, 1 << 17
-# Waves behind a surface are omitted if the surface transmits less than this fraction.
+# Smallest amplitude transmission of a surface; smaller values count as zero.
 _OPAQUE = 2e-3
-# Illuminated points are shifted by this fraction of their distance, so that none of them lies on
-# the boundary of a shadow after rounding to single precision.
+# Shift of illuminated points as a fraction of their distance. It keeps points off the boundaries of
+# shadows after rounding to single precision.
 _ASIDE = 1e-6
-# Points behind a surface by less than the first fraction of their distance count as points on the
-# surface. Rays end before a surface by the second fraction of their length. Both exceed the
-# rounding error of single precision, the second one also for rays at grazing angles.
+# Tolerance of positions on a surface as a fraction of their distance, and distance between the end
+# of a ray and a surface as a fraction of the ray's length. Both exceed the rounding error of single
+# precision, also at grazing incidence.
 _ENDS, _SHORT = 1e-5, 4e-5
-# Allowed relative error of fields in scalar variants.
+# Relative tolerance of fields in scalar variants.
 _HOST_ERROR = 1e-4
 
 _log = logging.getLogger("polywigner.mitsuba")
 
 
 class _Edge(NamedTuple):
-    """An edge, and its shortest path from the centre of the source to a point."""
+    """Edge with the shortest path from the source's centre over the edge to a point."""
 
     row: Drjit
     """Row of the edge in ``EdgeTables.edges``."""
@@ -87,7 +84,7 @@ class _Edge(NamedTuple):
 
 
 class Shadows:
-    """The field of a source behind obstacles, for the arrays of one variant."""
+    """Field of a source behind obstacles, for one variant of Mitsuba."""
 
     def __init__(
         self,
@@ -123,7 +120,7 @@ class Shadows:
         near = np.abs(nodes.origins).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
-        # the waves of a small source have no pattern at edges but their obliquity
+        # A single node has no interference pattern, only its obliquity factor.
         self._is_single = self._is_oblique and len(nodes.positions) == 1
         self._is_blocked = len(tables.triangles) > 0
         if self._jit:
@@ -135,10 +132,7 @@ class Shadows:
             )
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
-        """Return |U|^2 at a point in front of the source.
-
-        Close to the source, ``free`` computes it without shadows.
-        """
+        """Return |U|^2 at a point in front of the source; ``free`` computes it near the source."""
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
         if not self._jit:
@@ -146,16 +140,14 @@ class Shadows:
         return dr.if_stmt((point,), far, self.intensity, free, mode="symbolic")
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 at a point in front, in units of the scene, for a source with |u|^2 = 1."""
+        """Return |U|^2 at a point in scene units, for a source with |u|^2 = 1."""
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
-            # The point moves in front of its surface by more than rounding errors.
+            # Rounding must not place the point behind its own surface.
             change, free, _ = self._on_host(
                 positions=(1.0 - _ENDS) * np.array([at]), engine="numpy"
             )
             return float(np.abs(free + change)[0] ** 2)
-        # The point is shifted off the boundaries of shadows and their corners by more than rounding
-        # errors.
         away = self._ops.sqrt(sum(c * c for c in at))
         x, y, z = (c + _ASIDE * u * away for c, u in zip(at, shadows.ASIDE.tolist(), strict=True))
         real, imag = self._field((x, y, z))
@@ -172,7 +164,7 @@ class Shadows:
         counts = len(nodes.positions), len(tables.groups)
         self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
         self._inverse_peak = opaque(m, 1.0 / nodes.peak)
-        self._has_edges = len(tables.edges) > 0  # A body around the source has no rim.
+        self._has_edges = len(tables.edges) > 0  # A body around the source has no silhouette.
 
     def _field(self, at: Point) -> Field:
         m, ops = self._m, self._ops
@@ -193,7 +185,7 @@ class Shadows:
         if not self._has_edges:
             return field
         level = ops.sqrt((real * real + imag * imag) * dot(at, at)) * self._inverse_peak
-        # Square of the smallest amplitude of an edge wave, relative to the largest free field.
+        # Square of the smallest relative amplitude of an edge wave.
         faint = (_FAINT / ops.maximum(level, _WEAK)) ** 2
 
         def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
@@ -219,7 +211,7 @@ class Shadows:
         return ops.fold(0, self._counts[1], field, add_group)
 
     def _node_wave(self, node: Drjit, at: Point) -> tuple[Drjit, ...]:
-        """Return the wave of a node at a point, and its part from dipoles, if any."""
+        """Return the wave of a node at a point, and the contribution of its dipoles if any."""
         m, ops = self._m, self._ops
 
         def add_point(number: Drjit, *sums: Drjit) -> tuple[Drjit, ...]:
@@ -236,10 +228,10 @@ class Shadows:
         return ops.fold(*span, (m.Float(0.0),) * (4 if self._is_oblique else 2), add_point)
 
     def _edge_change(self, edge: _Edge, at: Point) -> Pair:
-        """Return the change of the field that an edge causes.
+        """Return the change of the field by an edge.
 
-        Close to the boundary of the shadow, the boundary waves of the nodes have the weights of the
-        nodes' waves at the point. Farther away, they have the weights at the edge.
+        The weights of the boundary waves are the nodes' waves at the point near a shadow boundary,
+        and the nodes' waves at the edge elsewhere.
         """
         m, row = self._m, edge.row
         span = m.UInt32(row[10]), m.UInt32(row[11])
@@ -265,8 +257,6 @@ class Shadows:
         at: Point,
         start: Field,
     ) -> Field:
-        """Return ``start`` plus the changes of the waves of a range of nodes by an edge."""
-
         def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
             change = change_of(number, edge, at)
             return real + change.real, imag + change.imag
@@ -275,7 +265,7 @@ class Shadows:
         return total
 
     def _change_at(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change that an edge causes to the wave of a node at the point."""
+        """Return the change of a node's wave by an edge, with the wave at the point as weight."""
         ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
         parts = self._node_wave(node, at)
@@ -295,7 +285,7 @@ class Shadows:
         return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change that an edge causes to the wave of a node at the edge."""
+        """Return the change of a node's wave by an edge, with the wave at the edge as weight."""
         ops, row = self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
@@ -319,7 +309,7 @@ class Shadows:
         return wave * weight * boundary.scaled(-0.5 / math.pi) + bend
 
     def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
-        """Return the wave of a node at an edge, and its part from dipoles without obliquity."""
+        """Return the wave of a node at an edge, and its dipole contribution without obliquity."""
         m, row = self._m, edge.row
         along = edge.foot * row[15]
         interval = m.UInt32(dr.minimum(along, row[15] - 1.0))
@@ -332,7 +322,7 @@ class Shadows:
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
     ) -> tuple[Point, Point, Point, Any]:
-        """Return a node, both ends of an edge, and whether a surface lies behind the edge."""
+        """Return a node, the ends of an edge, and whether a surface blocks the boundary wave."""
         m, ops, row = self._m, self._ops, edge.row
         step = m.UInt32(row[13])
         ends = ops.gather(self._tables["ends"], m.UInt32(row[12]) + number * step)
@@ -344,11 +334,10 @@ class Shadows:
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
-        """Return ``compute(*state)`` where the condition is true, and the state elsewhere."""
         return dr.if_stmt(state, condition, compute, lambda *state: state, mode="symbolic")
 
     def _transmission(self, group: Drjit, at: Point) -> Pair:
-        """Return the amplitude of the waves of a group at a point, relative to free propagation."""
+        """Return the complex amplitude transmission from a group of edges to a point."""
         m, ops = self._m, self._ops
         free = m.Float(1.0), m.Float(0.0)
         if not self._is_blocked:
@@ -362,7 +351,6 @@ class Shadows:
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
             sign = dr.select(total < 0.0, -1.0, 1.0)
-            # The point lies clearly behind the plane of the triangle.
             hit = (row[9] * sign > 0.0) & ((total - row[9]) * sign > margin)
             for share in shares:
                 hit &= share * sign >= 0.0
@@ -385,10 +373,7 @@ class Shadows:
         return Pair(*self._if(dot(group[3:6], at) + group[6] < 0.0, behind, free))
 
     def _path(self, row: Drjit, at: Point) -> tuple[Point, Drjit]:
-        """Return the vector from a radiating point to ``at``, and its excess of cycles.
-
-        The excess is the length of the vector less the distance of ``at`` from the origin.
-        """
+        """Return the vector from a radiating point to ``at``, and its length minus |at|."""
         ops, (x, y, z) = self._ops, at
         a, b = row[:2]
         ahead = x - a, y - b, z
@@ -397,7 +382,6 @@ class Shadows:
         return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
-        """Return whether an obstacle lies between a point of the source and the end of a vector."""
         m = self._m
         path = m.Vector3f(*ahead)
         part = self._start / path.z
@@ -408,15 +392,12 @@ class Shadows:
         return self._obstacles.ray_test(ray)
 
     def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
-        """Return ``compute(*arguments)`` where the condition is true, and zero elsewhere."""
         zeros = (self._m.Float(0.0),) * 2
         return dr.if_stmt(arguments, condition, compute, lambda *_: zeros, mode="symbolic")
 
     def _when_jets(
         self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
     ) -> tuple[Jet, Jet]:
-        """Return :meth:`_when` of jets, whose values and derivatives are passed separately."""
-
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
@@ -427,7 +408,7 @@ class Shadows:
 
 
 def _obliquity(ops: Any, ahead: Point) -> Pair:
-    """Return the factor of the wave of a dipole along z over a spherical wave."""
+    """Return the ratio of the wave of a dipole along z to a spherical wave."""
     inverse = 1.0 / ops.sqrt(dot(ahead, ahead))
     return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 
@@ -435,7 +416,7 @@ def _obliquity(ops: Any, ahead: Point) -> Pair:
 def _nodes_and_silhouettes(
     obstacles: Obstacles, points: Sequence[equivalent_points.RadiatingPoint]
 ) -> tuple[SourceNodes, list[Silhouette]]:
-    """Return the nodes of a source, and one silhouette for all nodes or one for each node."""
+    """Return the nodes of a source, and one silhouette in total or one per node."""
     every = all_points(points)
     central = surfaces.before_plane(obstacles.silhouette(every.centre))
     nodes = nodes_for(points, central.edges)
@@ -450,7 +431,6 @@ def _nodes_and_silhouettes(
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
-    """Return a scene that contains the triangles of all bodies, without lights."""
     counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     vertices = np.concatenate([body.vertices for body in bodies])
     faces = np.concatenate([body.triangles + n for body, n in zip(bodies, counts, strict=False)])
@@ -460,7 +440,7 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
 
 
 def cast_shadows(scene: mi.Scene) -> None:
-    """Pass the surfaces of a scene to its sources and receivers with diffraction."""
+    """Set the obstacles of all sources and receivers with diffraction in a scene."""
     plugins = [
         p for p in (*surfaces.sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")
     ]
@@ -497,7 +477,6 @@ def scene_known(scene: mi.Scene) -> Iterator[None]:
     scenes = [
         (sensor, "scene", scene) for sensor in scene.sensors() if surfaces.is_receiver(sensor)
     ]
-    # The process crashes if a scene is freed while Dr.Jit records a kernel, so garbage collection
-    # is off.
+    # Freeing a scene while Dr.Jit records a kernel crashes the process.
     with without_collection(), changed([(ExactEstimator, "scene_is_known", True), *scenes]):
         yield

@@ -1,12 +1,9 @@
 """Complex amplitudes and delays of paths between emitters and receivers.
 
-`paths_between` returns the paths, and `amplitudes_of` their amplitudes at given frequencies. The
-amplitude of a path is a product of three factors. The first factor is the coupling b of the
-emitter's image with the receiver (docs/links.md, (RX1)). The second factor is the polarisation
-factor e_r . E, where E is a unit field of the emitter after all reflections along the central path,
-and e_r is the polarisation vector of the receiver. The third factor is the transmission of
-obstacles, masks and fog: the square root of the transmitted power, averaged over rays. With
-diffraction, the third factor is the ratio b/b_0 of the couplings with and without obstacles.
+The amplitude of a path is the product of the coupling b of the emitter's image with the receiver
+(RX1), the polarisation factor e_r . E of the reflected unit field E and the receiver's polarisation
+vector e_r, and the amplitude transmission of obstacles, averaged over rays. With diffraction, the
+transmission is the ratio b/b_0 of the couplings with and without obstacles.
 """
 
 from __future__ import annotations
@@ -68,10 +65,9 @@ if TYPE_CHECKING:
     import xarray
 
 _MOST_FREQUENCIES = 1 << 16
-# Numbers of Chebyshev nodes that are tried in turn. Each set of nodes contains the previous set.
+# Numbers of Chebyshev nodes; each set contains the previous one.
 _RULES = (5, 9, 17, 33, 65)
-# Received fraction of the power below which a note reports that the default polarisations of
-# emitter and receiver do not match.
+# Polarisation match below which a note recommends specifying polarisations.
 _MATCHED = 0.99
 
 
@@ -172,7 +168,7 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Return frequencies in Hz from numbers or strings; raise ArgumentError for other values."""
+    """Convert numbers or strings to frequencies in Hz."""
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
@@ -190,44 +186,35 @@ class CoherentPath:
     """Path from an emitter to a receiver, with the factors of its amplitude."""
 
     route: Route
-    """Mirrors and body along the path."""
     distance: float
-    """Length of the path between the centres of emitter and receiver in m."""
+    """Length between the centres of emitter and receiver in m."""
     transmission: float
-    """Square root of the transmitted fraction of the power, averaged over rays."""
+    """Amplitude transmission of obstacles, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """Polarisation factor ``e_r . E`` of each pair of polarised parts of emitter and receiver."""
+    """Polarisation factor ``e_r . E`` of each pair of polarised parts."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
-    """Effect of diffraction, or None without diffraction.
-
-    This function of the wavelength in m returns the ratio b/b_0 of the couplings with and without
-    obstacles.
-    """
+    """Ratio b/b_0 as a function of the wavelength in m, or None without diffraction."""
     echo: Callable[[float], complex] | None = None
-    """Echo of a body, or None for paths without a body.
-
-    This function of the wavelength in m returns the coupling by reflection from the body, which
-    replaces the couplings of ``links``.
-    """
+    """Coupling of an echo as a function of the wavelength in m, or None without a body."""
 
     def transmission_at(self, wavelength: float) -> complex:
-        """Return the amplitude transmission of obstacles at a wavelength in m, with diffraction."""
+        """Return the amplitude transmission at a wavelength in m, with diffraction."""
         return self.transmission * (1.0 if self.edges is None else self.edges(wavelength))
 
 
 @dataclass(frozen=True, eq=False)
 class NormalisedSource:
-    """An emitter or receiver with normalised power, divided into parts by polarisation."""
+    """Emitter or receiver with normalised power, divided by polarisation."""
 
     source: PlacedSource
     parts: tuple[tuple[PlacedSource, Complex], ...]
-    """Parts of the source, each with a single polarisation, and their Jones vectors."""
+    """Parts with a single polarisation, and their Jones vectors."""
     is_polarised: bool = True
     """Whether the scene or the caller specifies a polarisation."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the square root of a part's fraction of the source's power."""
+        """Return the square root of a part's fraction of the power."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -265,18 +252,17 @@ def paths_between(
     polarisation: Any,
     shortest: float,
 ) -> tuple[list[CoherentPath], list[str]]:
-    """Return the paths along which power is transmitted, and notes about excluded effects.
+    """Return the paths between an emitter and a receiver, and notes on excluded effects.
 
-    The sources of ``scene`` must be hidden.
-
-    ``shortest`` is the shortest wavelength in m, which determines the obstacles that diffract.
+    The sources of ``scene`` must be hidden. ``shortest`` is the shortest wavelength in m, which
+    determines the resolution of curved obstacles.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    # Segments of paths are cached, because several paths contain the same segment.
+    # Several paths share a segment.
     leg_to = cache(partial(_leg_to, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
@@ -305,8 +291,7 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # If neither emitter nor receiver is polarised, the amplitude of the line-of-sight path is the
-    # scalar coupling.
+    # Unpolarised ends match, so the line of sight has the scalar coupling.
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
@@ -322,7 +307,7 @@ def _path(
 def _polarised(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E from the Jones vectors of emitter and receiver."""
+    """Return the polarisation factor e_r . E of two Jones vectors."""
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
@@ -335,16 +320,12 @@ def _edges(
     return diffracted_ratio(meshes, emitted, received, chain)
 
 
-# ---- bodies --------------------------------------------------------------------------------------
-
-
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
-    """Return the path from an emitter or receiver via mirrors to the centre of a body.
+    """Return the path from an emitter or receiver to a body, and its amplitude transmission.
 
-    The amplitude transmission of the path is returned as well. If part of the body is not in front
-    of the emitter or receiver, the result is None.
+    The result is None if part of the body is not in front of the emitter or receiver.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
@@ -359,10 +340,7 @@ def _leg_to(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path via a body.
-
-    By reciprocity, the path is computed as if both emitter and receiver transmitted to the body.
-    """
+    """Return the path via a body, by reciprocity from two transmitting ends."""
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
@@ -390,7 +368,7 @@ def _echo_path(
 def _echo(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return the coupling by reflection from a body, summed over all polarised parts."""
+    """Return the coupling of an echo, summed over polarised parts."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -409,11 +387,8 @@ def _echo(
     return total
 
 
-# ---- amplitudes at frequencies -------------------------------------------------------------------
-
-
 def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
-    """Return the complex amplitudes of paths at frequencies in Hz, shape (n, paths)."""
+    """Return the complex amplitudes (n, paths) at frequencies in Hz."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
     delays = np.array([path.distance for path in paths]) / SPEED_OF_LIGHT
@@ -427,11 +402,10 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
 
 
 def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
-    """Evaluate a smooth function at n frequencies, by interpolation if that saves calls.
+    """Evaluate a smooth function at n frequencies, by Chebyshev interpolation if that saves calls.
 
-    ``compute`` returns the k values of the function at one frequency. The number of Chebyshev nodes
-    is doubled until the interpolating polynomial predicts the values at the next nodes with an
-    error below ``tolerance`` times the largest value.
+    The number of nodes is doubled until the error at the new nodes is below ``tolerance``, relative
+    to the largest value.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _RULES[-1] - 1
@@ -455,7 +429,6 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Evaluate the polynomial through ``values`` at Chebyshev nodes."""
     low, high = nodes[[0, -1]]
     if low == high:
         return np.repeat(values[:1], len(frequencies), axis=0)
@@ -467,7 +440,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the complex amplitudes of paths, without the phases of their delays."""
+    """Return the amplitudes at one frequency, without the phases of delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -486,7 +459,7 @@ def _without_delays(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
-    """Return the couplings of pairs of sources that face each other."""
+    """Return the couplings of facing sources, together for equal sources."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
@@ -502,9 +475,6 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
             link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
             raise SceneError(f"{link}: {error}") from None
     return values
-
-
-# ---- results -------------------------------------------------------------------------------------
 
 
 def _dataset(
