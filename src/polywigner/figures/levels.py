@@ -21,25 +21,21 @@ if TYPE_CHECKING:
 PEAK_RULE = "largest 3x3 median"
 """Definition of 0 dB by :func:`image_peak`, for labels and logs."""
 COMPARED_DB = -30.0
-"""Lowest level in dB, relative to the peak of the reference, that is compared; differences in dB
-diverge at nulls.
-"""
+"""Lowest compared level in dB relative to the peak, because differences in dB diverge at nulls."""
 
 _MILLIWATT = 1e-3
-# Lowest allowed floor in dB. Lower levels are rounding errors of a field with 15 digits.
+# Lowest floor [dB]; lower levels of a field with 15 digits are rounding errors.
 _LOWEST_DB = -300.0
-# Largest relative deviation of the steps of an evenly spaced axis. In single precision, the steps
-# of a thousand samples over a hundred wavelengths deviate by 1e-5.
+# Largest relative deviation of the steps of an evenly spaced axis.
 _EVEN = 1e-3
-# Units in the form in which labels print them, by the units in files.
+# Units in labels by the units in files.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
-# Names of methods and obliquities in labels.
 _NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
 _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 
 def check_floor(floor_db: float) -> float:
-    """Return a level below 0 dB, or raise ArgumentError for other values."""
+    """Return a level below 0 dB; raise ArgumentError for other values."""
     is_number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
     if not is_number or not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
@@ -110,13 +106,12 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
 
 
 def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
-    """Convert powers in W to levels in dBm, limited from below to ``floor``."""
+    """Convert powers in watts to levels in dBm, limited from below to ``floor``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
 
 def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
-    """Return an xarray.Dataset, or raise ArgumentError."""
     import xarray
 
     if not isinstance(dataset, xarray.Dataset):
@@ -140,7 +135,7 @@ class Difference(NamedTuple):
 def difference_db(
     values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
 ) -> NDArray[np.float64]:
-    """Return differences of levels from a reference in dB; NaN where the reference is too low."""
+    """Return level differences from a reference in dB, with NaN at levels below ``above_db``."""
     if np.shape(values) != np.shape(reference):
         got = f"shapes {np.shape(values)} and {np.shape(reference)}"
         raise ArgumentError(f"the compared fields must be at the same points, got {got}")
@@ -150,7 +145,7 @@ def difference_db(
 def _differences(
     values: ArrayLike | xarray.DataArray, reference: ArrayLike | xarray.DataArray, above_db: float
 ) -> tuple[xarray.DataArray, int]:
-    """Return the differences in dB, and the number of compared points with a field <= 0."""
+    """Return differences in dB, and the number of compared points with values <= 0."""
     import xarray
 
     field, true = xarray.DataArray(values), xarray.DataArray(reference)
@@ -163,8 +158,7 @@ def _differences(
 def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Difference:
     """Return the largest and the rms difference of two fields in dB.
 
-    ``values`` and ``reference`` are arrays or xarray.DataArrays, which may be lazy. Complex values
-    are fields, whose squared moduli are compared.
+    Both may be lazy xarray.DataArrays. The squared moduli of complex values are compared.
     """
     field, true = (abs(a) ** 2 if np.iscomplexobj(a) else a for a in (values, reference))
     difference, negative = _differences(field, true, above_db)
@@ -174,7 +168,7 @@ def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Diffe
 
 
 def even_axis(name: str, values: Floats) -> Floats:
-    """Return ascending, evenly spaced values of an axis, or raise ArgumentError."""
+    """Return the values of an axis; raise ArgumentError unless they ascend in even steps."""
     step = (values[-1] - values[0]) / max(len(values) - 1, 1)
     if not (step > 0 and np.allclose(np.diff(values), step, rtol=_EVEN, atol=0.0)):
         raise ArgumentError(
@@ -185,7 +179,7 @@ def even_axis(name: str, values: Floats) -> Floats:
 
 
 def peak_of(values: NDArray[Any], name: str) -> float:
-    """Return the largest value, or raise ArgumentError if it is not above zero."""
+    """Return the largest value; raise ArgumentError if it is not above zero."""
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
         raise ArgumentError(f"expected values of {name} above zero, got at most {peak:g}")
@@ -193,13 +187,11 @@ def peak_of(values: NDArray[Any], name: str) -> float:
 
 
 def printed_unit(array: Any) -> str:
-    """Return the unit of a labelled array as it is printed in labels."""
     unit = str(array.attrs.get("units", ""))
     return _PRINTED.get(unit, unit)
 
 
 def quantity_of(array: Any) -> str:
-    """Return the quantity of a variable, by default "irradiance"."""
     return str(array.attrs.get("quantity", "irradiance"))
 
 
