@@ -10,7 +10,6 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from typing import Annotated
 
 import typer
@@ -54,12 +53,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             code = app(args=arguments, prog_name="polywigner", standalone_mode=False)
         except (KeyboardInterrupt, Exception) as error:
-            if not _is_interruption(error):
-                return _from_exception(error)
-            code = _INTERRUPTED
+            code = _INTERRUPTED if _is_interruption(error) else _from_exception(error)
     # Typer returns the exit code of `typer.Exit`, and 130 after Ctrl-C.
     if code == _INTERRUPTED:
-        return _say("interrupted", _INTERRUPTED)
+        _say("interrupted", _INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
@@ -88,8 +85,6 @@ def _from_exception(error: BaseException) -> int:
             return _BAD_INPUT
         text = error.format_message().rstrip(".")
         return _say(f"error: {text}; see `polywigner --help`", _BAD_INPUT)
-    if type(error).__name__ == "Abort":
-        return _say("interrupted", _INTERRUPTED)
     if os.environ.get(_DEBUG) == "1":
         import traceback
 
@@ -156,7 +151,7 @@ def explore(
     from polywigner.explorer import serve, start_state
 
     state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())
-    serve(state, port=port, browser=browser, say=partial(print, flush=True))
+    serve(state, port=port, browser=browser)
     os._exit(0)  # sys.exit would wait for the computing thread.
 
 

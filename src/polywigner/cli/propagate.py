@@ -199,7 +199,8 @@ def volume(
     NAME-METHOD.zarr and so on.
     """
     field.check()
-    corners = parse_box(box)
+    with at_key("--box"):
+        corners = _ranges(box, 3)
     count = None if shape is None else parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
         raise ArgumentError(
@@ -378,11 +379,6 @@ def _arc(text: str, shape: tuple[int, ...]) -> Region:
             'their unit, such as "80 deg"'
         )
     return Region("arc", shape, (), parse_length(distance), phi, reach)
-
-
-def parse_box(text: str) -> tuple[Point, Point]:
-    with at_key("--box"):
-        return _ranges(text, 3)
 
 
 _EXPECTED_RANGES = (

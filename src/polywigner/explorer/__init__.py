@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -40,10 +39,10 @@ def start_state(
     return replace(state, rings=rings_of(read_aperture(path, unit, **reading), state.per_metre))
 
 
-def serve(state: State, port: int, browser: bool, say: Callable[[str], None]) -> None:
+def serve(state: State, port: int, browser: bool) -> None:
     """Serve the page until Ctrl-C."""
     server = _new_server(state, port)
-    say(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.")
+    print(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.", flush=True)
     if browser:
         server.io_loop.add_callback(server.show, "/")
     server.start()

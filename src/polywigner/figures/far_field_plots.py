@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -249,8 +249,7 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
     axes.axis("off")
-    text = str(metrics).replace("^2", "²").replace("-", "\N{MINUS SIGN}")
-    text = text.replace(f"half{chr(0x2212)}power", "half-power")
+    text = re.sub(r"-(?=\d|inf)", "\N{MINUS SIGN}", str(metrics).replace("^2", "²"))
     axes.text(
         0.0, 0.95, text, family="DejaVu Sans Mono", fontsize=7, va="top", linespacing=1.5,
         transform=axes.transAxes,
@@ -414,12 +413,13 @@ def _clear_angle(angles: Floats, levels: Floats) -> float:
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
     """Return running medians of levels at evenly spaced angles over a width in radians."""
+    import xarray
+
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
-    padded = np.pad(levels, half, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # windows with only NaN
-        return np.asarray(np.nanmedian(windows, axis=1))
+    windows = xarray.DataArray(levels, dims="angle").rolling(
+        angle=2 * half + 1, center=True, min_periods=1
+    )
+    return np.asarray(windows.median())
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:

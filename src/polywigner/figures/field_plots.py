@@ -172,7 +172,9 @@ def draw_lines(
         elif is_compared:
             text += f", the peak of {part.labels[part.against]}"
         column[0].set_title(text, loc="left", fontsize=8)
-    panels[0, 0].set_ylim(*_range(fields, floor_db))
+    bottom, top = panels[0, 0].get_ylim()
+    # Curves may exceed the peak of the reference by a quarter of the scale.
+    panels[0, 0].set_ylim(max(bottom, floor_db), min(top, -floor_db / 4))
     panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
     legend: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
     if is_compared:
@@ -242,17 +244,6 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
     }
     broad = {"color": "0.72", "lw": 4.0, "zorder": 1.5, "solid_capstyle": "butt"}
     return styles | {against: broad}
-
-
-def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
-    """Return the limits of levels in dB; the lower limit is at least the floor."""
-    levels = np.concatenate(
-        [v[v > 0] / fields.zero for fields in columns for v in fields.powers.values()]
-    )
-    low, high = 10 * np.log10([levels.min(), levels.max()])
-    top, bottom = min(high, -floor_db / 4), max(low, floor_db)
-    margin = 0.04 * (top - bottom) + 0.1
-    return float(bottom if low < floor_db else bottom - margin), float(top + margin)
 
 
 def _difference_axis(panels: Any, fields: Comparison) -> None:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_array, checked_length, checked_vectors
+from polywigner.geometry.arguments import (
+    checked_array,
+    checked_length,
+    checked_number,
+    checked_vectors,
+)
 from polywigner.numerics import Floats
 from polywigner.source.obliquities import OBLIQUITIES
 
@@ -36,13 +40,8 @@ _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 def check_floor(floor_db: float) -> float:
     """Return a level below 0 dB; raise ArgumentError for other values."""
-    is_number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
-    if not is_number or not _LOWEST_DB <= floor_db < 0:
-        raise ArgumentError(
-            f"floor_db must be below 0 dB and at least {_LOWEST_DB:g} dB, got {floor_db}; pass "
-            "for example -40"
-        )
-    return float(floor_db)
+    meaning = f"a level below 0 dB and at least {_LOWEST_DB:g} dB"
+    return checked_number(floor_db, "floor_db", meaning, lambda level: _LOWEST_DB <= level < 0)
 
 
 def image_peak(values: ArrayLike) -> float | None:
@@ -132,38 +131,32 @@ class Difference(NamedTuple):
     """Number of ignored points, where the field is zero or negative."""
 
 
-def difference_db(
-    values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
-) -> NDArray[np.float64]:
-    """Return level differences from a reference in dB, with NaN at levels below ``above_db``."""
-    if np.shape(values) != np.shape(reference):
-        got = f"shapes {np.shape(values)} and {np.shape(reference)}"
-        raise ArgumentError(f"the compared fields must be at the same points, got {got}")
-    return np.asarray(_differences(values, reference, above_db)[0])
-
-
-def _differences(
-    values: ArrayLike | xarray.DataArray, reference: ArrayLike | xarray.DataArray, above_db: float
-) -> tuple[xarray.DataArray, int]:
-    """Return differences in dB, and the number of compared points with values <= 0."""
+def difference_db(values: ArrayLike, reference: ArrayLike) -> xarray.DataArray:
+    """Return level differences from a reference in dB, with NaN at points that are not compared."""
     import xarray
 
     field, true = xarray.DataArray(values), xarray.DataArray(reference)
-    compared = (true >= float(true.max()) * 10 ** (above_db / 10)) & (true > 0)
-    positive = compared & (field > 0)
-    difference = 10 * np.log10(field.where(positive) / true.where(positive))
-    return difference, int((compared & ~positive).sum())
+    return 10 * np.log10(field.where(_is_compared(true) & (field > 0)) / true)
 
 
-def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Difference:
+def _is_compared(reference: xarray.DataArray) -> xarray.DataArray:
+    return (reference > 0) & (reference >= float(reference.max()) * 10 ** (COMPARED_DB / 10))
+
+
+def summary(values: Any, reference: Any) -> Difference:
     """Return the largest and the rms difference of two fields in dB.
 
     Both may be lazy xarray.DataArrays. The squared moduli of complex values are compared.
     """
-    field, true = (abs(a) ** 2 if np.iscomplexobj(a) else a for a in (values, reference))
-    difference, negative = _differences(field, true, above_db)
+    import xarray
+
+    field, true = (
+        xarray.DataArray(abs(a) ** 2 if np.iscomplexobj(a) else a) for a in (values, reference)
+    )
+    difference = difference_db(field, true)
     largest = max(float(difference.min()), float(difference.max()), key=abs)
     rms = math.sqrt(float((difference**2).mean()))
+    negative = int((_is_compared(true) & (field <= 0)).sum())
     return Difference(largest, rms, int(difference.notnull().sum()), negative)
 
 
