@@ -155,15 +155,7 @@ def new_figure(
     return figure
 
 
-def figure_on(
-    figure: Any,
-    width: float,
-    height: float,
-    title: str,
-    *,
-    spacing: float = 0.02,
-    is_compressed: bool = False,
-) -> Figure:
+def figure_on(figure: Any, width: float, height: float, title: str, **layout: Any) -> Figure:
     """Return the caller's figure or subfigure with a title, or a :func:`new_figure` for None.
 
     An empty figure without a layout engine gets the constrained layout, in which colour bars do not
@@ -172,7 +164,7 @@ def figure_on(
     from matplotlib.figure import Figure, FigureBase
 
     if figure is None:
-        figure = new_figure(width, height, spacing, is_compressed=is_compressed)
+        figure = new_figure(width, height, **layout)
     if not isinstance(figure, FigureBase):
         raise ArgumentError(
             f"expected figure as a matplotlib Figure or SubFigure, got {type(figure).__name__}; "
