@@ -218,9 +218,7 @@ def test_the_cuts_of_a_steered_array_are_great_circles_through_its_beam(azimuth)
     pattern = pw.radiation_pattern(array, WAVELENGTH, *angles)
     for metrics, rough in ((pw.beam_metrics(exact), 1), (pw.beam_metrics(pattern), 4)):
         assert metrics.theta == pytest.approx(polar, abs=1e-5)
-        assert metrics.theta < theta - math.radians(
-            0.1
-        )  # due to the obliquity
+        assert metrics.theta < theta - math.radians(0.1)  # due to the obliquity
         assert [cut.kind for cut in metrics.beam_cuts] == ["meridian", "across"]
         for cut, tangent in zip(
             metrics.beam_cuts, (outwards, np.cross(beam, outwards)), strict=True
