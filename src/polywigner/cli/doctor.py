@@ -1,4 +1,4 @@
-"""The command ``polywigner doctor``: report working parts, and how to install missing parts."""
+"""The command ``polywigner doctor``: report which parts work, and how to install the others."""
 
 from __future__ import annotations
 
@@ -26,8 +26,6 @@ assert list(x) == [min(k - 7.5, 2.0) for k in range(16)], "its kernels return wr
 
 
 class Row(NamedTuple):
-    """Row of the report."""
-
     subject: str
     works: str
     text: str
@@ -67,7 +65,7 @@ def _transforms() -> Row:
             version = importlib.metadata.version("numpy")
             return Row("engine numpy", _GOOD, f"NumPy {version}; no other requirements")
         problem = f"a square of area 4 transforms to {area}"
-    except Exception as error:  # The report has further rows, so an error must not end it.
+    except Exception as error:  # The report must contain its other rows.
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return Row("engine numpy", _BAD, problem, f"Run {install_command()}.")
 
@@ -81,7 +79,7 @@ def _llvm(status: LLVMStatus) -> Row:
 
 
 def _gpu() -> Row:
-    """Run a kernel on the GPU in a child process, because a bad driver can end the process."""
+    """Run a kernel in a child process, because a faulty driver can crash the process."""
     child = run_in_child(_GPU_KERNEL)
     if child.returncode == 0:
         return Row("engine cuda", _GOOD, "an NVIDIA GPU")
@@ -93,9 +91,8 @@ def _gpu() -> Row:
 
 
 def _rendering(llvm: LLVMStatus, gpu: Row) -> Row:
-    """Return the variants of the installed Mitsuba that this machine can run."""
-    # The import runs in a child process, because it can crash if the versions of Mitsuba and Dr.Jit
-    # do not match.
+    """Return the Mitsuba variants that this machine can run."""
+    # Importing Mitsuba can crash the process if the version of Dr.Jit does not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
         remedy = f"Run `pip install --force-reinstall '{_requirement('mitsuba')}'`."
@@ -114,7 +111,7 @@ def _last_line(text: str) -> str:
 
 
 def _core() -> list[str]:
-    """Return the libraries that the package requires, and Dr.Jit, which Mitsuba requires."""
+    """Return the names of the required libraries, with Dr.Jit, which Mitsuba requires."""
     lines = importlib.metadata.requires("polywigner") or []
     names = [re.split(r"[^\w.-]", line)[0] for line in lines if ";" not in line]
     return sorted({*names, "drjit"})
@@ -128,7 +125,7 @@ def _library(name: str) -> Row:
 
 
 def _extras() -> list[Row]:
-    """Return a row for each extra in the metadata of the installed package."""
+    """Return a row for each extra of the installed package."""
     members: dict[str, list[str]] = {}
     for line in importlib.metadata.requires("polywigner") or []:
         match = re.fullmatch(r"([\w.-]+).*;.*extra == ['\"](\w+)['\"].*", line)
@@ -171,5 +168,5 @@ def _print(rows: list[Row]) -> None:
             text.append(f"\n{row.remedy}", style="bold")
         table.add_row(row.subject, Text(row.works, style=_COLOURS[row.works]), text)
     console = Console()
-    # Lines in a pipe or a file are long enough for paths and commands.
+    # In a pipe, rich would wrap paths and commands at 80 columns.
     Console(width=None if console.is_terminal else 160).print(table)

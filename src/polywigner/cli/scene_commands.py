@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
     from polywigner.mitsuba.receive.power_results import ReceivedPower
 
-# ---- rendering
-# -------------------------------------------------------------------------------------
-
 _Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
 _POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
 _STOKES_CHANNELS = 12
@@ -88,7 +85,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 f"--polarised requires a camera, but {settings.scene} has a wigner_receiver, "
                 "whose polarisation is a parameter of the receiver"
             )
-        # The check raises its error before the render if the paths of the scene have no lengths.
+        # Raise errors about path lengths before the render.
         if edges is not None:
             render_frames = prepared_frames(
                 scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
@@ -141,7 +138,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
 
 
 def _checked_specs(scene: Any, name: str) -> list[Any]:
-    """Check the wavelengths of the Wigner emitters, and return the parameters of the emitters."""
+    """Return the parameters of all Wigner emitters after a check of their wavelengths."""
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -154,7 +151,7 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
 
 
 def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
-    """Warn if less than half of the pixels are above the floor of the figure."""
+    """Warn if more than half of the pixels are negative or zero."""
     negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
@@ -167,7 +164,6 @@ def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
 
 
 def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
-    """Return the title of the figure: scene, frequencies, variant and samples."""
     texts = list(dict.fromkeys(frequency_text(spec.wavelength) for spec in specs))
     listed = ", ".join(texts[:3]) + (", ..." if len(texts) > 3 else "")
     return (
@@ -175,11 +171,7 @@ def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
     )
 
 
-# ---- received power
-# --------------------------------------------------------------------------------
-
-# Number of panels in a row of the figure of received power.
-_COLUMNS = 3
+_COLUMNS = 3  # largest number of panels in a row
 _MOST_FREQUENCIES = 1 << 16
 
 
@@ -285,7 +277,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
 
 
 def parse_definition(text: str) -> tuple[str, str]:
-    """Return name and value from a string NAME=VALUE; raise ArgumentError for other strings."""
+    """Parse a name and a value from "NAME=VALUE"."""
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise ArgumentError(
@@ -295,7 +287,7 @@ def parse_definition(text: str) -> tuple[str, str]:
 
 
 def parse_band(text: str | None) -> list[float]:
-    """Parse frequencies in Hz, such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
+    """Parse frequencies to Hz from "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
     if text is None:
         return []
     ends, _, number = text.partition(",")
@@ -319,7 +311,7 @@ def _figure(
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
-    """Draw the scattered power over directions, with one panel per receiver."""
+    """Draw scattered power over direction cosines, with one panel for each receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text
@@ -347,7 +339,7 @@ def _figure(
 
 
 def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
-    """Return text about the strongest bin of each receiver, and the power outside all bins."""
+    """Describe the strongest bin of each receiver and the power outside all bins."""
     from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values
@@ -365,7 +357,6 @@ def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> 
 
 
 def _draw_ranges(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
-    """Draw received power over range, with one panel per receiver."""
     from polywigner.figures import draw_range_profile
     from polywigner.figures.style import new_figure
 

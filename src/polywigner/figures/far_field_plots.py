@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -40,10 +40,8 @@ _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
-# Smallest number of meridians (angles phi) for a map over u and v.
-_LEAST_MERIDIANS = 8
-# Largest number of cuts in a figure of a tolerance analysis.
-_MOST_CUTS = 4
+_LEAST_MERIDIANS = 8  # smallest number of angles phi for a map over u and v
+_MOST_CUTS = 4  # largest number of cuts of a tolerance analysis
 
 
 @style.typeset
@@ -123,7 +121,7 @@ def draw_pattern(
 
 
 def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
-    """Return the names of the panels to draw for a pattern with ``meridians`` angles phi."""
+    """Return the names of the panels for a pattern with a number of angles phi."""
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
     if isinstance(panels, str) or not isinstance(panels, Sequence):
@@ -142,7 +140,7 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
 def _drawn_cuts(
     pattern: Any, cuts: Any, metrics: BeamMetrics | None
 ) -> tuple[list[Cut], BeamMetrics]:
-    """Return the cuts to draw, and the metrics of the beam with these cuts."""
+    """Return the cuts to draw, and the metrics of the beam in these cuts."""
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
@@ -176,7 +174,7 @@ def _drawn_cuts(
 
 
 def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """Return the metrics of a beam, with its cuts replaced by the drawn cuts."""
+    """Return the metrics with their cuts replaced by the drawn cuts."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
@@ -251,8 +249,7 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
     axes.axis("off")
-    text = str(metrics).replace("^2", "²").replace("-", "\N{MINUS SIGN}")
-    text = text.replace(f"half{chr(0x2212)}power", "half-power")
+    text = re.sub(r"-(?=\d|inf)", "\N{MINUS SIGN}", str(metrics).replace("^2", "²"))
     axes.text(
         0.0, 0.95, text, family="DejaVu Sans Mono", fontsize=7, va="top", linespacing=1.5,
         transform=axes.transAxes,
@@ -407,7 +404,7 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _clear_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, midway between angle labels, at which a cut is lowest."""
+    """Return the angle between angle labels, in degrees, at which a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
     near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
@@ -415,18 +412,18 @@ def _clear_angle(angles: Floats, levels: Floats) -> float:
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Return running medians (n,) of levels over a width in rad, at evenly spaced angles."""
+    """Return running medians of levels at evenly spaced angles over a width in radians."""
+    import xarray
+
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
-    padded = np.pad(levels, half, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    with warnings.catch_warnings():
-        # The median of a window that contains only NaN is NaN.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.asarray(np.nanmedian(windows, axis=1))
+    windows = xarray.DataArray(levels, dims="angle").rolling(
+        angle=2 * half + 1, center=True, min_periods=1
+    )
+    return np.asarray(windows.median())
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
-    """Return azimuth (n,), elevation (m,), and levels (n, m) in dBsm."""
+    """Return azimuths (n,), elevations (m,) and levels (n, m) in dBsm."""
     names = dict.fromkeys(("azimuth", "elevation", "rcs"), "")
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
@@ -441,7 +438,7 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
 def _rcs_cuts(
     pattern: tuple[Floats, Floats, Floats], cuts: Sequence[Any] | None
 ) -> list[tuple[str, Floats, Floats]]:
-    """Return title, angles and levels of the cut over azimuth, and of the cut over elevation."""
+    """Return title, angles and levels of the cuts over azimuth and over elevation."""
     if cuts is None:
         flat = upright = pattern
         nearest = int(np.abs(pattern[1]).argmin())

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from polywigner import Aperture, Array
 
 _STYLES = ("-", "-.", ":", (0, (1, 3)))
-# The curves along x and y are drawn as one line if they differ by at most this value.
-_ALIKE = 2e-3
+_ALIKE = 2e-3  # largest difference of curves that are drawn as one line
 
 
 @style.typeset
@@ -153,7 +152,7 @@ def draw_image(
     text = f"{peak:.3g}" if units == "1" else f"{peak:.3g} {units}"
     style.colour_bar(axes, shown, _scale_text(text, floor_db))
     if mask is not None:
-        axes.autoscale(False)  # The mask may be larger than the image.
+        axes.autoscale(False)  # Keep the limits of the image.
         for polygon in polygons_of(normal_form(mask).in_plane.elements):
             style.draw_polygons(axes, polygon, unit, edgecolor="white", facecolor="none", lw=0.8)
     return figure
