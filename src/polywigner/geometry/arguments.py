@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from numbers import Real
 from pathlib import Path
-from typing import Any, NoReturn, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
+from typing import Any, NoReturn, ParamSpec, Protocol, Self, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import shapely
@@ -27,6 +27,8 @@ from polywigner.errors import (
 )
 from polywigner.interruption import atomic_path
 from polywigner.quantities import SPEED_OF_LIGHT
+
+T = TypeVar("T")
 
 
 class DrJitArray(Protocol):
@@ -148,10 +150,38 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
     return real_array(values, expected, (None,) * dimension)
 
 
+def frozen(value: T) -> T:
+    """Return a value, with its arrays and the arrays in nested tuples read-only and contiguous."""
+    result: Any = value
+    if isinstance(value, tuple):
+        result = tuple(map(frozen, value))
+    elif isinstance(value, np.ndarray):
+        result = np.ascontiguousarray(value)
+        result.setflags(write=False)
+    return result
+
+
 class Immutable:
     """Base class of read-only objects; equality compares the class and ``_key``."""
 
     _key: Any
+
+    @classmethod
+    def _of(cls, **fields: Any) -> Self:
+        """Make an object from valid fields, without checks."""
+        new = object.__new__(cls)
+        new._set(**fields)
+        return new
+
+    def _set(self, **fields: Any) -> None:
+        self.__dict__.update(frozen(tuple(fields.items())))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Cached values are not pickled.
+        return {name: getattr(self, name) for name in type(self).__annotations__}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._set(**state)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Immutable) or type(other) is not type(self):
@@ -347,7 +377,6 @@ _LOWEST_FREQUENCY = 300.0
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
-T = TypeVar("T")
 
 
 class _WithFrequency(Protocol[P, R]):

@@ -74,10 +74,8 @@ class Illumination(Immutable):
     """Frequencies kappa_m in cycles per metre, shape (m, d), lexicographic order, read-only."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
-        waves = _merged(*_checked(amplitudes, frequencies))
-        for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        waves, kappa = _merged(*_checked(amplitudes, frequencies))
+        self._set(amplitudes=waves, frequencies=kappa)
 
     @property
     def dimension(self) -> int:
@@ -162,9 +160,6 @@ class Illumination(Immutable):
     def _key(self) -> tuple[int, bytes, bytes]:
         return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Illumination, (self.amplitudes, self.frequencies)
-
     def __len__(self) -> int:
         return len(self.amplitudes)
 
@@ -231,8 +226,10 @@ def _merged(
     return total[nonzero] + 0.0, distinct[nonzero]
 
 
-def checked_field(field: Any, dimension: int) -> Illumination:
-    """Return a valid field; raise ArgumentError or IlluminationError if the dimension differs."""
+def checked_field(field: Any, dimension: int) -> Illumination | None:
+    """Return a field or None; raise ArgumentError or IlluminationError if the field is invalid."""
+    if field is None:
+        return None
     if not isinstance(field, Illumination):
         advice = (
             "pass its .illumination"

@@ -203,8 +203,11 @@ class Sites(Immutable):
     weights: NDArray[np.complex128]
 
     def __init__(self, positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> None:
-        key = (positions.shape, positions.tobytes(), weights.tobytes())
-        self.__dict__.update(positions=positions, weights=weights, _key=key)
+        self._set(positions=positions, weights=weights)
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        return self.positions.shape, self.positions.tobytes(), self.weights.tobytes()
 
     @property
     def dimension(self) -> int:
