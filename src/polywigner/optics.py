@@ -361,15 +361,14 @@ class FirstOrder(Immutable):
         if not isinstance(other, FirstOrder):
             return NotImplemented
         with np.errstate(over="ignore", invalid="ignore"):
-            product = _product(self.matrix, other.matrix)
+            product = self.matrix @ other.matrix
         if not np.isfinite(product).all():
             raise ArgumentError(
                 "the matrix of the product of these two systems overflows; check the units of "
                 "the systems"
             )
         first, second = abs(self.matrix), abs(other.matrix)
-        rounding = _product(self.rounding + _ULP * first, second)
-        rounding += _product(first, other.rounding)
+        rounding = (self.rounding + _ULP * first) @ second + first @ other.rounding
         product[abs(product) <= rounding] = 0.0
         return FirstOrder._of(matrix=product, rounding=rounding)
 
@@ -380,8 +379,3 @@ class FirstOrder(Immutable):
     def __repr__(self) -> str:
         shown = self.matrix[::2, ::2] if self.is_symmetric else self.matrix
         return f"FirstOrder({(shown + 0.0).tolist()})"
-
-
-def _product(first: Matrix, second: Matrix) -> Matrix:
-    """Multiply two matrices without fused operations, which round differently on each machine."""
-    return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)

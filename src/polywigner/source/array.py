@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.illumination import Illumination
-from polywigner.geometry.parts import union_on_grid
+from polywigner.geometry.parts import shifted, union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.source.lattices import checked_sites, checked_weights, joint_bounds
 
@@ -384,10 +384,8 @@ def warn_of_overlaps(array: Array) -> None:
         outlines = np.array([_outline(element) for element in elements], object)
     else:
         element, positions = array.repeated
-        outlines = np.full(len(array), _outline(element), object)
-        points, number = shapely.get_coordinates(outlines, return_index=True)
-        points[:, : positions.shape[1]] += positions[number]
-        shapely.set_coordinates(outlines, points)
+        shifts = np.pad(positions, ((0, 0), (0, 2 - array.dimension)))
+        outlines = shifted(np.full(len(array), _outline(element), object), shifts)
     bounds = shapely.bounds(outlines)
     margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
     boxes = shapely.box(*(bounds + margins).T)
