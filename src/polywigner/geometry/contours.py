@@ -298,24 +298,23 @@ def _part_boundaries(
     return _Segments(begin, end, triangle, side, edge)
 
 
+@dataclass
 class _Pairing:
     """Segments of a projection, and the intervals that two of them have in common."""
 
-    def __init__(
-        self,
-        figure: Projected,
-        surface: Surface,
-        segments: _Segments,
-        within: float,
-        beside: float,
-        touching: float,
-    ) -> None:
-        self.figure, self.surface, self.segments = figure, surface, segments
-        # Largest distances of coincident points, of parallel segments, and of touching surfaces
-        # along the line of sight.
-        self.within, self.beside, self.touching = within, beside, touching
+    figure: Projected
+    surface: Surface
+    segments: _Segments
+    within: float
+    """Largest distance of coincident points."""
+    beside: float
+    """Largest distance of segments that run along each other."""
+    touching: float
+    """Largest gap between touching surfaces along the line of sight."""
+
+    def __post_init__(self) -> None:
         # Intervals of each segment that no other segment shares.
-        self.free = [[(0.0, float(length))] for length in segments.length]
+        self.free = [[(0.0, float(length))] for length in self.segments.length]
 
     def resolved(self) -> Silhouette:
         s, bodies = self.segments, self.surface.bodies

@@ -275,10 +275,6 @@ class Source:
     def with_weights(self, weights: ArrayLike) -> Source:
         """Return the source with other weights (n,) of its elements."""
         factors = np.asarray(weights, np.complex128)
-        if factors.shape != (len(self),):
-            raise ArgumentError(
-                f"expected {len(self)} weights, got an array of shape {factors.shape}"
-            )
         if self.repeated is not None:
             return replace(self, content=replace(self.repeated, weights=factors))
         pairs = zip(self.elements, factors.tolist(), strict=True)
