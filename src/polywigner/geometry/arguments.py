@@ -132,6 +132,26 @@ def finite_array(
     return array
 
 
+def complex_array(
+    values: Any,
+    expected: str,
+    *shapes: tuple[Any, ...],
+    error: type[PolywignerError] = ArgumentError,
+) -> NDArray[np.complex128]:
+    """Return finite complex numbers as a copy; shapes and errors as in :func:`real_array`."""
+    try:
+        if np.ma.is_masked(values) or np.asarray(values).dtype.kind in "US":
+            raise TypeError
+        array = np.array(values, dtype=np.complex128)
+    except (TypeError, ValueError, OverflowError):
+        raise error(f"{expected}, got {value_text(values)}") from None
+    if not any(_fits(array.shape, shape) for shape in shapes):
+        raise error(f"{expected}, got an array of shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise error(f"{expected}, got {value_text(values)}; numbers must be finite")
+    return array
+
+
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
     """Return one or more real numbers, shape (k,)."""
     return np.atleast_1d(real_array(values, expected, (), (None,)))

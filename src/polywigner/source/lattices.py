@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError, value_text
-from polywigner.geometry.arguments import Immutable, finite_array
+from polywigner.geometry.arguments import Immutable, complex_array, finite_array
 
 # Largest distance of positions from lattice sites, as a fraction of the extent of the array.
 _ROUNDING = 4e-15
@@ -249,26 +249,11 @@ def checked_sites(
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
     """Return read-only complex weights (n,); None: all 1."""
-    if weights is None:
-        array = np.ones(count, np.complex128)
-    else:
-        try:
-            if np.ma.is_masked(weights) or np.asarray(weights).dtype.kind in "US":
-                raise TypeError
-            array = np.array(weights, dtype=np.complex128)
-        except (TypeError, ValueError, OverflowError):
-            raise IlluminationError(
-                f"expected {count} complex weights, none of them masked, got {value_text(weights)}"
-            ) from None
-    if array.shape != (count,):
-        raise IlluminationError(
-            f"expected one weight for each of the {count} elements, got an array of shape "
-            f"{array.shape}"
-        )
-    if not (np.isfinite(array).all() and array.any()):
-        raise IlluminationError(
-            f"expected finite weights, not all zero, got {value_text(array.tolist())}"
-        )
+    expected = f"expected complex weights, one for each of the {count} elements"
+    values = np.ones(count) if weights is None else weights
+    array = complex_array(values, expected, (count,), error=IlluminationError)
+    if not array.any():
+        raise IlluminationError(f"{expected}, not all zero, got {value_text(weights)}")
     # Adding 0.0 turns -0.0 into 0.0, which has another hash.
     array += 0.0
     array.setflags(write=False)
