@@ -379,19 +379,9 @@ class Aperture(TakesWaves):
 
 
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
-    """Split an aperture into constrained Delaunay triangles, for meshes.
+    """Return constrained Delaunay triangles of an aperture: vertices (n, 2) and indices (m, 3).
 
-    Parameters
-    ----------
-    aperture : Aperture
-        The aperture.
-
-    Returns
-    -------
-    vertices : ndarray, shape (n, 2)
-        Vertices of the aperture.
-    triangles : ndarray of int, shape (m, 3)
-        Vertex numbers of each triangle, counter-clockwise. Triangles without area are left out.
+    The triangles are counter-clockwise. Triangles without area are left out.
     """
     vertices: list[Ring] = []
     triangles: list[NDArray[np.intp]] = []

@@ -460,7 +460,6 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Convert a source, or all sources in a container, to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}
@@ -487,23 +486,10 @@ RIGID_TOLERANCE = 1e-4
 
 
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
-    """Return the rigid pose nearest to a matrix: a rotation and a translation.
+    """Return the rigid pose (4, 4) nearest to a matrix: a rotation and a translation.
 
-    Parameters
-    ----------
-    to_world : array_like, shape (4, 4)
-        Transformation to the world. Deviations from a rotation up to 1e-4, such as the rounding of
-        single precision, are removed.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        The pose, read-only.
-
-    Raises
-    ------
-    GeometryError
-        If the matrix scales, shears or mirrors.
+    Deviations from a rotation up to 1e-4 are removed. Raises GeometryError if the matrix scales,
+    shears or mirrors.
     """
     expected = "expected to_world as a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")

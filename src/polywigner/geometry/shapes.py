@@ -377,7 +377,6 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
 
 
 def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
-    """Return centre and width of each slit; one number means two equal widths."""
     single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
     pair = _pair((widths, widths) if single else widths, "widths")
     centres = _pair(offsets, "offsets")

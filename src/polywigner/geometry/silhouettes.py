@@ -491,7 +491,6 @@ def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices,
 
 
 def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, Floats]]:
-    """Yield pairs of triangles (n, 3, 3) whose boxes are near, in blocks."""
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []
     for mine, theirs in (boxes, boxes[::-1]):
@@ -506,7 +505,6 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether any pair of triangles crosses, or has a corner near the other triangle."""
     is_near = any(
         (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
         for corners, triangles in ((one, other), (other, one))

@@ -407,7 +407,6 @@ def warn_of_overlaps(array: Array) -> None:
 
 
 def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
-    """Return the outline of an aperture, or rectangles of height 1 for slits."""
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T

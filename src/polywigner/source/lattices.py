@@ -77,7 +77,6 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    """Return the two shortest differences of positions that are not parallel."""
     first = _shortest(positions, extent, None)
     if first is None:
         return None
@@ -166,7 +165,6 @@ def column_and_row(
 
 
 def _profile(values: NDArray[np.complex128]) -> Profile:
-    """Split values into a linear phase, a constant, and real amplitudes."""
     size = np.abs(values)
     active = np.flatnonzero(size > _EQUAL * size.max())
     cycles = _linear_phase(values, active)

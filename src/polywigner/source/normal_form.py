@@ -382,7 +382,6 @@ def _element(public: Any, weight: complex) -> SourceElement:
 
 
 def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
-    """Return elements as shifted copies of the first element, or None."""
     first = elements[0]
     if not isinstance(first.outline, Aperture):
         return None

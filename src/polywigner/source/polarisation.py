@@ -52,24 +52,9 @@ _EXPECTED = (
 def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
     """Return the unit Jones vector (2,) along x and y, or one per element of an array, (n, 2).
 
-    Parameters
-    ----------
-    polarisation : str or array_like
-        "x", "y", "right", "left", a slant from x towards y such as "45 deg"; or a complex Jones
-        vector (2,) of any length; for an `Array` of n elements also vectors (n, 2), or a list of n
-        names.
-    source : object, optional
-        The polarised source; None allows a single vector only.
-
-    Returns
-    -------
-    ndarray of complex, shape (2,) or (n, 2)
-        Jones vectors of length 1.
-
-    Raises
-    ------
-    ArgumentError
-        For other values.
+    Accepts "x", "y", "right", "left", a slant from x towards y such as "45 deg", a complex Jones
+    vector of any length, and for an `Array` of n elements a list with one of these for each
+    element. Raises ArgumentError for other values.
 
     Examples
     --------

@@ -92,7 +92,6 @@ def _array(points: Iterable[Any]) -> Points:
 
 
 def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
-    """Return the arc between two angles in radians; equal angles make a full ellipse."""
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
@@ -207,8 +206,6 @@ def _layer_of(entity: Any) -> str:
 
 
 class _Space:
-    """The visible entities of a drawing, or the entities on the requested layers."""
-
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
         self.requested = {name.lower() for name in layers}
         table = {layer.dxf.name.lower(): layer for layer in document.layers}

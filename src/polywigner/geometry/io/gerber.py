@@ -129,7 +129,6 @@ def _checked(text: str) -> tuple[str, str]:
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Return gerbonara's objects in the order of the file; warnings become errors."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -204,7 +203,6 @@ class _Shapes:
         return shapely.MultiPolygon([(outer, holes) for outer, *holes in filled(rings, "nonzero")])
 
     def _capsule(self, start: Any, end: Any, width: float) -> BaseGeometry:
-        """Return the area that a round aperture sweeps along a line."""
         ends = np.array([start, end], dtype=float)
         along = ends[1] - ends[0]
         if not along.any():
