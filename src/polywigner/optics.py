@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import checked_number, checked_vectors, finite_array
+from polywigner.geometry.arguments import Immutable, checked_number, checked_vectors, finite_array
 from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
@@ -53,8 +52,7 @@ def checked_pair(value: Any, expected: str) -> Matrix:
 
 
 @final
-@dataclass(frozen=True, init=False, eq=False, repr=False)
-class FirstOrder:
+class FirstOrder(Immutable):
     """A first-order optical system, described by its symplectic ray matrix [[A, B], [C, D]].
 
     A ray that enters the system at x (m) with the direction cosines s = lambda nu leaves it at A x
@@ -91,7 +89,7 @@ class FirstOrder:
         given = finite_array(matrix, expected, (2, 2), (4, 4))
         check_symplectic(given)
         full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
-        _set(self, full, _ULP * abs(full))
+        self._set(matrix=full, rounding=_ULP * abs(full))
 
     @classmethod
     def free_space(cls, z: float) -> FirstOrder:
@@ -309,7 +307,7 @@ class FirstOrder:
         swap = np.array([2, 3, 0, 1])
         signs = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((2, 2)))
         matrix, rounding = (m.T[swap][:, swap] for m in (self.matrix, self.rounding))
-        return restored(signs * matrix + 0.0, rounding)
+        return FirstOrder._of(matrix=signs * matrix + 0.0, rounding=rounding)
 
     @property
     def is_symmetric(self) -> bool:
@@ -363,46 +361,21 @@ class FirstOrder:
         if not isinstance(other, FirstOrder):
             return NotImplemented
         with np.errstate(over="ignore", invalid="ignore"):
-            product = _product(self.matrix, other.matrix)
+            product = self.matrix @ other.matrix
         if not np.isfinite(product).all():
             raise ArgumentError(
                 "the matrix of the product of these two systems overflows; check the units of "
                 "the systems"
             )
         first, second = abs(self.matrix), abs(other.matrix)
-        rounding = _product(self.rounding + _ULP * first, second)
-        rounding += _product(first, other.rounding)
-        return restored(np.where(abs(product) <= rounding, 0.0, product), rounding)
+        rounding = (self.rounding + _ULP * first) @ second + first @ other.rounding
+        product[abs(product) <= rounding] = 0.0
+        return FirstOrder._of(matrix=product, rounding=rounding)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, FirstOrder):
-            return NotImplemented
-        return np.array_equal(self.matrix, other.matrix)
-
-    def __hash__(self) -> int:
-        return hash((self.matrix + 0.0).tobytes())
+    @property
+    def _key(self) -> bytes:
+        return (self.matrix + 0.0).tobytes()
 
     def __repr__(self) -> str:
         shown = self.matrix[::2, ::2] if self.is_symmetric else self.matrix
         return f"FirstOrder({(shown + 0.0).tolist()})"
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return restored, (np.array(self.matrix), np.array(self.rounding))
-
-
-def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:
-    """Return a system from a matrix (4, 4) that is symplectic up to rounding errors."""
-    system = FirstOrder.__new__(FirstOrder)
-    _set(system, matrix, rounding)
-    return system
-
-
-def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
-    for name, value in (("matrix", matrix), ("rounding", rounding)):
-        value.setflags(write=False)
-        object.__setattr__(system, name, value)
-
-
-def _product(first: Matrix, second: Matrix) -> Matrix:
-    """Multiply two matrices without fused operations, which round differently on each machine."""
-    return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from numbers import Real
 from pathlib import Path
-from typing import Any, NoReturn, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
+from typing import Any, NoReturn, ParamSpec, Protocol, Self, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import shapely
@@ -27,6 +27,8 @@ from polywigner.errors import (
 )
 from polywigner.interruption import atomic_path
 from polywigner.quantities import SPEED_OF_LIGHT
+
+T = TypeVar("T")
 
 
 class DrJitArray(Protocol):
@@ -130,6 +132,26 @@ def finite_array(
     return array
 
 
+def complex_array(
+    values: Any,
+    expected: str,
+    *shapes: tuple[Any, ...],
+    error: type[PolywignerError] = ArgumentError,
+) -> NDArray[np.complex128]:
+    """Return finite complex numbers as a copy; shapes and errors as in :func:`real_array`."""
+    try:
+        if np.ma.is_masked(values) or np.asarray(values).dtype.kind in "US":
+            raise TypeError
+        array = np.array(values, dtype=np.complex128)
+    except (TypeError, ValueError, OverflowError):
+        raise error(f"{expected}, got {value_text(values)}") from None
+    if not any(_fits(array.shape, shape) for shape in shapes):
+        raise error(f"{expected}, got an array of shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise error(f"{expected}, got {value_text(values)}; numbers must be finite")
+    return array
+
+
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
     """Return one or more real numbers, shape (k,)."""
     return np.atleast_1d(real_array(values, expected, (), (None,)))
@@ -148,10 +170,38 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
     return real_array(values, expected, (None,) * dimension)
 
 
+def frozen(value: T) -> T:
+    """Return a value, with its arrays and the arrays in nested tuples read-only and contiguous."""
+    result: Any = value
+    if isinstance(value, tuple):
+        result = tuple(map(frozen, value))
+    elif isinstance(value, np.ndarray):
+        result = np.ascontiguousarray(value)
+        result.setflags(write=False)
+    return result
+
+
 class Immutable:
     """Base class of read-only objects; equality compares the class and ``_key``."""
 
     _key: Any
+
+    @classmethod
+    def _of(cls, **fields: Any) -> Self:
+        """Make an object from valid fields, without checks."""
+        new = object.__new__(cls)
+        new._set(**fields)
+        return new
+
+    def _set(self, **fields: Any) -> None:
+        self.__dict__.update(frozen(tuple(fields.items())))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Cached values are not pickled.
+        return {name: getattr(self, name) for name in type(self).__annotations__}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._set(**state)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Immutable) or type(other) is not type(self):
@@ -347,7 +397,6 @@ _LOWEST_FREQUENCY = 300.0
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
-T = TypeVar("T")
 
 
 class _WithFrequency(Protocol[P, R]):
@@ -411,7 +460,6 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Convert a source, or all sources in a container, to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}
@@ -438,23 +486,10 @@ RIGID_TOLERANCE = 1e-4
 
 
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
-    """Return the rigid pose nearest to a matrix: a rotation and a translation.
+    """Return the rigid pose (4, 4) nearest to a matrix: a rotation and a translation.
 
-    Parameters
-    ----------
-    to_world : array_like, shape (4, 4)
-        Transformation to the world. Deviations from a rotation up to 1e-4, such as the rounding of
-        single precision, are removed.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        The pose, read-only.
-
-    Raises
-    ------
-    GeometryError
-        If the matrix scales, shears or mirrors.
+    Deviations from a rotation up to 1e-4 are removed. Raises GeometryError if the matrix scales,
+    shears or mirrors.
     """
     expected = "expected to_world as a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import shapely
@@ -97,11 +97,10 @@ class Silhouette:
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
         """Concatenate silhouettes, without their planes."""
         names = ("edges", "numbers", "bodies", "behind")
-        edges, numbers, bodies, behind = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in names
-        )
-        touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
-        return cls(edges, numbers, bodies, behind, touching)
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        }
+        return cls(**columns, touching=frozenset().union(*(part.touching for part in parts)))
 
     def is_like(self, other: Silhouette) -> bool:
         """Return whether the edges are equal, apart from their division into pieces."""
@@ -124,15 +123,10 @@ class Silhouette:
 
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
         """Return the edges of a mask, shortened to ``edges`` (m, 2, 3)."""
-        return replace(
-            self,
-            edges=edges[rows],
-            planes=self.planes[rows],
-            numbers=self.numbers[rows],
-            bodies=self.bodies[rows],
-            behind=self.behind[rows],
-            is_closed=self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all()),
-        )
+        is_closed = self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all())
+        names = ("numbers", "bodies", "behind", "planes")
+        columns = {name: getattr(self, name)[rows] for name in names}
+        return replace(self, edges=edges[rows], is_closed=is_closed, **columns)
 
 
 _NONE = np.empty(0, np.intp)
@@ -204,23 +198,15 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
     reaches = np.any(heights > 0.0, axis=1)
     crossing = ~inside & np.all(reaches, axis=1)
     corners, sides, owner = [], [], []
-    following = int(surface.sides.max(initial=0)) + 1
     for t in np.flatnonzero(crossing):
         ring = [*zip(surface.corners[t], surface.sides[t], strict=True)]
         for plane in planes:
             ring = _cut_ring(ring, plane, observer)
-        # Diagonals of a clipped polygon are not edges of the mesh and get new numbers.
-        for k in range(1, len(ring) - 1):
-            three = ring[0], ring[k], ring[k + 1]
-            diagonals = following + t * 16 + k
-            corners.append([corner for corner, _ in three])
-            sides.append(
-                [
-                    ring[0][1] if k == 1 else diagonals - 1,
-                    ring[k][1],
-                    ring[k + 1][1] if k == len(ring) - 2 else diagonals,
-                ]
-            )
+        last = len(ring) - 2
+        for k in range(1, last + 1):
+            first = ring[0][1] if k == 1 else -1
+            sides.append([first, ring[k][1], ring[k + 1][1] if k == last else -1])
+            corners.append([ring[0][0], ring[k][0], ring[k + 1][0]])
             owner.append(t)
     complete = surface.subset(inside)
     if not owner:
@@ -312,24 +298,23 @@ def _part_boundaries(
     return _Segments(begin, end, triangle, side, edge)
 
 
+@dataclass
 class _Pairing:
     """Segments of a projection, and the intervals that two of them have in common."""
 
-    def __init__(
-        self,
-        figure: Projected,
-        surface: Surface,
-        segments: _Segments,
-        within: float,
-        beside: float,
-        touching: float,
-    ) -> None:
-        self.figure, self.surface, self.segments = figure, surface, segments
-        # Largest distances of coincident points, of parallel segments, and of touching surfaces
-        # along the line of sight.
-        self.within, self.beside, self.touching = within, beside, touching
+    figure: Projected
+    surface: Surface
+    segments: _Segments
+    within: float
+    """Largest distance of coincident points."""
+    beside: float
+    """Largest distance of segments that run along each other."""
+    touching: float
+    """Largest gap between touching surfaces along the line of sight."""
+
+    def __post_init__(self) -> None:
         # Intervals of each segment that no other segment shares.
-        self.free = [[(0.0, float(length))] for length in segments.length]
+        self.free = [[(0.0, float(length))] for length in self.segments.length]
 
     def resolved(self) -> Silhouette:
         s, bodies = self.segments, self.surface.bodies

@@ -106,7 +106,6 @@ def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indic
 
 
 def _apart(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
-    """Return a mask of the pairs that an edge of the first triangle separates."""
     apart = np.zeros(len(one), np.bool_)
     points, least = projected.points, NOTHING * projected.size
     for k in range(3):
@@ -160,32 +159,15 @@ def less_shadows(
     boxes: Shapes | None = None,
     grid: float | None = None,
 ) -> tuple[Indices, Shapes]:
-    """Subtract from each triangle the parts that other triangles hide.
+    """Subtract from each illuminated part of a triangle the parts that other triangles hide.
 
-    Parameters
-    ----------
-    projected : Projected
-        The n triangles; of two triangles that coincide, the first one hides the second one.
-    polygons : ndarray of shapely.Polygon, shape (n,)
-        The same triangles as polygons in the projection plane.
-    lit : ndarray of shapely geometries, shape (n,)
-        Illuminated part of each triangle, from which the hidden parts are subtracted.
-    boxes : ndarray of shapely.Polygon, shape (n,), optional
-        Only triangles with overlapping boxes hide each other; by default the triangles.
-    grid : float, optional
-        Grid spacing, needed if edges of ``lit`` coincide with shadow edges up to rounding.
+    ``polygons`` (n,): the triangles in the projection plane. ``lit`` (n,): illuminated part of each
+    triangle. ``boxes`` (n,): only triangles with overlapping boxes hide each other. ``grid``: grid
+    spacing, needed if edges of ``lit`` coincide with shadow edges up to rounding.
 
-    Returns
-    -------
-    touched : ndarray of int, shape (m,)
-        Numbers of the partly hidden triangles.
-    visible : ndarray of shapely geometries, shape (m,)
-        Visible parts of these triangles.
-
-    Raises
-    ------
-    ArgumentError
-        If too many pairs of triangles overlap in projection.
+    Returns the numbers (m,) of the partly hidden triangles and their visible parts (m,). Of two
+    triangles that coincide, the first one hides the second one. Raises ArgumentError if too many
+    pairs of triangles overlap in projection.
     """
     one, other = _overlapping(projected, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])

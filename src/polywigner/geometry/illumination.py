@@ -17,8 +17,8 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_vectors,
+    complex_array,
     finite_array,
-    real_numbers,
 )
 
 
@@ -74,10 +74,8 @@ class Illumination(Immutable):
     """Frequencies kappa_m in cycles per metre, shape (m, d), lexicographic order, read-only."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
-        waves = _merged(*_checked(amplitudes, frequencies))
-        for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        waves, kappa = _merged(*_checked(amplitudes, frequencies))
+        self._set(amplitudes=waves, frequencies=kappa)
 
     @property
     def dimension(self) -> int:
@@ -162,9 +160,6 @@ class Illumination(Immutable):
     def _key(self) -> tuple[int, bytes, bytes]:
         return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Illumination, (self.amplitudes, self.frequencies)
-
     def __len__(self) -> int:
         return len(self.amplitudes)
 
@@ -191,30 +186,20 @@ def shift_phases(
 def _checked(
     amplitudes: Any, frequencies: Any
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    try:
-        if np.ma.is_masked(amplitudes):
-            raise ValueError
-        waves = np.atleast_1d(np.array(amplitudes, dtype=np.complex128))
-        kappa = real_numbers(frequencies)
-    except (TypeError, ValueError, OverflowError):
-        raise IlluminationError(
-            "expected complex amplitudes of shape (m,) and real frequencies of shape (m, d), "
-            f"got {type(amplitudes).__name__} and {type(frequencies).__name__}"
-        ) from None
+    expected = (
+        "expected complex amplitudes of shape (m,), and one real frequency of shape (d,) for "
+        "each amplitude, d = 1 or 2"
+    )
+    waves = complex_array(amplitudes, expected, (), (None,), error=IlluminationError)
+    shapes = (None,), (None, 1), (None, 2)
+    kappa = finite_array(frequencies, expected, *shapes, error=IlluminationError)
     if kappa.ndim == 1:
         kappa = kappa[None, :] if waves.size == 1 and kappa.size == 2 else kappa[:, None]
-    if waves.ndim != 1 or kappa.ndim != 2 or len(waves) != len(kappa) or not waves.size:
+    if waves.size != len(kappa):
         raise IlluminationError(
-            "expected one frequency for each amplitude, got amplitudes of shape "
-            f"{waves.shape} and frequencies of shape {kappa.shape}"
+            f"{expected}, got {waves.size} amplitudes and {len(kappa)} frequencies"
         )
-    if kappa.shape[1] not in (1, 2):
-        raise IlluminationError(
-            f"expected frequencies with one or two components, got {kappa.shape[1]} components"
-        )
-    if not (np.isfinite(waves).all() and np.isfinite(kappa).all()):
-        raise IlluminationError("expected finite amplitudes and frequencies, got inf or nan")
-    return waves, kappa
+    return np.atleast_1d(waves), kappa
 
 
 def _merged(
@@ -231,8 +216,10 @@ def _merged(
     return total[nonzero] + 0.0, distinct[nonzero]
 
 
-def checked_field(field: Any, dimension: int) -> Illumination:
-    """Return a valid field; raise ArgumentError or IlluminationError if the dimension differs."""
+def checked_field(field: Any, dimension: int) -> Illumination | None:
+    """Return a field or None; raise ArgumentError or IlluminationError if the field is invalid."""
+    if field is None:
+        return None
     if not isinstance(field, Illumination):
         advice = (
             "pass its .illumination"

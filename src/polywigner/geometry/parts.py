@@ -137,7 +137,6 @@ def combined_on_grid(
 
 
 def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
-    """Remove gaps and slivers narrower than ``grid``, and restore the positions of ``points``."""
     polygons = []
     for polygon in polygons_in(region):
         holes = [h for h in polygon.interiors if not _is_hairline(shapely.Polygon(h), grid)]
@@ -226,7 +225,6 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
-    """Drop collinear vertices until none is left."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))

@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import Immutable, finite_array, warn_caller
+from polywigner.geometry.arguments import Immutable, finite_array, frozen, warn_caller
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
@@ -93,8 +93,7 @@ class Polyhedron(Immutable):
         numbers, volume = _oriented(points, numbers)
         if volume <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
             raise GeometryError("expected faces that enclose a volume, got a volume of zero")
-        points.setflags(write=False)
-        self.__dict__.update(vertices=points, faces=numbers)
+        self._set(vertices=points, faces=numbers)
 
     @cached_property
     def volume(self) -> float:
@@ -114,29 +113,17 @@ class Polyhedron(Immutable):
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
         """Vertex indices (m, 3) of triangles that cover the faces, with the same orientation."""
-        result = triangulate_faces(self.vertices, self.faces)
-        result.setflags(write=False)
-        return result
+        return frozen(triangulate_faces(self.vertices, self.faces))
 
     @property
     def _key(self) -> tuple[bytes, tuple[tuple[int, ...], ...]]:
         return self.vertices.tobytes(), self.faces
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.vertices, self.faces)
 
     def __repr__(self) -> str:
         return (
             f"Polyhedron({len(self.vertices)} vertices, {len(self.faces)} faces, "
             f"volume {self.volume:.6g})"
         )
-
-
-def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhedron:
-    body = object.__new__(Polyhedron)
-    vertices.setflags(write=False)
-    body.__dict__.update(vertices=vertices, faces=faces)
-    return body
 
 
 def _largest_distance(points: Vertices) -> float:

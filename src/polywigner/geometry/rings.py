@@ -103,10 +103,9 @@ def rounding_tolerance(coordinates: Ring) -> float:
     return float(2.0**-46 * np.abs(coordinates).max())
 
 
-def extent(points: Ring) -> float:
+def extent(points: NDArray[np.floating[Any]]) -> float:
     """Return the diagonal of the bounding box, an upper bound on the diameter."""
-    size = points.max(axis=0) - points.min(axis=0)
-    return float(np.hypot(size[0], size[1]))
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def sides_of(bounds: Sequence[float]) -> NDArray[np.float64]:
@@ -122,11 +121,6 @@ def without_straight_vertices(ring: Ring) -> Ring:
     return corners if len(corners) >= 3 else ring
 
 
-def different_vertices(ring: Ring) -> int:
-    """Return the number of different vertices of a ring."""
-    return len(np.unique(ring, axis=0))
-
-
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     """Return a ring as float64, without repeated and collinear vertices.
 
@@ -135,7 +129,7 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     expected = f"expected {name} as real numbers of shape (n, 2), without z"
     # Adding 0.0 turns -0.0 into 0.0, so that equal rings have equal bytes.
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError) + 0.0
-    count = different_vertices(ring)
+    count = len(np.unique(ring, axis=0))
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
     return without_straight_vertices(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])
@@ -149,7 +143,7 @@ def spans_area(ring: Ring) -> bool:
 
 def hull_spans_area(ring: Ring) -> bool:
     """Return whether the convex hull of a ring has an area."""
-    return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring))))
+    return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.linestrings(ring))))
 
 
 def oriented(ring: Ring, counter_clockwise: bool) -> Ring:

@@ -377,7 +377,6 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
 
 
 def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
-    """Return centre and width of each slit; one number means two equal widths."""
     single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
     pair = _pair((widths, widths) if single else widths, "widths")
     centres = _pair(offsets, "offsets")
@@ -453,12 +452,9 @@ def grating(count: int, width: float, pitch: float) -> Slits:
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
     """Return the centres of honeycomb cells in units of 3/2 side and half the height."""
-    cells = []
-    for q in range(-rings, rings + 1):
-        for r in range(max(-rings, -rings - q), min(rings, rings - q) + 1):
-            if centre or (q, r) != (0, 0):
-                cells.append((q, 2 * r + q))
-    return cells
+    columns = range(-rings, rings + 1)
+    cells = [(q, 2 * r + q) for q in columns for r in columns if abs(q + r) <= rings]
+    return [cell for cell in cells if centre or cell != (0, 0)]
 
 
 def hexagonal_segments(

@@ -241,25 +241,10 @@ class Obstacles:
 
         For large meshes, all source points share the silhouette of their mean.
         """
-        if self._is_large(len(sources)):
+        faces = sum(len(body.triangles) for body in self.bodies)
+        if faces * len(sources) > _MOST_FACES:
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
         return [self.silhouette(point) for point in sources]
-
-    def shared_silhouette(self, sources: Floats) -> Silhouette | None:
-        """Return the silhouette that all points (k, 3) in one plane share, or None.
-
-        For large meshes, all points share the silhouette of their mean.
-        """
-        low, high = sources.min(axis=0), sources.max(axis=0)
-        shared = self.silhouette(0.5 * (low + high))
-        if self._is_large(len(sources)):
-            return shared
-        corners = [np.where(k, high, low) for k in ([0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0])]
-        is_like = all(shared.is_like(self.silhouette(corner)) for corner in corners)
-        return shared if is_like else None
-
-    def _is_large(self, count: int) -> bool:
-        return count * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES
 
     def silhouette(self, source: Floats) -> Silhouette:
         """Return the edges of the shadows of all bodies for a point source at a position (3,)."""
@@ -506,7 +491,6 @@ def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices,
 
 
 def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, Floats]]:
-    """Yield pairs of triangles (n, 3, 3) whose boxes are near, in blocks."""
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []
     for mine, theirs in (boxes, boxes[::-1]):
@@ -521,7 +505,6 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether any pair of triangles crosses, or has a corner near the other triangle."""
     is_near = any(
         (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
         for corners, triangles in ((one, other), (other, one))

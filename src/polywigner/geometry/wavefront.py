@@ -152,9 +152,6 @@ class TakesWaves(Immutable):
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
-_PROPERTIES = ("source", "curvature", "centre", "coherence_width", "wavelength")
-
-
 @final
 class Wavefront(TakesWaves):
     """A source with a curved or partially coherent wave.
@@ -228,11 +225,7 @@ class Wavefront(TakesWaves):
         c = c.copy() if q.any() else np.zeros(d)
         width = _checked_width(coherence_width, "coherence_width")
         length = None if wavelength is None else checked_wavelength(wavelength)
-        for array in (q, c):
-            array.setflags(write=False)
-        self.__dict__.update(
-            source=source, curvature=q, centre=c, coherence_width=width, wavelength=length
-        )
+        self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
         length = checked_wavelength(wavelength)
@@ -243,7 +236,7 @@ class Wavefront(TakesWaves):
         return self._with(source=source, curvature=q, wavelength=length)
 
     def _with(self, **changes: Any) -> Wavefront:
-        return Wavefront(*(changes.get(name, getattr(self, name)) for name in _PROPERTIES))
+        return Wavefront(**{**self.__getstate__(), **changes})
 
     @property
     def dimension(self) -> int:
@@ -334,9 +327,6 @@ class Wavefront(TakesWaves):
         q, c = self.curvature + 0.0, self.centre + 0.0
         design = None if self.is_flat else self.wavelength
         return self.source, q.tobytes(), c.tobytes(), self.coherence_width, design
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Wavefront, tuple(getattr(self, name) for name in _PROPERTIES)
 
     def __repr__(self) -> str:
         properties = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]

@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.illumination import Illumination
-from polywigner.geometry.parts import union_on_grid
+from polywigner.geometry.parts import shifted, union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.source.lattices import checked_sites, checked_weights, joint_bounds
 
@@ -189,7 +189,7 @@ class Array(TakesWaves):
     def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
         items = _checked_elements(elements)
         factors = checked_weights(weights, len(items))
-        self.__dict__.update(elements=items, weights=factors, repeated=None, paths=None)
+        self._set(elements=items, weights=factors, repeated=None, paths=None)
 
     def with_paths(self, paths: PathLengths | None) -> Array:
         """Return this array with its path lengths recorded, for conversion to other wavelengths.
@@ -204,9 +204,7 @@ class Array(TakesWaves):
             raise ArgumentError(
                 f"expected one path length for each of the {size} elements, got {paths!r:.80}"
             )
-        array = Array(self.elements, self.weights)
-        array.__dict__["paths"] = paths
-        return array
+        return Array._of(elements=self.elements, weights=self.weights, repeated=None, paths=paths)
 
     def at_wavelength(self, wavelength: float) -> Array:
         length = checked_wavelength(wavelength)
@@ -291,10 +289,9 @@ class Array(TakesWaves):
         element, positions = self.repeated
         return element, positions.tobytes(), self.weights.tobytes()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        if self.repeated is not None:
-            return repeated_element, (*self.repeated, self.weights)
-        return _restored, (self.elements, self.weights, self.paths)
+    def __getstate__(self) -> dict[str, Any]:
+        elements = {"elements": self.elements} if self.repeated is None else {}
+        return super().__getstate__() | elements
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -305,10 +302,6 @@ class Array(TakesWaves):
         counts = [f"{copies * kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds)]
         uniform = "weights all 1" if (self.weights == 1).all() else "weighted"
         return f"Array({', '.join(counts)}, {uniform})"
-
-
-def _restored(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
-    return Array(elements, weights).with_paths(paths)
 
 
 @overload
@@ -391,10 +384,8 @@ def warn_of_overlaps(array: Array) -> None:
         outlines = np.array([_outline(element) for element in elements], object)
     else:
         element, positions = array.repeated
-        outlines = np.full(len(array), _outline(element), object)
-        points, number = shapely.get_coordinates(outlines, return_index=True)
-        points[:, : positions.shape[1]] += positions[number]
-        shapely.set_coordinates(outlines, points)
+        shifts = np.pad(positions, ((0, 0), (0, 2 - array.dimension)))
+        outlines = shifted(np.full(len(array), _outline(element), object), shifts)
     bounds = shapely.bounds(outlines)
     margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
     boxes = shapely.box(*(bounds + margins).T)
@@ -416,7 +407,6 @@ def warn_of_overlaps(array: Array) -> None:
 
 
 def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
-    """Return the outline of an aperture, or rectangles of height 1 for slits."""
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T
@@ -434,9 +424,7 @@ def repeated_element(
         )
     dimension = 1 if isinstance(element, Slits) else 2
     positions, amplitudes = checked_sites(positions, weights, dimension)
-    array: Array = object.__new__(Array)
-    array.__dict__.update(repeated=(element, positions), weights=amplitudes, paths=None)
-    return array
+    return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)
 
 
 # Largest number of pairs of convex pieces; the automean takes 0.7 s for 500 pairs.

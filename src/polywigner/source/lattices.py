@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError, value_text
-from polywigner.geometry.arguments import Immutable, finite_array
+from polywigner.geometry.arguments import Immutable, complex_array, finite_array
 
 # Largest distance of positions from lattice sites, as a fraction of the extent of the array.
 _ROUNDING = 4e-15
@@ -77,7 +77,6 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    """Return the two shortest differences of positions that are not parallel."""
     first = _shortest(positions, extent, None)
     if first is None:
         return None
@@ -166,7 +165,6 @@ def column_and_row(
 
 
 def _profile(values: NDArray[np.complex128]) -> Profile:
-    """Split values into a linear phase, a constant, and real amplitudes."""
     size = np.abs(values)
     active = np.flatnonzero(size > _EQUAL * size.max())
     cycles = _linear_phase(values, active)
@@ -203,8 +201,11 @@ class Sites(Immutable):
     weights: NDArray[np.complex128]
 
     def __init__(self, positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> None:
-        key = (positions.shape, positions.tobytes(), weights.tobytes())
-        self.__dict__.update(positions=positions, weights=weights, _key=key)
+        self._set(positions=positions, weights=weights)
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        return self.positions.shape, self.positions.tobytes(), self.weights.tobytes()
 
     @property
     def dimension(self) -> int:
@@ -246,26 +247,11 @@ def checked_sites(
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
     """Return read-only complex weights (n,); None: all 1."""
-    if weights is None:
-        array = np.ones(count, np.complex128)
-    else:
-        try:
-            if np.ma.is_masked(weights) or np.asarray(weights).dtype.kind in "US":
-                raise TypeError
-            array = np.array(weights, dtype=np.complex128)
-        except (TypeError, ValueError, OverflowError):
-            raise IlluminationError(
-                f"expected {count} complex weights, none of them masked, got {value_text(weights)}"
-            ) from None
-    if array.shape != (count,):
-        raise IlluminationError(
-            f"expected one weight for each of the {count} elements, got an array of shape "
-            f"{array.shape}"
-        )
-    if not (np.isfinite(array).all() and array.any()):
-        raise IlluminationError(
-            f"expected finite weights, not all zero, got {value_text(array.tolist())}"
-        )
+    expected = f"expected complex weights, one for each of the {count} elements"
+    values = np.ones(count) if weights is None else weights
+    array = complex_array(values, expected, (count,), error=IlluminationError)
+    if not array.any():
+        raise IlluminationError(f"{expected}, not all zero, got {value_text(weights)}")
     # Adding 0.0 turns -0.0 into 0.0, which has another hash.
     array += 0.0
     array.setflags(write=False)

@@ -275,10 +275,6 @@ class Source:
     def with_weights(self, weights: ArrayLike) -> Source:
         """Return the source with other weights (n,) of its elements."""
         factors = np.asarray(weights, np.complex128)
-        if factors.shape != (len(self),):
-            raise ArgumentError(
-                f"expected {len(self)} weights, got an array of shape {factors.shape}"
-            )
         if self.repeated is not None:
             return replace(self, content=replace(self.repeated, weights=factors))
         pairs = zip(self.elements, factors.tolist(), strict=True)
@@ -386,7 +382,6 @@ def _element(public: Any, weight: complex) -> SourceElement:
 
 
 def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
-    """Return elements as shifted copies of the first element, or None."""
     first = elements[0]
     if not isinstance(first.outline, Aperture):
         return None

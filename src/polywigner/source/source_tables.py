@@ -235,7 +235,6 @@ _EXPECTED = {
 
 
 def _table(name: str, text: str) -> dict[str, Any]:
-    """Convert a short string to a table of a source file."""
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":
@@ -256,28 +255,9 @@ def _parts(text: str) -> list[Any]:
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """Apply the short strings for field, layout, weights and wave to a source.
 
-    Lengths without a unit are in metres, angles in radians.
-
-    Parameters
-    ----------
-    source : Aperture or Array
-        The source. For `steering`, `focus`, `curved` and `coherence` it may be a phased array.
-    texts : mapping of str to str
-        Texts by their names, :data:`SOURCE_TEXTS`; docs/source_files.md has their grammar.
-    wavelength : float or None
-        Wavelength in m, for steering, focus and curved waves.
-
-    Returns
-    -------
-    Aperture, Array or Wavefront
-        The changed source.
-
-    Raises
-    ------
-    QuantityError, FileFormatError
-        If a text is invalid. Errors begin with the name of the text.
-    ArgumentError
-        If a text does not fit the source.
+    ``texts``: strings by name, :data:`SOURCE_TEXTS`; docs/source_files.md describes their grammar.
+    Lengths without a unit are in metres, angles in radians. ``wavelength`` in m is needed for
+    steering, focus and curved waves. Errors begin with the name of the string.
     """
     for name in SOURCE_TEXTS:
         if name in texts:

@@ -20,6 +20,7 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_vectors,
+    complex_array,
     finite_array,
     takes_frequency,
 )
@@ -486,15 +487,8 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
     positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
         len(points), -1
     )
-    try:
-        field = np.array(values, dtype=np.complex128)
-    except (TypeError, ValueError, OverflowError):
-        field = np.empty(0, np.complex128)
-    if field.shape != positions.shape[:1] or not np.isfinite(field).all():
-        raise ArgumentError(
-            f"expected a finite complex number for each of {len(positions)} points, "
-            f"got {value_text(values)}"
-        )
+    expected = f"expected a finite complex number for each of {len(positions)} points"
+    field = complex_array(values, expected, (len(positions),))
     if not field.any():
         raise IlluminationError("expected values other than zero, got only zeros")
     return positions, field

@@ -31,7 +31,7 @@ from polywigner.geometry.io.outlines import (
     transformed,
 )
 from polywigner.geometry.parts import polygons_in, union_on_grid
-from polywigner.geometry.rings import Ring, rings_of_polygon
+from polywigner.geometry.rings import Ring, extent, rings_of_polygon
 
 _IGNORED = frozenset({
     "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LARGE_RADIAL_DIMENSION",
@@ -77,10 +77,6 @@ class _Shape:
         return replace(self, boundaries=images)
 
 
-def _size(points: Points) -> float:
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
 def _rough(path: Path) -> Points:
     return np.concatenate([sampled(curve, 8) for curve in path])
 
@@ -96,7 +92,6 @@ def _array(points: Iterable[Any]) -> Points:
 
 
 def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
-    """Return the arc between two angles in radians; equal angles make a full ellipse."""
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
@@ -211,8 +206,6 @@ def _layer_of(entity: Any) -> str:
 
 
 class _Space:
-    """The visible entities of a drawing, or the entities on the requested layers."""
-
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
         self.requested = {name.lower() for name in layers}
         table = {layer.dxf.name.lower(): layer for layer in document.layers}
@@ -267,12 +260,12 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     points = np.concatenate([_rough(path) for path in paths])
     check_coordinates(points)
     heights = points[:, 2]
-    if np.ptp(heights) > _FLAT * (_size(points) + np.abs(points).max()):
+    if np.ptp(heights) > _FLAT * (extent(points) + np.abs(points).max()):
         raise FileFormatError(
             f"expected a plane drawing, got heights from {heights.min():g} to "
             f"{heights.max():g}; move all entities to one height"
         )
-    gap, tolerance = _JOINT * _size(points), file.tolerance and file.tolerance / metres
+    gap, tolerance = _JOINT * extent(points), file.tolerance and file.tolerance / metres
     shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
     hatches = [shape for shape in shapes if shape.style is not None]
     painted = [
@@ -305,8 +298,8 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
     # Paths shorter than the gap count as points.
-    paths = [path for path in paths if _size(_rough(path)) > gap]
-    is_open = [_size(_ends(path)) > gap for path in paths]
+    paths = [path for path in paths if extent(_rough(path)) > gap]
+    is_open = [extent(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
     loose = list(compress(paths, is_open))
     for chain in _chains([_ends(path) for path in loose], gap):

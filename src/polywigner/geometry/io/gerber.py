@@ -129,7 +129,6 @@ def _checked(text: str) -> tuple[str, str]:
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Return gerbonara's objects in the order of the file; warnings become errors."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -139,25 +138,14 @@ def _objects_of(text: str) -> list[Any]:
 
 def _composed(layers: Layers) -> BaseGeometry:
     """Return the copper after all dark (additive) and clear (subtractive) shapes."""
-    copper = np.array([], dtype=object)
+    copper: BaseGeometry = shapely.MultiPolygon()
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
-        shapes = [shape for _, shape in run if not shape.is_empty]
-        if not shapes:
-            continue
-        shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # Only polygons within the bounds of a new shape can change.
-        near = shapely.intersects(copper, shapely.box(*shape.bounds))
-        if near.any():
-            around = shapely.MultiPolygon(list(copper[near]))
-            shape = (
-                union_on_grid([*copper[near], shape])
-                if dark
-                else combined_on_grid(shapely.difference, around, shape)
-            )
-        elif not dark:
-            continue
-        copper = np.concatenate([copper[~near], np.array(polygons_in(shape), dtype=object)])
-    return shapely.MultiPolygon(list(copper))
+        shapes = [polygon for _, shape in run for polygon in polygons_in(shape)]
+        if dark and shapes:
+            copper = union_on_grid([*polygons_in(copper), *shapes])
+        elif shapes and not copper.is_empty:
+            copper = combined_on_grid(shapely.difference, copper, union_on_grid(shapes))
+    return copper
 
 
 def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * math.pi) -> Arc:
@@ -215,7 +203,6 @@ class _Shapes:
         return shapely.MultiPolygon([(outer, holes) for outer, *holes in filled(rings, "nonzero")])
 
     def _capsule(self, start: Any, end: Any, width: float) -> BaseGeometry:
-        """Return the area that a round aperture sweeps along a line."""
         ends = np.array([start, end], dtype=float)
         along = ends[1] - ends[0]
         if not along.any():

@@ -15,6 +15,7 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
 from polywigner.geometry.polyhedron import heights_of, triangulate_faces
+from polywigner.geometry.rings import extent
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
@@ -81,24 +82,19 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
 
 def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
     heights = heights_of(mesh.vertices, mesh.faces)
-    worst = int(heights.argmax()) if len(heights) else 0
-    if len(heights) and heights[worst] > _PLANAR * _size(mesh.vertices):
+    worst = int(heights.argmax())
+    if heights[worst] > _PLANAR * extent(mesh.vertices):
         warn_caller(
             f"face {worst} of the mesh is not planar: a vertex is {heights[worst]:.3g} (in "
             "the file's unit) away from its plane, and the body depends on the division into "
             "triangles; export the mesh as triangles"
         )
-    triangles = triangulate_faces(mesh.vertices, mesh.faces)
-    return mesh.vertices, triangles
-
-
-def _size(points: Points) -> float:
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    return mesh.vertices, triangulate_faces(mesh.vertices, mesh.faces)
 
 
 def _welded(mesh: Mesh) -> Mesh:
     points = mesh.vertices + 0.0
-    reach = _WELD * _size(points)
+    reach = _WELD * extent(points)
     if mesh.precision > _DOUBLE:
         reach = max(reach, _LAST_DIGITS * mesh.precision * float(np.abs(points).max()))
     labels = np.stack([_clusters(column, reach) for column in points.T], axis=1)
@@ -161,9 +157,6 @@ def _of_corners(corners: Points, precision: float) -> Mesh:
     return Mesh(corners.reshape(-1, 3), list(map(tuple, numbers.tolist())), precision)
 
 
-_FREE_FORM = ("curv", "curv2", "surf")
-
-
 def _obj(content: bytes) -> Mesh:
     vertices: list[list[float]] = []
     faces: list[Face] = []
@@ -178,11 +171,6 @@ def _obj(content: bytes) -> Mesh:
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError
-        elif word.decode("ascii", "replace") in _FREE_FORM:
-            raise FileFormatError(
-                "expected an OBJ file with polygons, got free-form curves or surfaces; "
-                "export a mesh"
-            )
     return Mesh(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces, _DOUBLE)
 
 

@@ -29,12 +29,11 @@ from polywigner.geometry.parts import (
 from polywigner.geometry.rings import (
     Ring,
     clean_ring,
-    different_vertices,
+    extent,
     hull_spans_area,
     rings_of_polygon,
     rounding_tolerance,
     signed_area,
-    spans_area,
 )
 
 DEFAULT_TOLERANCE = 1 / 2000
@@ -190,8 +189,7 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
         for curve in outline
     ])  # fmt: skip
     check_coordinates(points)
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
+    reach = DEFAULT_TOLERANCE * extent(points) if tolerance is None else tolerance
     # At least the rounding error of coordinates.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
@@ -268,11 +266,7 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     """Return the polygons that rings fill by the rule "nonzero" or "evenodd"."""
-    rings = [
-        ring
-        for ring in rings
-        if different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
-    ]
+    rings = [ring for ring in rings if len(ring) > 1 and hull_spans_area(ring)]
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):

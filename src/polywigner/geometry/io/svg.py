@@ -259,8 +259,6 @@ class _Shape(NamedTuple):
 
 
 class _Document:
-    """The visible elements of a drawing, or the elements of the requested layers."""
-
     def __init__(self, root: Any, layers: Sequence[str]) -> None:
         self.root, self.layers = root, frozenset(layers)
         sizes = (_view_box(root) or ())[2:]
