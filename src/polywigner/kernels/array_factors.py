@@ -76,7 +76,6 @@ class ProfileFactor:
 
     @cached_property
     def _all(self) -> _Series:
-        """Amplitudes of all elements, in a single row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _mutual(self, by_mean: bool) -> _Series:
@@ -144,11 +143,7 @@ class _Series:
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the trigonometric sum of a row at the frequency ``cycles``.
-
-        ``pairs`` is the number of pairs of elements, and ``last`` the index of the last row. Rows
-        that do not exist give 0.
-        """
+        """Return the trigonometric sum of a row, which is 0 if the row does not exist."""
         exists = (row >= 0.0) & (row <= last)
         # float32 rounds integers above 2^24, and tables of profiles with more than 8,200 elements
         # have more rows.
@@ -254,7 +249,6 @@ def factor_of(
 
 
 def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a function (step, argument) that computes ``compute(argument)`` once per step."""
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:

@@ -65,7 +65,6 @@ _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
 def _widths_in(source: Wavefront) -> float:
-    """Return the number of coherence widths in the bounding box of a source."""
     return math.prod((1.0 + sides_of(source.bounds) / source.coherence_width).tolist())
 
 

@@ -169,7 +169,6 @@ def _tables(array: Array, double: bool) -> ArrayTables:
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
-    """Return the array factors of a profile, including the modulus of its constant factor."""
     size = abs(profile.factor)
     if profile.is_uniform and size == 1.0:
         return profile_factor(profile)
@@ -178,7 +177,6 @@ def _scaled(profile: Profile) -> ProfileFactor:
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
-    """Return the phases nu.b in cycles, modulo 1, for both basis vectors b of the lattice."""
     return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 

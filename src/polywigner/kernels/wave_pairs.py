@@ -134,7 +134,6 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return the real and imaginary part of a sum of plane waves at a point."""
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:

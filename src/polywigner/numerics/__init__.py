@@ -32,10 +32,7 @@ class Mask(Protocol):
 
 
 class Number(Protocol):
-    """A float, or an array of floats from NumPy or Dr.Jit.
-
-    Functions return the kind of number that they receive.
-    """
+    """A float, or an array of floats from NumPy or Dr.Jit."""
 
     def __add__(self, other: Any, /) -> Number: ...
     def __radd__(self, other: Any, /) -> Number: ...

@@ -20,8 +20,7 @@ PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
 
-# Number of frequencies in a block, for transforms that are sums. The temporary arrays of a block
-# take some 60 MiB.
+# Frequencies per block, for transforms that are sums. The temporary arrays take some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
@@ -33,8 +32,7 @@ def in_plane(nu: Any) -> Values:
         return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    # The rows of a list may have different lengths. The function checked_points raises an
-    # ArgumentError for such a list.
+    # checked_points raises an ArgumentError for lists with rows of different lengths.
     except ValueError:
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
@@ -59,10 +57,7 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Ker
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
-    """Return the broadcast shape of points without the last axis.
-
-    Raises ArgumentError if the points do not broadcast.
-    """
+    """Return the broadcast shape of points without the last axis, or raise ArgumentError."""
     try:
         return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     except ValueError:
@@ -132,14 +127,10 @@ def empty_result(
 
 
 def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
-    """Return ``evaluate(nu)``, computed in blocks of rows if the number of frequencies is large.
-
-    The blocks limit the memory of transforms that are sums, which need several arrays of the size
-    of nu.
-    """
+    """Return ``evaluate(nu)``, computed in blocks of rows if the number of frequencies is large."""
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # A block of a frequency grid has enough rows to be computed from the axes of the grid.
+    # A block of a frequency grid needs enough rows to use the axes of the grid.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):

@@ -146,7 +146,6 @@ class _Evanescent:
         return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
     def closed(self, ops: Any, view: PanelView) -> Pair:
-        """Return the integral of b'/(N' R) along the panel, (B4)."""
         # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
@@ -286,8 +285,6 @@ def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) ->
 
 
 class _EdgePaths:
-    """Paths from a point source over a straight edge to an observation point."""
-
     def __init__(
         self, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
     ) -> None:
@@ -330,10 +327,7 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` for a thin plate, divided by the sine of half the angle at the edge.
-
-        Behind the plate the result has the sign of ``turn``. In front of the plate it is positive.
-        """
+        """Return ``turn`` over the sine of half the angle at a plate's edge; positive in front."""
         near = 2.0 * self.both * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
         size = ops.select(self.closing > 1.0, steep, near)
@@ -344,10 +338,7 @@ class _EdgePaths:
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
-        """Return the angle that the edge subtends about the axis from the source to the point.
-
-        The edge is restricted to positions with a root of the detour below ``limit``.
-        """
+        """Return the angle of the edge about the source-point axis, for roots below ``limit``."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
         steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
@@ -457,7 +448,6 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Return the integrals over the outer parts of the edge, beyond the limits of v."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):

@@ -159,7 +159,6 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
-    """Return the contribution of a panel to the field of a plane wave, and its error estimate."""
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
 
@@ -278,10 +277,10 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of the quadrature rule whose variable is the length along the panel.
+    """Return whether the rule along the panel suffices, and its clearance, phase and half-length.
 
-    The data are whether the rule is sufficient, the distance of singularities in half-lengths of
-    the panel, the phase over half of the panel in cycles, and half of the panel's length.
+    The clearance is the distance of singularities in half-lengths, and the phase is in cycles over
+    half of the panel.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -295,11 +294,7 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of the quadrature rule whose variable is v, where s = sqrt(b^2 + z^2) sinh v.
-
-    The data are the distance of singularities in half-lengths of the interval of v, the phase over
-    half of the interval in cycles, the centre of the interval, and half of the interval's length.
-    """
+    """Return clearance, phase, centre and half-length for the variable v of s = away sinh v."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
     high = inverse_sinh(ops, view.last / away, view.radius_last / away)
@@ -320,7 +315,7 @@ def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
 
 
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
-    """Return the size of the source in wavelengths plus the rounding error of the distance.
+    """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
     All panels have the same rounding error of the distance. Far outside the shadow pattern this
     error cancels, except for the fraction ``slope``.
@@ -350,7 +345,6 @@ def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the vector from the start of the panel to the point, each component as two floats."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -359,11 +353,7 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
-    """Return the unobstructed wave at the point, relative to the phase of the distance.
-
-    ``cosines`` contains two floats for each direction cosine. Without the direction cosine along z,
-    the result is the wave at the projection of the point onto the plane.
-    """
+    """Return the unobstructed wave at the point, relative to the phase of the distance."""
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
     offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))

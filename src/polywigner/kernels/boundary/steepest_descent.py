@@ -54,7 +54,6 @@ _FEW = 2.0
 
 @cache
 def _tail_rules() -> Rules:
-    """Return the Gauss-Laguerre rules of all sizes, as columns of nodes and weights in cycles."""
     rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
     return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
 
@@ -125,16 +124,11 @@ class _Line:
 
     @classmethod
     def parabolic(cls, view: PanelView) -> _Line:
-        """Return the line of an edge for paraxial waves, relative to the ray through the point.
-
-        In all formulas except the square of the phase, z replaces the distance R and the stationary
-        phase c.
-        """
+        """Return the line of an edge for paraxial waves, with z in place of R and c."""
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the position on the edge at the distance t from its start."""
         view, s = self.view, self.view.first + t
         radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
         slope, phase = s + view.along * radius, radius + view.along * s
@@ -144,10 +138,7 @@ class _Line:
         return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the inner part of an edge, which is integrated along the edge.
-
-        If the phase changes by only a few cycles, the inner part is the complete edge.
-        """
+        """Return the ends of the inner part of an edge, which may be the complete edge."""
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
         foot = -view.along * (self.least + rim) - self.upright * view.first
@@ -183,7 +174,6 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
-        """Return the integrals along the edge from ``low`` to ``high``, and expected errors."""
         view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
@@ -223,7 +213,6 @@ class _Line:
     def _nodes_needed(
         self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Return the number of nodes needed for the integral from ``low`` to ``high``."""
         half = ops.maximum(half, 1e-30)
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
@@ -297,7 +286,6 @@ def _quotient(real: Any, divisor: Pair) -> Pair:
 
 
 def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
-    """Return the contribution of an edge to the field of a plane wave, and its error estimate."""
     if tables.frame.paraxial:
         view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
         line, moment = _Line.parabolic(view), ()
@@ -327,11 +315,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
 def _signed_ends(
     ops: Any, begin: _End, low: _End, high: _End, end: _End
 ) -> tuple[tuple[_End, Any], ...]:
-    """Return the ends of the outer parts of an edge, with the signs of their tails.
-
-    A tail is an integral from a position on the edge to infinity. The tails at ``low`` and ``high``
-    are equal, so a single tail is multiplied by the number of these positions on the edge.
-    """
+    """Return the ends of the outer parts of an edge, with the signs of their tails."""
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)
     limit = _End(

@@ -100,10 +100,6 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
 
 
 def _is_short(nu: Values) -> bool:
-    """Return whether a sum over edges is unrolled in compiled code.
-
-    Unrolled code for the tetrahedra of a cube takes 3 s to compile and runs at half the speed.
-    """
     return len(nu) < 3
 
 
@@ -157,8 +153,7 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     """Return the centre of a polyhedron's bounding box, and its axes in units of powers of two.
 
-    Long or flat bodies have their principal axes, with a separate unit for each axis. The bounding
-    box is parallel to the axes, because the centre of another box could lie many thicknesses away.
+    Long or flat bodies have their principal axes, with a separate unit for each axis.
     """
     mean = body.vertices.mean(axis=0)
     # By default NumPy would allocate a square matrix with one row for each vertex.
@@ -179,7 +174,6 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the correctly rounded determinant of each row of three vertices."""
     integers, exponent = whole_numbers(corners)
     exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
@@ -352,7 +346,6 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return the cosine and sine parts of the contribution for a range of rows of the grid."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -377,7 +370,6 @@ class _FamilyTerm:
         return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
-        """Return pi sinc(q), which is sin(pi q)/q."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
             return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
@@ -426,7 +418,6 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Combine the contributions of all families parallel to an axis into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)
@@ -435,7 +426,6 @@ def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
-    """Yield groups of families whose waves fit into memory together."""
     batch: list[Family] = []
     for family in families:
         if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:

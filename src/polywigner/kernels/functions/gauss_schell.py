@@ -113,10 +113,7 @@ def _descent_rules(size: int) -> Rules:
 
 
 class _Arc:
-    """Paths of integration in the complex plane between both ends of an edge.
-
-    One path is an arc, and the other path consists of the steepest descents from both ends.
-    """
+    """Arc, or steepest descents, between both ends of an edge in the complex plane."""
 
     def __init__(self, ops: Any, start: Any, end: Any, size: Any, rate: Any) -> None:
         self.ops, self.ends = ops, (start, end)
@@ -142,11 +139,7 @@ class _Arc:
     def integral(
         self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
     ) -> Values:
-        """Return the complex integral of ``value(ops, p, r, *wave)`` from one end to the other.
-
-        The position in the complex plane is p + i r. The first number of ``wave`` is the frequency
-        beta_s along the edge.
-        """
+        """Return the complex integral of ``value(ops, p, r, *wave)`` at positions p + i r."""
         ops = self.ops
 
         def of_arc(t: Any, weight: Any, rise: Any, slope: Any, *samples: Any) -> Values:
@@ -169,7 +162,6 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a quadrature node on an arc in the complex plane, and its step of integration."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -179,7 +171,6 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a quadrature node on a path of steepest descent, and its step of integration."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
@@ -201,7 +192,6 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
-    """Return the integrand of :func:`wave_over_interval` at the complex position p + i r."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))

@@ -40,10 +40,7 @@ Interval = tuple[Fraction, Fraction, Waves]
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
-    """Return the field in an interval, without the carrier.
-
-    The interval includes its start but not its end.
-    """
+    """Return the field in an interval that includes its start but not its end."""
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
     # Comparisons with NaN are false, so ``inside`` alone would be 0 at NaN.
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
@@ -188,11 +185,7 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the length of the overlap of two intervals, and the offset of the overlap's centre.
-
-    The intervals have the half-lengths ``half`` and ``other``, and their centres the distance ``gap
-    + gap_low - shift``. The offset is relative to the mean of both centres.
-    """
+    """Return the length of an overlap, and its centre minus the mean of both interval centres."""
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
@@ -203,8 +196,6 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
-    """Return the real and imaginary part of a transform, summed over all pairs of slits."""
-
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
         imag: Any, *wave: Any,
@@ -308,10 +299,7 @@ def _over_pairs(
 
 
 def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
-    """Return four times the position in the frame, as the sum of two floats.
-
-    If x changes by dx, the copies of two slits in the lag slice move towards each other by 4 dx.
-    """
+    """Return four times the position in the frame, as the sum of two floats."""
     total, low = frame.exact_position(x)
     return phases.halves(ops, (4.0 * total, 4.0 * low))
 
@@ -329,7 +317,6 @@ def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
 
 @lru_cache(maxsize=256)
 def _segment_tables(source: Slits, double: bool) -> SlitTables:
-    """Return the start and the length of each slit, each as the sum of two floats."""
     tables = _slit_tables(source)
     rows = ((*doubled(a, double), *doubled(b - a, double)) for a, b, _ in tables.edges)
     return SlitTables(tables.frame, tuple(rows))
@@ -342,8 +329,6 @@ def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
 
 
 def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
-    """Return the real part and minus the imaginary part of the Fourier transform, (S1)."""
-
     def term(begin: Any, begin_low: Any, length: Any, length_low: Any) -> Values:
         total, low = phases.dot(ops, (nu,), ((length, length_low),))
         wave = phases.mean_plane_wave(ops, 0.0, total + low)
@@ -372,13 +357,11 @@ def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
 
 
 def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
-    """Return the real part and minus the imaginary part of the ambiguity function."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
 def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
-    """Return the Wigner function, which is real because the field on the lag slice is Hermitian."""
     return _sum(ops, tables, (x, x_low), nu)[:1]
 
 

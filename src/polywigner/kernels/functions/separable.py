@@ -36,11 +36,7 @@ _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the corners of a rectangular aperture and their rounding error, or None.
-
-    The corners are in counter-clockwise order and start with a longer side. Additional vertices may
-    lie on the sides.
-    """
+    """Return the counter-clockwise corners of a rectangle, longer side first, and their error."""
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings
@@ -152,7 +148,6 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return the values that differ by more than rounding errors, and the index of each value."""
     order = np.argsort(values)
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
@@ -162,7 +157,6 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.i
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and the frequency minus the carrier frequency."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
