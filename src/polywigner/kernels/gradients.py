@@ -33,9 +33,7 @@ class Accumulator(Protocol):
     """Interface of objects that compute the change of a transform due to vertices and weights."""
 
     needs_vertices: bool
-    """Whether derivatives with respect to vertices are required."""
     needs_weights: bool
-    """Whether derivatives with respect to the weights of the elements are required."""
     has_constant_indices: bool
     """Whether the indices of vertices must be Python integers."""
 

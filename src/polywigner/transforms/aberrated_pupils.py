@@ -241,7 +241,7 @@ class Slices:
     second: Indices
     """Index of the element that contains x - xi/2, in the copy shifted by xi/2."""
     weights: Complex
-    """Product of the first element's weight and the conjugate of the second element's weight."""
+    """Product of one element's weight and the conjugate of the other."""
     polygons: NDArray[Any]
 
 

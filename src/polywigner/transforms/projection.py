@@ -264,8 +264,7 @@ class Tile(NamedTuple):
     label: str
     """Label of the tile's formula in docs/projections.md."""
     values: Compute
-    """Function (source, first coordinates, second coordinates, engine) that returns the tile's
-    values."""
+    """Function (source, first coordinates, second coordinates, engine)."""
 
 
 def _on_grid(function: Callable[..., Array]) -> Compute:

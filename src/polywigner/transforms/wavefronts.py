@@ -27,8 +27,7 @@ from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
 
 TILT_ERROR = {True: 1e-11, False: 1e-7}
-"""Error of averages over tilts in double and in single precision, relative to the largest value of
-the ambiguity function."""
+"""Error of averages over tilts in double and single precision, relative to the largest A."""
 
 # Largest ratio of the coherence width to the diagonal of a source, in double and in single
 # precision, for the closed form of W, which loses digits by cancellation. For larger ratios, W
