@@ -29,6 +29,7 @@ from polywigner.geometry.arguments import (
     finite_array,
     takes_frequency,
 )
+from polywigner.geometry.parts import shifted
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
@@ -249,7 +250,6 @@ class _System:
     slope: float
     """Defocus in waves, divided by the square of the pupil radius, in 1/m^2."""
     power: float
-    """Power of the condenser, the integral of its irradiance."""
     aberration: Aberration | None = None
     """Path length of the aberration in cycles."""
 
@@ -344,9 +344,7 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
 
 def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
     """Return the part of the condenser whose light passes the pupil, for each lag."""
-    shifted = np.full(len(lags), pupil, object)
-    corners, owner = shapely.get_coordinates(shifted, return_index=True)
-    return shapely.intersection(shapely.set_coordinates(shifted, corners - lags[owner]), light)
+    return shapely.intersection(shifted(np.full(len(lags), pupil, object), -lags), light)
 
 
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
@@ -417,9 +415,7 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     numbers = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in most)), axis=-1).reshape(-1, 2)
     shifts = numbers @ lattice
     shifts = shifts[(abs(shifts) < size).all(axis=1)]
-    copies = np.tile(elements, (len(shifts), 1))
-    points, number = shapely.get_coordinates(copies, return_index=True)
-    shapely.set_coordinates(copies, points + shifts[number // len(elements)])
+    copies = shifted(np.tile(elements, len(shifts)), np.repeat(shifts, len(elements), axis=0))
     areas = shapely.area(elements)
     overlap = len(shifts) * areas.sum() - shapely.union_all(copies).area
     if overlap > _OVERLAP * areas.min():

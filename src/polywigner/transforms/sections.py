@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.geometry.parts import shifted
+from polywigner.numerics import Complex, Floats, Indices, cluster_indices
 from polywigner.numerics.phases import (
     cos_sin_cycles,
     cycles_to_centre,
@@ -235,10 +236,9 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
 def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
-    copies = np.tile(polygons, (len(shifts), 1))
-    points, number = shapely.get_coordinates(copies, return_index=True)
-    moved = points * scale + shifts[number // len(polygons)]
-    return np.asarray(shapely.set_coordinates(copies, moved))
+    scaled = shapely.transform(polygons, lambda points: points * scale)
+    copies = shifted(np.tile(scaled, len(shifts)), np.repeat(shifts, len(polygons), axis=0))
+    return copies.reshape(len(shifts), len(polygons))
 
 
 def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
@@ -307,10 +307,9 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
-    unit = _EQUAL * max(float(np.abs(shifts).max()), np.finfo(np.float64).tiny / _EQUAL)
-    _, number = np.unique(np.round(shifts / unit), axis=0, return_inverse=True)
+    number = cluster_indices(shifts, _EQUAL * float(np.abs(shifts).max()))
     for k in range(number.max() + 1):
-        members = np.flatnonzero(number.ravel() == k)
+        members = np.flatnonzero(number == k)
         yield shifts[members].mean(axis=0).tolist(), members
 
 
