@@ -11,9 +11,8 @@ cells, with products of two Gauss rules.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -170,9 +169,12 @@ def normal_rule(reach: float, error: float) -> Rule:
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
     nodes: Any
     weights: Any
-    by_gauss = _fewest(lambda n: _hermite_remainder(n, reach), error, below=2 * half + 1)
-    if by_gauss is not None:
-        nodes, weights = np.polynomial.hermite_e.hermegauss(by_gauss)
+    # The Gauss-Hermite rule with n nodes has the error reach^(2n) n!/(2n)!.
+    with np.errstate(over="ignore"):
+        errors = np.cumprod(reach**2 / (4 * np.arange(1, 2 * half + 1) - 2))
+    sufficient = np.flatnonzero(errors <= error)
+    if len(sufficient):
+        nodes, weights = np.polynomial.hermite_e.hermegauss(int(sufficient[0]) + 1)
     else:
         nodes = np.arange(-half, half + 1) * (2 * math.pi / (reach + tail))
         weights = np.exp(-(nodes**2) / 2)
@@ -204,9 +206,8 @@ def flat_rule(reach: float, error: float) -> Rule:
     The rule has two more nodes than the error bound requires, because the integrand also contains
     powers of the frequency.
     """
-    least = _fewest(lambda n: _legendre_remainder(n, reach), error)
-    assert least is not None
-    return _frozen(*np.polynomial.legendre.leggauss(least + 2))
+    count = int(counts_for(np.array(reach / math.pi), error)) + 2
+    return _frozen(*np.polynomial.legendre.leggauss(count))
 
 
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
@@ -220,30 +221,6 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     degrees = -math.log(error) / (a - np.tanh(a))
     linear, bent = np.interp([radians, np.divide(radians, 4)], degrees / np.cosh(a), degrees)
     return np.ceil(np.maximum(linear / 2, bent)).astype(np.intp) + 1
-
-
-def _fewest(
-    remainder: Callable[[int], float], error: float, below: int | None = None
-) -> int | None:
-    """Return the smallest number of nodes n with ``remainder(n)``, a logarithm, below the error."""
-    allowed = math.log(error)
-    for n in count(1) if below is None else range(1, below):
-        if remainder(n) <= allowed:
-            return n
-    return None
-
-
-def _hermite_remainder(n: int, reach: float) -> float:
-    return 2 * n * _log(reach) + math.lgamma(n + 1) - math.lgamma(2 * n + 1)
-
-
-def _legendre_remainder(n: int, reach: float) -> float:
-    factorials = 4 * math.lgamma(n + 1) - 3 * math.lgamma(2 * n + 1)
-    return 2 * n * _log(2 * reach) + factorials - math.log(2 * n + 1)
-
-
-def _log(value: float) -> float:
-    return math.log(value) if value > 0 else -math.inf
 
 
 def _frozen(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> Rule:

@@ -258,19 +258,12 @@ def unit_wave(ops: Any, cycles: Any) -> Pair:
     return Pair(*cos_sin_cycles(ops, cycles))
 
 
-def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
-    """Return sinh(a) exp(-a) for a >= 0, where ``decay`` is exp(-a).
-
-    For small a the power series of sinh avoids cancellation. Its first omitted term is 0.5^14/15! =
-    5e-17 of sinh.
-    """
-    small = a < 0.5
-    clamped = ops.select(small, a, 0.0)
-    square = clamped * clamped
-    series: Any = 1 / math.factorial(13)
-    for order in (11, 9, 7, 5, 3, 1):
-        series = ops.fma(series, square, 1 / math.factorial(order))
-    return ops.select(small, series * clamped * decay, 0.5 - 0.5 * (decay * decay))
+def one_less_exp(ops: Any, x: Any, terms: int) -> Number:
+    """Return 1 - exp(-x) from its power series, which is accurate for small arguments."""
+    series: Any = 0.0
+    for k in range(terms, 0, -1):
+        series = ops.fma(series, x, -((-1.0) ** k) / math.factorial(k))
+    return series * x
 
 
 # Phase difference [cycles] below which a divided difference is a Taylor series. The recursion

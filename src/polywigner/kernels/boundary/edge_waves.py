@@ -28,11 +28,10 @@ import numpy as np
 
 from polywigner.numerics import Number
 from polywigner.numerics.jets import JetOperations
-from polywigner.numerics.phases import Pair, cos_sin_cycles, decaying_sinh, select, unit_wave
+from polywigner.numerics.phases import Pair, cos_sin_cycles, one_less_exp, select, unit_wave
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]
-"""Coordinates of a point, which are numbers or arrays."""
 
 # Phase difference [cycles] below which the difference of two waves is computed as a product, to
 # avoid cancellation.
@@ -133,9 +132,11 @@ class _Evanescent:
     ) -> tuple[Values, Any, Any]:
         """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves."""
         height = view.pz * view.z
-        root = ops.exp(-math.pi * height)
-        decay = root * root
-        decayed = 2.0 * decaying_sinh(ops, math.pi * height, root)
+        exponent = 2.0 * math.pi * height
+        decay, small = ops.exp(-exponent), exponent < 1.0
+        # The first omitted term of the series is 1/19! = 8e-18.
+        series = one_less_exp(ops, ops.select(small, exponent, 0.0), 18)
+        decayed = ops.select(small, series, 1.0 - decay)
         is_grazing = height < _LOST
         growth = 1.0 / ops.select(is_grazing, decay, 1.0)
         here, mirrored = free.scaled(decay), free.scaled(growth)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import cos_sin_cycles, one_less_exp
 
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
@@ -185,7 +185,9 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
     cosine, sine = cos_sin_cycles(ops, 0.5 * cycles)
     x, y = -(energy + exponent), _TURN * cycles
     x = ops.select(abs(x) < _TINY[ops.double], _TINY[ops.double], x)
-    difference = ops.select(abs(x) < _SMALL, decay * _one_less_exp(ops, x), decay - size)
+    is_small = abs(x) < _SMALL
+    series = one_less_exp(ops, ops.select(is_small, x, 0.0), _TERMS[ops.double])
+    difference = ops.select(is_small, decay * series, decay - size)
     real, imag = ops.fma(2.0 * size * sine, sine, difference), 2.0 * size * sine * cosine
     scale = 1.0 / ops.fma(x, x, y * y)
     return ops.fma(real, x, imag * y) * scale, ops.fma(imag, x, -(real * y)) * scale
@@ -200,12 +202,3 @@ def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
 
 def _times(a: Any, b: Any) -> Values:
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
-
-
-def _one_less_exp(ops: Any, x: Any) -> Number:
-    """Return 1 - exp(-x) for small x without cancellation."""
-    small = ops.select(abs(x) < _SMALL, x, 0.0)
-    series: Any = 0.0
-    for k in range(_TERMS[ops.double], 0, -1):
-        series = ops.fma(series, small, -((-1.0) ** k) / math.factorial(k))
-    return series * small
