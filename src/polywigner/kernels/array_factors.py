@@ -37,15 +37,6 @@ _PACKET = 4
 _BLOCK = 1 << 18
 
 
-def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """Return the index of the second element of a pair along one lattice direction.
-
-    ``number`` is the sum of both indices if ``by_mean``, and their difference plus count - 1
-    otherwise.
-    """
-    return number - index if by_mean else index - number + (count - 1)
-
-
 def _odd(ops: Any, number: Any) -> Number:
     return abs(number - 2.0 * ops.round(0.5 * number))
 
@@ -83,15 +74,16 @@ class ProfileFactor:
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
             site = np.maximum(0, number - last) + k
-            products: Complex = a[site] * a[partner(site, number, self.count, by_mean)].conj()
-            return products
+            other = number - site if by_mean else site - number + last
+            return np.asarray(a[site] * a[other].conj())
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
         """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-        ``number`` is defined by :func:`partner`. ``cycles`` is a frequency in cycles per period.
+        ``number`` is the sum of both indices if ``by_mean``, and their difference plus count - 1
+        otherwise. ``cycles`` is a frequency in cycles per period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -138,7 +130,6 @@ class _Series:
     """
 
     packets: int
-    """Number of packets in each row. A packet contains up to four coefficients."""
     tables: tuple[DeviceTable | None, ...]
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
@@ -239,7 +230,7 @@ def factor_of(
 
     ``cycles`` contains the frequencies along both lattice directions. The arguments of the returned
     function are the steps from the first contributing midpoint or difference, and the numbers of
-    :func:`partner`.
+    :meth:`ProfileFactor.at`.
     """
     first, second = (
         _remembered(partial(profile.at, ops, by_mean, cycles=along))

@@ -93,7 +93,6 @@ class BoundaryFrame:
     centre: tuple[float, float]
     wavelength: float
     double: bool
-    """Whether the field is summed in float64."""
     paraxial: bool
     """Whether phases are relative to the paraxial distance instead of the distance."""
 
@@ -130,7 +129,7 @@ def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values
     return real * cosine - imag * sine, real * sine + imag * cosine, error
 
 
-def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
+def leave_phase(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return the field without the phase of the distance, and its error estimate."""
     return sums
 
@@ -197,7 +196,8 @@ def seen_from(
     view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
     free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    return view, free, moment, (*_square_along(row, inner), distance, view.along, start)
+    square = _square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+    return view, free, moment, (*square, distance, view.along, start)
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
@@ -330,11 +330,7 @@ def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
 
-def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
-    return square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
-
-
-def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
+def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
     """Return the coefficients of radius^2 - distance^2 = constant + t (slope + t) along a panel.
 
     ``radius`` is the distance from the point to the position t on the panel, and ``distance`` the
@@ -397,7 +393,8 @@ def seen_in_parabolic_waves(
     size, aside = abs(x) + abs(y) + length, abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
     along = px[0] * ex + py[0] * ey
-    return view, free, (*_square_along(row, inner), z, along, start), turns
+    square = _square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+    return view, free, (*square, z, along, start), turns
 
 
 # STRIPS integrates u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along single panels, for
@@ -422,14 +419,6 @@ def _tables(source: None, double: bool) -> _Strips:
     return _Strips(None, ((),), gauss_rules())
 
 
-def _enter(ops: Any, frame: None, *arguments: Any) -> Values:
-    return arguments
-
-
-def _leave(ops: Any, frame: None, inner: Values, sums: Values) -> Values:
-    return sums
-
-
 def _strip(
     ops: Any, tables: _Strips, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
     length: Any, along: Any, start: Any, digits: Any,
@@ -446,10 +435,12 @@ def _strip(
         return tuple(number for part in parts for number in (part.real, part.imag))
 
     distance = ops.sqrt(x * x + y * y + z * z)
-    phase = (*square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
+    phase = (*_square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
     bounds = (1.0, None, digits + _GROWN)
     sums, _ = sums_over_panel(ops, tables.rules, view, bounds, node, 6, *phase)
     return sums
 
 
-STRIPS = Kernel("strips along edges", 3, _tables, _enter, _strip, _leave)
+STRIPS = Kernel(
+    "strips along edges", 3, _tables, lambda ops, frame, *arguments: arguments, _strip, leave_phase
+)

@@ -130,12 +130,10 @@ class _Line:
 
     def end(self, ops: Any, t: Any) -> _End:
         view, s = self.view, self.view.first + t
-        radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
+        foot2 = view.b * view.b + view.z * view.z
+        radius = ops.sqrt(s * s + foot2) if self.curved else view.z + 0.0 * s
         slope, phase = s + view.along * radius, radius + view.along * s
         return _End(t, s, radius, slope, phase, slope * slope / (self.least + phase))
-
-    def _radius(self, ops: Any, s: Any, foot2: Any) -> Number:
-        return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
         """Return the ends of the inner part of an edge, which may be the complete edge."""

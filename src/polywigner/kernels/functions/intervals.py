@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -57,8 +57,7 @@ class SlitFrame:
     centre: tuple[float]
     scale: float
     carrier: tuple[float] = (0.0,)
-    """Frequency of the carrier, in the user's unit. The stored fields are relative to the carrier.
-    Frequency of the carrier, in the user's unit. The stored fields are relative to the carrier."""
+    """Frequency of the carrier, in the user's unit. Stored fields are relative to the carrier."""
 
     @property
     def measure(self) -> float:
@@ -110,7 +109,6 @@ class PairTables:
     frame: SlitFrame
     edges: tuple[tuple[float, ...], ...]
     coherence_width: float = math.inf
-    """Coherence width in the frame; infinite for coherent light."""
 
     @property
     def terms(self) -> int:
@@ -139,26 +137,14 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
 
 
 @lru_cache(maxsize=256)
-def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Return the pairs of slits that contribute to the Wigner function.
+def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTables:
+    """Return the pairs of slits that contribute to the Wigner or the ambiguity function.
 
-    At the position x, the lag slice of the slits I_k and I_l is the intersection of 2(I_k - x) and
+    The lag slice (``of_lags``) of the slits I_k and I_l at x is the intersection of 2(I_k - x) and
     2(x - I_l). The reversed pair contributes the complex conjugate, so each pair is stored once.
+    The position slice at xi is the intersection of I_k - xi/2 and I_l + xi/2.
     """
-    return _pair_tables(source, double, of_lags=True)
 
-
-@lru_cache(maxsize=256)
-def position_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Return the pairs of slits that contribute to the ambiguity function.
-
-    At the lag xi, the position slice of the slits I_k and I_l is the intersection of I_k - xi/2 and
-    I_l + xi/2.
-    """
-    return _pair_tables(source, double, of_lags=False)
-
-
-def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTables:
     def paired(items: Iterable[Any]) -> Iterable[tuple[Any, Any]]:
         return combinations_with_replacement(items, 2) if of_lags else product(items, repeat=2)
 
@@ -234,7 +220,6 @@ class LineField:
 
     half: float
     waves: Waves
-    """Plane waves, each with one frequency component."""
 
     @property
     def pairs(self) -> int:
@@ -298,12 +283,6 @@ def _over_pairs(
     return total
 
 
-def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
-    """Return four times the position in the frame, as the sum of two floats."""
-    total, low = frame.exact_position(x)
-    return phases.halves(ops, (4.0 * total, 4.0 * low))
-
-
 def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
     fields = (
         reduce(
@@ -341,7 +320,10 @@ def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
 
 
 def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
-    return (*_four_times(ops, frame, x), *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
+    total, low = frame.exact_position(x)
+    # If x changes by dx, the two copies of a slit approach each other by 4 dx.
+    shift = phases.halves(ops, (4.0 * total, 4.0 * low))
+    return (*shift, *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
 
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
@@ -349,11 +331,7 @@ def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Value
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
-    return (cycles, *shift, *_lag(ops, frame, xi))
-
-
-def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
-    return phases.halves(ops, (*frame.vector(ops, xi), 0.0))
+    return (cycles, *shift, *phases.halves(ops, (*frame.vector(ops, xi), 0.0)))
 
 
 def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
@@ -374,7 +352,14 @@ AUTOCORRELATION = Kernel(
     _both_ends,
     product_of_both,
 )
-WIGNER = Kernel("wigner of slits", 1, lag_pairs, _enter_wigner, _wigner, leave_real)
+WIGNER = Kernel(
+    "wigner of slits", 1, partial(pair_tables, of_lags=True), _enter_wigner, _wigner, leave_real
+)
 AMBIGUITY = Kernel(
-    "ambiguity of slits", 1, position_pairs, _enter_ambiguity, _ambiguity, leave_wave
+    "ambiguity of slits",
+    1,
+    partial(pair_tables, of_lags=False),
+    _enter_ambiguity,
+    _ambiguity,
+    leave_wave,
 )
