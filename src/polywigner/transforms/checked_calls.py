@@ -13,6 +13,7 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.geometry.arguments import checked_vectors
 from polywigner.kernels import Kernel
 from polywigner.source import Array
 
@@ -149,32 +150,9 @@ def checked_points(
     Raises ArgumentError if this is impossible. With ``keep_single``, float32 arrays are returned
     unchanged, because a float64 copy may not fit into memory.
     """
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
-        return value
-    shape = f"(..., {dimension})"
-    if np.ma.is_masked(value):
-        raise ArgumentError(
-            f"expected {name} without masked elements, got {np.ma.count_masked(value)} masked "
-            f"elements; use {name}.filled(numpy.nan) or {name}.compressed()"
-        )
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        array = np.empty(0, dtype=object)
-    if array.dtype.kind not in "biufc":
-        raise ArgumentError(
-            f"expected {name} as numbers of shape {shape}, got {type(value).__name__} that "
-            "cannot be converted to an array of numbers"
-        )
-    if array.ndim == 0 or array.shape[-1] != dimension:
-        raise ArgumentError(
-            f"expected {name} of shape {shape} with the components on the last axis, got "
-            f"shape {array.shape}"
-        )
-    if array.dtype.kind == "c":
-        raise ArgumentError(
-            f"expected {name} as real numbers, got complex numbers; use {name}.real"
-        )
-    if keep_single and array.dtype == np.float32:
-        return array
-    return array.astype(np.float64, copy=False)
+    if isinstance(value, np.ndarray) and not np.ma.is_masked(value):
+        is_kept = value.dtype == np.float64 or (keep_single and value.dtype == np.float32)
+        if is_kept and value.shape[-1:] == (dimension,):
+            return np.asarray(value)
+    expected = f"expected {name} of shape (..., {dimension}), real numbers with the components"
+    return checked_vectors(value, f"{expected} on the last axis", (dimension,))

@@ -14,6 +14,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.geometry.illumination import shift_phases
 from polywigner.kernels import is_separable
+from polywigner.numerics import phases
 from polywigner.optics import FirstOrder
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
@@ -169,10 +170,7 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
     """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
-    array = checked_points("nu", nu, len(kappa))
-    difference = array - kappa
-    virtual = difference - array
-    lost = (array - (difference - virtual)) - (kappa + virtual)
+    difference, lost = phases.difference(checked_points("nu", nu, len(kappa)), kappa)
     return difference, np.where(np.isfinite(lost), lost, 0.0)
 
 
