@@ -93,11 +93,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
 
 def waves_of_cycles(cycles: Any) -> Complex:
     """Return the waves exp(2 pi i cycles)."""
-    angle = np.asarray(2 * math.pi * (cycles - np.rint(cycles)))
-    wave = np.empty(angle.shape, np.complex128)
-    np.cos(angle, out=wave.real)
-    np.sin(angle, out=wave.imag)
-    return wave
+    return np.exp(2j * math.pi * (cycles - np.rint(cycles)))
 
 
 def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:

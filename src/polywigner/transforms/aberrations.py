@@ -70,9 +70,7 @@ class Indexing(NamedTuple):
     """A numbering of Zernike polynomials by a single index."""
 
     order: Callable[[int], Order]
-    """Function that converts an index to the order (n, m) of the polynomial."""
     first: int
-    """First index of the numbering, 0 or 1."""
     is_normalised: bool
     """Whether the polynomials have unit rms on the disc. Otherwise their value at the rim is 1."""
 
@@ -96,7 +94,7 @@ def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
     The largest value of each polynomial on the rim of the disc is 1.
     """
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_part(table, order) for order in orders])
+    return np.array([_part(table[n, abs(m)], m) for n, m in orders])
 
 
 def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
@@ -128,9 +126,8 @@ def _at(table: dict[Order, Complex], n: int, m: int) -> Complex:
     return table[n, m] if m >= 0 else table[n, -m].conj()
 
 
-def _part(table: dict[Order, Complex], order: Order) -> Floats:
-    n, m = order
-    return table[n, m].real if m >= 0 else table[n, -m].imag
+def _part(values: Complex, m: int) -> Floats:
+    return values.real if m >= 0 else values.imag
 
 
 def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
@@ -139,8 +136,7 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
     for k in range(n, 0, -2):
         by_z = by_z + k * _at(table, k - 1, abs(m) - 1)
         by_conjugate = by_conjugate + k * _at(table, k - 1, abs(m) + 1)
-    both = np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)])
-    return both.real if m >= 0 else both.imag
+    return _part(np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)]), m)
 
 
 # Step of finite differences for path functions, as a fraction of the pupil's radius.

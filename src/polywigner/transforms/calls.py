@@ -70,7 +70,6 @@ class Transform:
     """A public transform: its arguments, its unit, and its relation to other transforms."""
 
     points: tuple[str, ...]
-    """Names of the arguments that are points, in the order of the call."""
     title: str
     units: Any = content_units
     is_real: bool = False
@@ -79,8 +78,7 @@ class Transform:
     full: str | None = None
     """For a marginal, the transform that equals the marginal if its other argument is zero."""
     takes_degree: bool = False
-    """Whether partial coherence multiplies the transform by the degree of coherence at the last
-    argument."""
+    """Whether partial coherence adds a factor, the degree of coherence at the last argument."""
 
 
 TRANSFORMS = {
@@ -309,7 +307,7 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
     dimension = kernels.kernel_for(name, flat).dimension
     a, b, c, d = _blocks_for(through, dimension)
     position, frequency = TRANSFORMS[name].plane
-    checked = {label: _checked_point(label, p, dimension) for label, p in points.items()}
+    checked = _checked(points, dimension)
     if not execution.has_drjit(checked.values()):
         broadcast_shape(list(checked.values()))
     components = [*execution.split(checked[position]), *execution.split(checked[frequency])]
@@ -348,7 +346,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
             f"expected {traced[0]} as a NumPy array for a partly coherent source, got a "
             f"Dr.Jit array; use {traced[0]}.numpy()"
         )
-    points, coherent = _checked(wave, points), coherent_source(wave)
+    points, coherent = _checked(points, wave.dimension), coherent_source(wave)
     if takes_degree:
         values = compute(name, coherent, points, *how)
         degree = degree_of_coherence(wave, list(points.values())[-1])
@@ -373,15 +371,13 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     return within_widths(closed_form, of_coherent, wave, x, nu, double)
 
 
-def _checked(wave: Wavefront, points: Points) -> dict[str, Values]:
-    dimension = kernels.kernel_for("wigner", wave.source).dimension
-    return {label: _checked_point(label, p, dimension) for label, p in points.items()}
-
-
-def _checked_point(label: str, value: Any, dimension: int) -> Values:
-    if execution.is_drjit(value):
-        return execution.joined(execution.components_of(label, value, dimension))
-    return checked_points(label, value, dimension)
+def _checked(points: Points, dimension: int) -> dict[str, Values]:
+    return {
+        label: execution.joined(execution.components_of(label, value, dimension))
+        if execution.is_drjit(value)
+        else checked_points(label, value, dimension)
+        for label, value in points.items()
+    }
 
 
 def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
@@ -390,7 +386,7 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
     d, q = wave.dimension, wave.curvature
     if TRANSFORMS[name].full is not None:
         _, name, points = _of_full(name, wave, points)
-    points, flat = _checked(wave, points), wave.source
+    points, flat = _checked(points, wave.dimension), wave.source
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
 

@@ -31,7 +31,7 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
-from polywigner.transforms.public_transforms import ambiguity, energy_of, lag_marginal
+from polywigner.transforms.public_transforms import ambiguity, energy_of
 from polywigner.transforms.pupil_gradients import (
     Jets,
     PupilNumbers,
@@ -152,11 +152,7 @@ def _otf_jets(
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
-        # In focus the OTF is a ratio of areas, which needs no sines.
-        if bend == 0.0:
-            values = lag_marginal(source, lags, **how) + 0j
-        else:
-            values = ambiguity(source, -2.0 * bend * lags, lags, **how)
+        values = ambiguity(source, -2.0 * bend * lags, lags, **how)
         return np.reshape(values / checked_energy(source), (-1, 1))
     length = 1.0
     if aberration is not None:
