@@ -243,7 +243,7 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     known: dict[float, Any] = {}
 
     def of(step: Any, argument: Any) -> Any:
-        # Dr.Jit arrays cannot be keys.
+        # Dr.Jit arrays are not hashable.
         if not isinstance(step, float):
             return compute(argument)
         if step not in known:

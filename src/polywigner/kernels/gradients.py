@@ -91,7 +91,6 @@ class Axes:
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
         area = e1.scaled(dq).plus(ops, e0, q)
-        # ``product`` is the mean of q t times the wave along the segment.
         product = e2.scaled(dq).plus(ops, e1, q)
         along = product.scaled(dp).plus(ops, area, p)
         across = product.scaled(dq).plus(ops, area, q)

@@ -39,9 +39,9 @@ _FARTHEST = 60.0
 def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the Fresnel integral T from t to infinity, as two parts.
 
-    T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds = step + exp(i t^2) rest. The results
-    are step - ``side`` and rest, each with a small relative error. ``side`` is 1 if T is near 1,
-    and 0 otherwise.
+    T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds = step + exp(i t^2) remainder. The
+    results are step - ``side`` and the remainder, each with a small relative error. ``side`` is 1
+    if T is near 1, and 0 otherwise.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
     # The step is 1/(exp(z) + 1). The step minus 1 is -1/(exp(-z) + 1), without cancellation.

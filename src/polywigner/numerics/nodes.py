@@ -45,7 +45,6 @@ _SAFETY = 8.0
 # Ratio of the last Legendre coefficients (squared) to their expected size above which the bound M
 # is not used.
 _SURPRISE = 1e3
-# Number of values of :func:`node_sums`.
 SUMS = 7
 
 

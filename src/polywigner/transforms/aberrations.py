@@ -141,8 +141,7 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
 
 # Step of finite differences for path functions, as a fraction of the pupil's radius.
 _STEP = 1e-6
-# Largest radial order of Zernike polynomials.
-_HIGHEST = 200
+_HIGHEST_RADIAL_ORDER = 200
 # Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest. Below, the
 # polynomials are linearly dependent on the pupil.
 _DEPENDENT = 1e-10
@@ -511,10 +510,10 @@ def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
     order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
-        if not is_index or index < first or order(int(index))[0] > _HIGHEST:
+        if not is_index or index < first or order(int(index))[0] > _HIGHEST_RADIAL_ORDER:
             raise ArgumentError(
                 f"expected indices of the numbering {indexing} from {first} up to the radial "
-                f"order {_HIGHEST}, got {value_text(index)}"
+                f"order {_HIGHEST_RADIAL_ORDER}, got {value_text(index)}"
             )
     if len(set(indices)) != len(indices) or not len(indices):
         raise ArgumentError(

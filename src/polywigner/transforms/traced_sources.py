@@ -111,7 +111,6 @@ def _with_vertices(
 ) -> tuple[Aperture | Array, Drjit]:
     points = execution.columns_of(vertices)
     if source is None:
-        # Outlines must be counter-clockwise.
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
             vertices, points = (
                 execution.entries(vertices, np.arange(len(points))[::-1]),

@@ -35,7 +35,6 @@ TILT_ERROR = {True: 1e-11, False: 1e-7}
 # 8e-7.
 _WIDEST = {True: 1e3, False: 20.0}
 
-# Floats per block.
 _BLOCK = 1 << 20
 
 

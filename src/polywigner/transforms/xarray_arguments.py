@@ -169,7 +169,7 @@ def _labelled(
         *prepared,
         input_core_dims=[[_dimension(name)] for name in points],
         output_core_dims=[list(components)] * len(names),
-        # Keeps the attributes of coordinates. The attributes of results are replaced below.
+        # Coordinates keep their attributes. The attributes of results are replaced below.
         keep_attrs="override",
         **lazily,
     )

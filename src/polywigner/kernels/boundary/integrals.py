@@ -57,10 +57,10 @@ def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
     """Return the distance of a point from the centre as the sum of two floats."""
     highs = tuple(high for high, _ in point)
     root = ops.sqrt(sum(high * high for high in highs))
-    total, rest = phases.dot(ops, (*highs, -root), (*highs, root))
+    total, lost = phases.dot(ops, (*highs, -root), (*highs, root))
     for high, low in point:
-        rest = rest + 2.0 * high * low
-    correction = (total + rest) / (2.0 * root)
+        lost = lost + 2.0 * high * low
+    correction = (total + lost) / (2.0 * root)
     return root, ops.select(root < _FARTHEST, correction, 0.0)
 
 
@@ -68,9 +68,9 @@ def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
     """Return the paraxial distance z + (x^2 + y^2)/(2 z) of a point as the sum of two floats."""
     (x, x_low), (y, y_low), (z, z_low) = point
     rise = (x * x + y * y) / (2.0 * z)
-    total, rest = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
-    rest = rest + 2.0 * (x * x_low + y * y_low - rise * z_low)
-    correction = (total + rest) / (2.0 * z)
+    total, lost = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
+    lost = lost + 2.0 * (x * x_low + y * y_low - rise * z_low)
+    correction = (total + lost) / (2.0 * z)
     high, low = phases.difference(z, -rise)
     return high, low + (z_low + ops.select(high < _FARTHEST, correction, 0.0))
 
@@ -173,8 +173,8 @@ def _panel(
     )  # fmt: skip
     error = missed(ops, sums, expected, rounded_turns(ops, row, inner))
     e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
-    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
-    closed = (wave.closed(ops, view) * rest).scaled(grazing)
+    amplitude = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
+    closed = (wave.closed(ops, view) * amplitude).scaled(grazing)
     return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 

@@ -106,13 +106,13 @@ class _Line:
     """Constant b' of (B2)."""
     lift: Any
     """Difference N' - N of the path differences of (B2)."""
-    rest: float
+    mirror_factor: float
     """Factor 1/2 - m in the second term of (B3)."""
     curved: float
     """1 for spherical waves and 0 for parabolic waves."""
 
     @classmethod
-    def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
+    def spherical(cls, ops: Any, view: PanelView, lean: Any, mirror_factor: float) -> _Line:
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
@@ -120,7 +120,9 @@ class _Line:
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
-        return cls(view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), rest, 1.0)
+        return cls(
+            view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), mirror_factor, 1.0
+        )
 
     @classmethod
     def parabolic(cls, view: PanelView) -> _Line:
@@ -172,7 +174,7 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
-        view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
+        view, mirror_factor, tiny = self.view, self.mirror_factor, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
 
@@ -192,9 +194,9 @@ class _Line:
             # The rounding errors of E and e do not cancel, so |E - e| is replaced by its upper
             # bound.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
-            if rest:
-                value = value + edge.scaled(rest * beta / (path + lift))
-                size = size + abs(rest * beta / (path + lift))
+            if mirror_factor:
+                value = value + edge.scaled(mirror_factor * beta / (path + lift))
+                size = size + abs(mirror_factor * beta / (path + lift))
             step = half / radius
             real, imag, _, *last = node_sums(step * value.real, step * value.imag, w, v1, v2)
             return real, imag, w * step * size, *last
@@ -218,7 +220,7 @@ class _Line:
         # The integrand for parabolic waves has no singularity.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
-        if self.rest:
+        if self.mirror_factor:
             # ``tilt`` is a lower bound of the sine of the angle between the point and the mirrored
             # ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
@@ -243,8 +245,8 @@ class _Line:
         ``wave`` is the wave at the end. The error is at most exp(-digits) times the bound.
         """
         path = at.beyond + self.ahead
-        slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
-        half, beta = 0.5 * self.lean, rest * self.beta
+        slope2, mirror_factor, curved = at.slope * at.slope, self.mirror_factor, self.curved
+        half, beta = 0.5 * self.lean, mirror_factor * self.beta
 
         def node(
             y: Any, weight: Any,
@@ -253,7 +255,7 @@ class _Line:
             """Return the integrand of (B10), divided by the wave E at the end of the edge."""
             speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
-            if rest:
+            if mirror_factor:
                 value = value + _quotient(weight * beta, Pair(path + lift, y) * speed)
             return value.real, value.imag
 
@@ -264,7 +266,7 @@ class _Line:
         )  # fmt: skip
         total = (wave * Pair(-imag, real)).scaled(sign)
         size = abs(half) / ops.maximum(path, 1e-30)
-        if rest:
+        if mirror_factor:
             size = size + abs(beta) / (path + self.lift)
         slowest = 2.0 * math.pi * ops.maximum(abs(at.slope), 1e-30)
         return total, abs(sign) * size / slowest
