@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -189,10 +189,7 @@ def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
     """
     rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
-    weights = np.ones(1)
-    for _, axis_weights in rules:
-        weights = np.multiply.outer(weights, axis_weights)
-    flat = weights.ravel()
+    flat = reduce(np.multiply.outer, (weights for _, weights in rules)).ravel()
     order = np.argsort(flat)
     remaining = np.sort(order[np.cumsum(flat[order]) > error / 10])
     return _frozen(nodes.reshape(-1, len(reaches))[remaining], flat[remaining])

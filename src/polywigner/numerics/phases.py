@@ -95,10 +95,8 @@ def sinc(ops: Any, cycles: Any) -> Any:
 def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
     """Return sinc(cycles) - 1 from its power series, which is accurate for small arguments."""
     square = (math.pi * cycles) * (math.pi * cycles)
-    series: Any = 0.0
-    for k in range(terms, 0, -1):
-        series = ops.fma(series, square, (-1.0) ** k / math.factorial(2 * k + 1))
-    return series * square
+    coefficients = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, terms + 1)]
+    return polynomial(ops, coefficients, square) * square
 
 
 def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
@@ -260,10 +258,8 @@ def unit_wave(ops: Any, cycles: Any) -> Pair:
 
 def one_less_exp(ops: Any, x: Any, terms: int) -> Number:
     """Return 1 - exp(-x) from its power series, which is accurate for small arguments."""
-    series: Any = 0.0
-    for k in range(terms, 0, -1):
-        series = ops.fma(series, x, -((-1.0) ** k) / math.factorial(k))
-    return series * x
+    coefficients = [(-1.0) ** k / math.factorial(k + 1) for k in range(terms)]
+    return polynomial(ops, coefficients, x) * x
 
 
 # Phase difference [cycles] below which a divided difference is a Taylor series. The recursion
