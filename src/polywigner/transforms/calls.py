@@ -37,7 +37,6 @@ from polywigner.transforms.checked_calls import (
     PhaseSpaceSource,
     Values,
     broadcast_shape,
-    checked_call,
     checked_points,
     empty_result,
     in_plane,
@@ -137,7 +136,10 @@ def compute(
     is_real = TRANSFORMS[name].is_real
     if TRANSFORMS[name].full is not None:
         is_real, name, points = _of_full(name, source, points)
-    kernel, components = checked_call(name, source, points, precision, engine)
+    kernel, components = kernel_of(name, source, precision, engine), []
+    for label, value in points.items():
+        array = checked_points(label, value, kernel.dimension, keep_single=True)
+        components += execution.split(array)
     try:
         shape = np.broadcast_shapes(*[c.shape for c in components])
     except ValueError:

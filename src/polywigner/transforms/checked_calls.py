@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,18 +67,6 @@ def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
             f"expected shapes that broadcast before the last axis, got {shapes}; insert axes "
             "of length 1, as in x[:, None, :]"
         ) from None
-
-
-def checked_call(
-    name: str, source: Any, points: Mapping[str, Any], precision: str | None, engine: str
-) -> tuple[Any, list[Any]]:
-    """Return the kernel of a call with NumPy arrays, and the checked components of all points."""
-    kernel = kernel_of(name, source, precision, engine)
-    d, components = kernel.dimension, []
-    for label, value in points.items():
-        array = checked_points(label, value, d, keep_single=True)
-        components += [array[..., k] for k in range(d)]
-    return kernel, components
 
 
 def array_on_grid(

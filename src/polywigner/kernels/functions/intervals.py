@@ -50,18 +50,14 @@ def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> 
 class SlitFrame:
     """Normalised coordinates on a line.
 
-    A position x has the coordinate (x - centre)/scale, and a frequency nu becomes scale nu. The
-    scale is a power of two.
+    A position x has the coordinate (x - centre)/measure, and a frequency nu becomes measure nu. The
+    unit of length ``measure`` is a power of two.
     """
 
     centre: tuple[float]
-    scale: float
+    measure: float
     carrier: tuple[float] = (0.0,)
     """Frequency of the carrier, in the user's unit. Stored fields are relative to the carrier."""
-
-    @property
-    def measure(self) -> float:
-        return self.scale
 
     def position(self, ops: Any, x: Any) -> tuple[Any]:
         total, low = self.exact_position(x)
@@ -70,20 +66,20 @@ class SlitFrame:
     def exact_position(self, x: Any) -> Doubled:
         """Return the coordinate of a position in the frame as the sum of two floats."""
         total, low = phases.difference(x, self.centre[0])
-        return total * (1 / self.scale), low * (1 / self.scale)
+        return total * (1 / self.measure), low * (1 / self.measure)
 
     def vector(self, ops: Any, xi: Any) -> tuple[Any]:
-        return (xi * (1 / self.scale),)
+        return (xi * (1 / self.measure),)
 
     def frequency(self, ops: Any, nu: Any) -> tuple[Any]:
-        return (nu * self.scale,)
+        return (nu * self.measure,)
 
     def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
         """Return a spatial frequency minus the carrier frequency, in the frame."""
         return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
 
     def exact_frequency(self, nu: float) -> tuple[float]:
-        return (nu * self.scale,)
+        return (nu * self.measure,)
 
 
 @dataclass(frozen=True)
@@ -122,7 +118,7 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
     low, high = normal_form(source).bounds
     (carrier,) = carrier_of((element.illumination for element in elements), 1)
     frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low), (carrier,))
-    centre, scale = Fraction(frame.centre[0]), Fraction(frame.scale)
+    centre, scale = Fraction(frame.centre[0]), Fraction(frame.measure)
     intervals = []
     for element in elements:
         waves = tuple(

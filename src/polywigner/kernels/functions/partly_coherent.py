@@ -76,7 +76,7 @@ WIGNER = replace(
 @lru_cache(maxsize=256)
 def _pairs_of(source: Wavefront, double: bool) -> PairTables:
     pairs = intervals.pair_tables(source.source, double, of_lags=True)
-    return replace(pairs, coherence_width=source.coherence_width / pairs.frame.scale)
+    return replace(pairs, coherence_width=source.coherence_width / pairs.frame.measure)
 
 
 WIGNER_OF_SLITS = replace(
