@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -223,34 +223,23 @@ def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
     return DeviceTable(np.ascontiguousarray(parts).reshape(-1, packet))
 
 
-def factor_of(
-    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
-) -> Callable[[Pair2, Pair2], Pair]:
-    """Return a function that computes the array factor for a midpoint or a difference.
+def pair_factor(
+    ops: Any,
+    profiles: tuple[ProfileFactor, ProfileFactor],
+    by_mean: bool,
+    numbers: Pair2,
+    cycles: Pair2,
+) -> Pair:
+    """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-    ``cycles`` contains the frequencies along both lattice directions. The arguments of the returned
-    function are the steps from the first contributing midpoint or difference, and the numbers of
-    :meth:`ProfileFactor.at`.
+    ``numbers`` and ``cycles`` contain the arguments of :meth:`ProfileFactor.at` along both lattice
+    directions.
     """
     first, second = (
-        _remembered(partial(profile.at, ops, by_mean, cycles=along))
-        for profile, along in zip(profiles, cycles, strict=True)
+        profile.at(ops, by_mean, number, along)
+        for profile, number, along in zip(profiles, numbers, cycles, strict=True)
     )
-    return lambda steps, numbers: first(steps[0], numbers[0]) * second(steps[1], numbers[1])
-
-
-def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    known: dict[float, Any] = {}
-
-    def of(step: Any, argument: Any) -> Any:
-        # Dr.Jit arrays are not hashable.
-        if not isinstance(step, float):
-            return compute(argument)
-        if step not in known:
-            known[step] = compute(argument)
-        return known[step]
-
-    return of
+    return first * second
 
 
 # Largest deviation of elements from a lattice, relative to the lattice's extent D. At |nu| D = 1000
@@ -290,14 +279,10 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
         # Array factors refer the phases of the weights to the centre of the lattice.
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
-    factors, cycles = (
-        map(profile_factor, profiles),
-        (profile.cycles_per_element for profile in profiles),
-    )
-    return _Tables(frame, (), tuple(factors), constant, tuple(cycles))
+    cycles = tuple(profile.cycles_per_element for profile in profiles)
+    return _Tables(frame, (), tuple(map(profile_factor, profiles)), constant, cycles)
 
 
-@lru_cache(maxsize=64)
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
     low = sites.positions.min(axis=0)
     centre = low + np.ptp(sites.positions, axis=0) / 2
