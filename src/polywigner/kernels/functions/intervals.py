@@ -94,12 +94,12 @@ class SlitTables:
 
 @dataclass(frozen=True)
 class PairTables:
-    """Pairs of slits, with one row of numbers for each pair.
+    """Pairs of slits and of their plane waves, with one row of numbers for each pair.
 
     A row contains the distance of the centres at x = 0 or xi = 0 as two floats, both half-lengths,
-    the mean of the centres as two floats, and the complex product of one field and the conjugate of
-    the other. For fields of plane waves, each pair of waves has a row with two more numbers: the
-    shift to subtract from the frequency, and the frequency of the product along 4x or xi.
+    the mean of the centres as two floats, the complex product of one field and the conjugate of the
+    other, the shift to subtract from the frequency, and the frequency of the product along 4x or
+    xi.
     """
 
     frame: SlitFrame
@@ -159,8 +159,6 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTable
             (a,), (b,) = v.frequency, w.frequency
             wave = ((a + b) / 2, (a - b) / 4) if of_lags else (a - b, (a + b) / 2)
             rows.append((*row, mutual.real, mutual.imag, *wave))
-    if not any(any(row[-2:]) for row in rows):
-        rows = [row[:-2] for row in rows]
     return PairTables(tables.frame, tuple(rows))
 
 
@@ -180,14 +178,11 @@ def _overlap(
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
-        imag: Any, *wave: Any,
+        imag: Any, detuning: Any, rate: Any,
     ) -> Values:  # fmt: skip
         length, offset = _overlap(ops, shift, gap, gap_low, half, other)
-        detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
-        if wave:
-            detuning, rate = wave
-            detuned = (nu[0], nu[1] - detuning)
-            mutual = mutual * unit_wave(ops, rate * (shift[0] + shift[1]))
+        detuned, width = (nu[0], nu[1] - detuning), tables.coherence_width
+        mutual = Pair(real, imag) * unit_wave(ops, rate * (shift[0] + shift[1]))
         frequency = detuned[0] + detuned[1]
         if width < math.inf:
             scale = 1.0 / width
@@ -203,11 +198,6 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
 
     total: Values = ops.sum_over(tables.edges, term, 2, like=shift[0])
     return total
-
-
-# Difference below which two frequencies are treated as equal, in cycles per unit of the frame, or
-# relative to the largest frequency.
-_EQUAL = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,13 +222,11 @@ class LineField:
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
         length = 2.0 * self.half
-        real: Any = 0.0
-        imag: Any = 0.0
+        total = Pair(0.0, 0.0)
         for wave in self.waves:
-            transform = sinc(ops, length * (nu - wave.frequency[0]))
-            real = ops.fma(transform, wave.amplitude.real, real)
-            imag = ops.fma(transform, wave.amplitude.imag, imag)
-        return Pair(real, imag).scaled(length)
+            amplitude = Pair(wave.amplitude.real, wave.amplitude.imag)
+            total = total + amplitude.scaled(sinc(ops, length * (nu - wave.frequency[0])))
+        return total.scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
         """Return the field at a position. The interval includes only its lower end."""
@@ -255,17 +243,6 @@ def _over_pairs(
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
     """Return the sum over pairs of waves, (I4), or (I6) for a finite coherence width."""
-    largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
-    tolerance = _EQUAL * max(1.0, largest)
-    waves: dict[int, Pair] = {}
-
-    def wave(rate: float) -> Pair:
-        number = round(abs(rate) / tolerance)
-        if number not in waves:
-            waves[number] = unit_wave(ops, abs(rate) * position)
-        value = waves[number]
-        return value if rate >= 0.0 else value.conjugate()
-
     total = Pair(0.0, 0.0)
     for pair in pairs:
         nu = frequency - pair.shift[0]
@@ -274,8 +251,7 @@ def _over_pairs(
             transform = wave_over_interval(ops, -half, half, nu * width)[0] * width
         else:
             transform = sinc(ops, length * nu) * length
-        parts = (wave(rate) * Pair(a.real, a.imag) for a, (rate,) in pair.terms)
-        total = total + reduce(Pair.__add__, parts).scaled(transform)
+        total = total + Pair(*pair.amplitude(ops, (position,))).scaled(transform)
     return total
 
 
