@@ -132,7 +132,6 @@ def planned(
 
 
 def _engine_for(engine: str, is_large: bool) -> str:
-    """Return the engine. ``is_large`` specifies that compiled code is faster than NumPy."""
     if checked_engine(engine) == "llvm":
         llvm.require()
     elif engine == "cuda":

@@ -105,7 +105,6 @@ def plan_for_grid(
 
 
 def _is_grid(x: Array, y: Array) -> bool:
-    """Return whether x depends only on the first axis and y on the second. For NaN it is False."""
     # The corners quickly exclude most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
@@ -232,8 +231,6 @@ def evaluate(
 
 
 class _ExplainedError(Exception):
-    """Exception that passes the plan of a call to :func:`explained`."""
-
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
 
@@ -259,7 +256,6 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Return the results of a kernel, computed by NumPy, as flat float64 arrays."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -356,7 +352,6 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield chunks of results for samples that share slices. Slices use double precision."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None

@@ -187,7 +187,6 @@ class OnDrjit:
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
-        """Return the value of an argument at the row and the column of each sample."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -207,7 +206,6 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return the row and the column of each sample in a block of samples."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
@@ -278,7 +276,6 @@ class OnDrjitData:
             yield targets, *self._begun(arguments)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
-        """Start a chunk. Returns the order of its samples, and the function that waits for it."""
         import drjit
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
@@ -314,12 +311,7 @@ class OnDrjitData:
 
 
 class _Slices:
-    """Edge pairs of a source as data, for Wigner and ambiguity functions.
-
-    ``numbers`` contains the tables, and ``owners`` the objects on which a recording depends.
-    ``is_recorded`` specifies that the kernel reads no memory except ``numbers``, as recordings
-    require.
-    """
+    """Edge pairs of a source as data, for Wigner and ambiguity functions."""
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
         assert kernel.slices is not None
@@ -336,7 +328,6 @@ class _Slices:
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """Return the tables in the memory of the engine, from the cache if possible."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -348,14 +339,12 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
-        """Return indices that sort samples by cell. Neighbours then read the same lists."""
         if not self.sorts:
             return ...
         key, grid = next(iter(self.pairs.items()))
         return order_by_cell(self.slices, key, grid, inner)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
-        """Return the sums of the kernel over edges, from tables in the memory of the engine."""
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
@@ -370,8 +359,6 @@ def order_by_cell(slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[A
 
 
 class _Edges:
-    """Edges of a source as data, for Fourier transforms."""
-
     is_recorded = True
 
     def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
@@ -394,8 +381,6 @@ class _Edges:
 
 
 class _OverRows(DrjitOperations):
-    """Dr.Jit operations that sum over the rows of a table in the memory of the engine."""
-
     def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
         super().__init__(ops.float_type)
         self.rows, self.end = rows, end
@@ -411,8 +396,6 @@ class _OverRows(DrjitOperations):
 
 @dataclass(frozen=True)
 class _DataFrame(Frame):
-    """A frame with its centre in memory, each coordinate as two floats."""
-
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         pairs: Any = self.centre
         nearest: Any = tuple(high for high, _ in pairs)
@@ -429,7 +412,6 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
 
 
 def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
-    """Return each number as a Dr.Jit array with one entry, which is read from memory."""
     import drjit
 
     kind = ops.float_type

@@ -64,15 +64,12 @@ class Operations:
 
 
 class _Unfused(Operations):
-    """Operations in double precision, without fused multiply-adds."""
-
     double = True
     round: Any
     cross = staticmethod(accurate_cross)
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of ``term(*row)`` over all rows, computed row by row."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
@@ -144,7 +141,6 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
-            """Return the samples with the indices ``owner``, and single numbers unchanged."""
             return [a[owner] if len(a) == count else a for a in flat]
 
         for owner, row in _listed(begin, stop - begin):
@@ -180,7 +176,6 @@ class NumpyOperations(_Unfused):
 
 
 def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield, in blocks, all rows in the ranges of the samples, and the sample of each row."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):

@@ -70,10 +70,7 @@ def _float_of(name: str, value: Drjit) -> type:
 
 
 def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
-    """Return the common float type of all arrays.
-
-    Raises ArgumentError if types or options disagree, and EngineError if LLVM is not available.
-    """
+    """Return the common float type of arrays that agrees with the options of a call."""
     types = {_float_of(name, value) for name, value in arrays.items()}
     if len(types) > 1:
         names = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
@@ -163,7 +160,6 @@ def on_components(
 
 
 def _component_array(name: str, value: Any, float_type: type) -> Drjit:
-    """Return a Dr.Jit component array or NumPy points as a component array."""
     import drjit
 
     if not is_drjit(value):
@@ -185,7 +181,6 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
-    """Return tensors and NumPy points as component arrays of a common shape, and this shape."""
     import drjit
 
     flat: dict[str, Drjit] = {}
@@ -225,7 +220,6 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
 
 
 def _host_points(name: str, value: Any) -> NDArray[np.float64]:
-    """Return points as a NumPy array. Raises ArgumentError if they are not real numbers."""
     try:
         return real_numbers(value)
     except ValueError as error:

@@ -83,8 +83,6 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Derivative of a transform along the changes of vertices and weights."""
-
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
 
@@ -209,11 +207,7 @@ def evaluate_traced(
 def _order(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Drjit]
 ) -> NDArray[np.intp] | None:
-    """Return indices that sort samples by cell, or None if sorting saves no time.
-
-    A vector instruction takes as long as its sample with the longest list of edges, and samples in
-    one cell share a list.
-    """
+    """Return indices that sort samples by cell, or None if sorting saves no time."""
     import drjit
 
     slices, count = kernel.slices, max(map(drjit.width, components))
@@ -238,9 +232,9 @@ def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component, moved to memory if it is an infinite or NaN constant.
+    """Return a component. Infinite and NaN constants are moved to memory.
 
-    Dr.Jit evaluates constants while it compiles code, and would lose NaN.
+    Compiled code would lose NaN constants.
     """
     import drjit
 

@@ -66,6 +66,8 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
         raw = np.asarray(values)
     except ValueError:
         raise ValueError("lists of different lengths") from None
+    if raw.dtype.kind == "c":
+        raise ValueError("complex numbers")
     try:
         if raw.dtype.kind not in "iufO":
             raise TypeError

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -35,15 +35,6 @@ Row = tuple[float, ...]
 _PACKET = 4
 # Largest number of terms in a temporary array, some tens of megabytes with intermediate results.
 _BLOCK = 1 << 18
-
-
-def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """Return the index of the second element of a pair along one lattice direction.
-
-    ``number`` is the sum of both indices if ``by_mean``, and their difference plus count - 1
-    otherwise.
-    """
-    return number - index if by_mean else index - number + (count - 1)
 
 
 def _odd(ops: Any, number: Any) -> Number:
@@ -76,7 +67,6 @@ class ProfileFactor:
 
     @cached_property
     def _all(self) -> _Series:
-        """Amplitudes of all elements, in a single row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _mutual(self, by_mean: bool) -> _Series:
@@ -84,15 +74,16 @@ class ProfileFactor:
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
             site = np.maximum(0, number - last) + k
-            products: Complex = a[site] * a[partner(site, number, self.count, by_mean)].conj()
-            return products
+            other = number - site if by_mean else site - number + last
+            return np.asarray(a[site] * a[other].conj())
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
         """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-        ``number`` is defined by :func:`partner`. ``cycles`` is a frequency in cycles per period.
+        ``number`` is the sum of both indices if ``by_mean``, and their difference plus count - 1
+        otherwise. ``cycles`` is a frequency in cycles per period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -139,16 +130,11 @@ class _Series:
     """
 
     packets: int
-    """Number of packets in each row. A packet contains up to four coefficients."""
     tables: tuple[DeviceTable | None, ...]
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the trigonometric sum of a row at the frequency ``cycles``.
-
-        ``pairs`` is the number of pairs of elements, and ``last`` the index of the last row. Rows
-        that do not exist give 0.
-        """
+        """Return the trigonometric sum of a row, which is 0 if the row does not exist."""
         exists = (row >= 0.0) & (row <= last)
         # float32 rounds integers above 2^24, and tables of profiles with more than 8,200 elements
         # have more rows.
@@ -237,35 +223,23 @@ def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
     return DeviceTable(np.ascontiguousarray(parts).reshape(-1, packet))
 
 
-def factor_of(
-    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
-) -> Callable[[Pair2, Pair2], Pair]:
-    """Return a function that computes the array factor for a midpoint or a difference.
+def pair_factor(
+    ops: Any,
+    profiles: tuple[ProfileFactor, ProfileFactor],
+    by_mean: bool,
+    numbers: Pair2,
+    cycles: Pair2,
+) -> Pair:
+    """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-    ``cycles`` contains the frequencies along both lattice directions. The arguments of the returned
-    function are the steps from the first contributing midpoint or difference, and the numbers of
-    :func:`partner`.
+    ``numbers`` and ``cycles`` contain the arguments of :meth:`ProfileFactor.at` along both lattice
+    directions.
     """
     first, second = (
-        _remembered(partial(profile.at, ops, by_mean, cycles=along))
-        for profile, along in zip(profiles, cycles, strict=True)
+        profile.at(ops, by_mean, number, along)
+        for profile, number, along in zip(profiles, numbers, cycles, strict=True)
     )
-    return lambda steps, numbers: first(steps[0], numbers[0]) * second(steps[1], numbers[1])
-
-
-def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a function (step, argument) that computes ``compute(argument)`` once per step."""
-    known: dict[float, Any] = {}
-
-    def of(step: Any, argument: Any) -> Any:
-        # Dr.Jit arrays cannot be keys.
-        if not isinstance(step, float):
-            return compute(argument)
-        if step not in known:
-            known[step] = compute(argument)
-        return known[step]
-
-    return of
+    return first * second
 
 
 # Largest deviation of elements from a lattice, relative to the lattice's extent D. At |nu| D = 1000
@@ -305,14 +279,10 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
         # Array factors refer the phases of the weights to the centre of the lattice.
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
-    factors, cycles = (
-        map(profile_factor, profiles),
-        (profile.cycles_per_element for profile in profiles),
-    )
-    return _Tables(frame, (), tuple(factors), constant, tuple(cycles))
+    cycles = tuple(profile.cycles_per_element for profile in profiles)
+    return _Tables(frame, (), tuple(map(profile_factor, profiles)), constant, cycles)
 
 
-@lru_cache(maxsize=64)
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
     low = sites.positions.min(axis=0)
     centre = low + np.ptp(sites.positions, axis=0) / 2

@@ -41,7 +41,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Conditions for faster kernels. The first true condition decides.
+# Conditions for faster kernels, in descending priority.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
@@ -65,7 +65,6 @@ _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
 def _widths_in(source: Wavefront) -> float:
-    """Return the number of coherence widths in the bounding box of a source."""
     return math.prod((1.0 + sides_of(source.bounds) / source.coherence_width).tolist())
 
 

@@ -223,14 +223,12 @@ Point = tuple[phases.Doubled, phases.Doubled]
 
 
 def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
-    """Return the exact difference value - constant, as the sum of two floats."""
     high, low = phases.doubled(constant, ops.double)
     total, low = phases.difference(value, high)
     return total, low - low
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
-    """Return a position in the frame, each coordinate as the sum of two floats."""
     less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
     total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
     return _halves(ops, *zip(total, low, strict=True))
@@ -272,7 +270,6 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the position or lag of a sample relative to a pair of elements."""
     (x, x_low), (y, y_low) = _point(samples[:4])
     (px, px_low), (py, py_low) = _point(record[:4])
     return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
@@ -281,7 +278,6 @@ def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the contribution of a pair of equal elements to A, or to W (real part only)."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
     cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
@@ -332,7 +328,6 @@ def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> 
 
 
 def _fields(ops: Any, tables: PairTables, cycles: Any, *positions: Any) -> Values:
-    """Return the fields at x + xi/2 and x - xi/2 without the carrier, for R(x, xi)."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 

@@ -33,9 +33,7 @@ class Accumulator(Protocol):
     """Interface of objects that compute the change of a transform due to vertices and weights."""
 
     needs_vertices: bool
-    """Whether derivatives with respect to vertices are required."""
     needs_weights: bool
-    """Whether derivatives with respect to the weights of the elements are required."""
     has_constant_indices: bool
     """Whether the indices of vertices must be Python integers."""
 
@@ -93,7 +91,6 @@ class Axes:
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
         area = e1.scaled(dq).plus(ops, e0, q)
-        # ``product`` is the mean of q t times the wave along the segment.
         product = e2.scaled(dq).plus(ops, e1, q)
         along = product.scaled(dp).plus(ops, area, p)
         across = product.scaled(dq).plus(ops, area, q)
@@ -125,10 +122,7 @@ def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
 
 
 def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """Return the spherical Bessel functions j_0, j_1 and j_2 of the argument 2 pi half.
-
-    For small x, j_1 = x (j_0 + j_2)/3 follows from the series of j_2 without loss of digits.
-    """
+    """Return the spherical Bessel functions j_0, j_1 and j_2 of the argument 2 pi half."""
     x = 2 * math.pi * half
     small = abs(x) < _BELOW
     inverse = 1.0 / ops.select(small, 1.0, x)
@@ -205,7 +199,6 @@ def _gradients(
     position: tuple[Any, ...],
     frequency: tuple[Any, ...],
 ) -> Gradients:
-    """Return the gradients of the Wigner (``of_lags``) or the ambiguity function."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
@@ -270,7 +263,6 @@ class _WavePairGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
-        """Return the contributions of an edge to the sums of :meth:`add`."""
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, motion, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
@@ -312,7 +304,6 @@ class _WavePairGradients:
         return _parts(area, *motions, along, across, shared)
 
     def add(self, sums: Sequence[Pair], result: Gradients) -> None:
-        """Add the sums over all edges to the derivatives in ``result``."""
         area, *motions, along, across, shared = sums
         result.shared = result.shared + shared
         for k, motion in enumerate(motions):

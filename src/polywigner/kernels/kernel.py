@@ -32,8 +32,7 @@ class Kernel:
     """Function (ops, tables, *arguments in the frame) that returns the sums over edges. It is a
     `SliceSum` for W and A, and an `OutlineSum` for the Fourier transform of an outline."""
     leave: Callable[..., Values]
-    """Function (ops, frame, arguments in the frame, sums) that returns results in the user's units.
-    Function (ops, frame, arguments in the frame, sums) that returns results in the user's units."""
+    """Function (ops, frame, arguments in the frame, sums) that returns results in user units."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
         """Return the constants of the kernel for a source, from the source's cache if possible."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.array_factors import ProfileFactor, factor_of, profile_factor
+from polywigner.kernels.array_factors import ProfileFactor, pair_factor, profile_factor
 from polywigner.kernels.element_pairs import (
     ElementTables,
     RepeatedTables,
@@ -169,7 +169,6 @@ def _tables(array: Array, double: bool) -> ArrayTables:
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
-    """Return the array factors of a profile, including the modulus of its constant factor."""
     size = abs(profile.factor)
     if profile.is_uniform and size == 1.0:
         return profile_factor(profile)
@@ -178,7 +177,6 @@ def _scaled(profile: Profile) -> ProfileFactor:
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
-    """Return the phases nu.b in cycles, modulo 1, for both basis vectors b of the lattice."""
     return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
@@ -193,11 +191,11 @@ def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y:
 def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
     first, second, x, y, *cycles, nu_x, nu_y = inner
     frame, element = tables.frame, tables.element
-    factor = factor_of(ops, tables.sites, True, (cycles[0] + cycles[0], cycles[1] + cycles[1]))
+    twice = cycles[0] + cycles[0], cycles[1] + cycles[1]
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
         offset = (x - dx, y - dy)
-        weight = factor((k, m), (first + k, second + m)).real
+        weight = pair_factor(ops, tables.sites, True, (first + k, second + m), twice).real
         return (weight * element_wigner(ops, element, *offset, nu_x, nu_y),)
 
     total: Values = ops.sum_large_terms(frame.means.rows(frame), term, element.clips)
@@ -220,12 +218,12 @@ def _enter_ambiguity(
 def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
     frame, element, slope = tables.frame, tables.element, tables.frame.slope
-    factor = factor_of(ops, tables.sites, False, (along[0], along[1]))
     lowest = [profile.count - 1.0 for profile in tables.sites]
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
         i, j = first + k, second + m
-        weight = factor((k, m), (i + lowest[0], j + lowest[1]))
+        numbers = i + lowest[0], j + lowest[1]
+        weight = pair_factor(ops, tables.sites, False, numbers, (along[0], along[1]))
         if any(slope):
             weight = weight * unit_wave(ops, i * slope[0] + j * slope[1])
         value = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)

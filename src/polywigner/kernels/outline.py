@@ -56,8 +56,7 @@ class Frame:
     measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
-    """Frequency of the carrier, in the user's units. The stored fields are relative to the carrier.
-    Frequency of the carrier, in the user's units. The stored fields are relative to the carrier."""
+    """Frequency of the carrier, in the user's units. Stored fields are relative to the carrier."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """Return the coordinates of a point of the aperture plane in the frame."""
@@ -251,7 +250,6 @@ class Tables:
     """Indices of the start vertex, the end vertex, the element and the group of each edge. Shape
     (n, 4)."""
     apertures: tuple[Aperture, ...]
-    """Outline of each element in the plane of the source."""
     weights: tuple[Any, ...]
     """Complex weight of each element, relative to the field of its group."""
     factors: tuple[complex, ...]

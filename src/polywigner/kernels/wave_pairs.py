@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.numerics import cluster_indices
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
 # Relative difference below which frequencies are treated as equal, because sums in a different
@@ -134,7 +135,6 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return the real and imaginary part of a sum of plane waves at a point."""
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
@@ -183,15 +183,13 @@ def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, 
 def _collected(
     pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool
 ) -> tuple[WavePair, ...]:
-    largest = max((abs(f) for shift, _, _ in pairs for f in shift), default=0.0)
-    tolerance = _EQUAL * max(1.0, largest)
-    collected: list[tuple[Vector, dict[Vector, complex]]] = []
-    for shift, amplitude, rate in pairs:
-        terms = next((t for s, t in collected if math.dist(s, shift) <= tolerance), None)
-        if terms is None:
-            terms = {}
-            collected.append((shift, terms))
+    shifts = np.array([shift for shift, _, _ in pairs])
+    numbers = cluster_indices(shifts, _EQUAL * max(1.0, float(np.abs(shifts).max())))
+    collected: dict[int, tuple[Vector, dict[Vector, complex]]] = {}
+    for number, (shift, amplitude, rate) in zip(numbers.tolist(), pairs, strict=True):
+        _, terms = collected.setdefault(number, (shift, {}))
         terms[rate] = terms.get(rate, 0.0) + amplitude
     return tuple(
-        WavePair(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in collected
+        WavePair(shift, tuple((a, r) for r, a in terms.items()), is_real)
+        for shift, terms in collected.values()
     )

@@ -28,11 +28,10 @@ import numpy as np
 
 from polywigner.numerics import Number
 from polywigner.numerics.jets import JetOperations
-from polywigner.numerics.phases import Pair, cos_sin_cycles, decaying_sinh, select, unit_wave
+from polywigner.numerics.phases import Pair, cos_sin_cycles, one_less_exp, select, unit_wave
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]
-"""Coordinates of a point, which are numbers or arrays."""
 
 # Phase difference [cycles] below which the difference of two waves is computed as a product, to
 # avoid cancellation.
@@ -113,10 +112,10 @@ class _Travelling:
         mirror = path + 2.0 * (pz * z)
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         first = wave_difference(ops, edge, free, path).scaled(0.5 * lean / ops.maximum(path, tiny))
-        rest = 0.5 - share
-        second = edge.scaled(rest) - free.scaled(0.5)
-        if rest:
-            smooth = wave_difference(ops, edge, mirrored, mirror).scaled(rest)
+        mirror_factor = 0.5 - share
+        second = edge.scaled(mirror_factor) - free.scaled(0.5)
+        if mirror_factor:
+            smooth = wave_difference(ops, edge, mirrored, mirror).scaled(mirror_factor)
             second = select(ops, grazing > 0.5, smooth, second)
         else:
             second = second.scaled(1.0 - grazing)
@@ -133,9 +132,11 @@ class _Evanescent:
     ) -> tuple[Values, Any, Any]:
         """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves."""
         height = view.pz * view.z
-        root = ops.exp(-math.pi * height)
-        decay = root * root
-        decayed = 2.0 * decaying_sinh(ops, math.pi * height, root)
+        exponent = 2.0 * math.pi * height
+        decay, small = ops.exp(-exponent), exponent < 1.0
+        # The first omitted term of the series is 1/19! = 8e-18.
+        series = one_less_exp(ops, ops.select(small, exponent, 0.0), 18)
+        decayed = ops.select(small, series, 1.0 - decay)
         is_grazing = height < _LOST
         growth = 1.0 / ops.select(is_grazing, decay, 1.0)
         here, mirrored = free.scaled(decay), free.scaled(growth)
@@ -146,7 +147,6 @@ class _Evanescent:
         return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
     def closed(self, ops: Any, view: PanelView) -> Pair:
-        """Return the integral of b'/(N' R) along the panel, (B4)."""
         # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
@@ -176,11 +176,11 @@ class _Evanescent:
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         factor = Pair(z * across, q * b) * Pair(path, height).scaled(1.0 / norm)
         first = wave_difference(ops, edge, free, path, decay, decayed)
-        rest = 0.5 - share
-        second = edge.scaled(rest) - free.scaled(0.5)
-        if rest:
+        mirror_factor = 0.5 - share
+        second = edge.scaled(mirror_factor) - free.scaled(0.5)
+        if mirror_factor:
             smooth = wave_difference(ops, edge, mirrored, path, growth, -decayed * growth)
-            second = select(ops, grazing > 0.5, smooth.scaled(rest), second)
+            second = select(ops, grazing > 0.5, smooth.scaled(mirror_factor), second)
         else:
             second = second.scaled(1.0 - grazing)
         return factor * first.scaled(0.5) - factor.conjugate() * second
@@ -286,8 +286,6 @@ def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) ->
 
 
 class _EdgePaths:
-    """Paths from a point source over a straight edge to an observation point."""
-
     def __init__(
         self, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
     ) -> None:
@@ -302,15 +300,14 @@ class _EdgePaths:
         away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
         axis = difference(point, source)
         gap, height = s_last - s_first, h_first + h_last
-        # ``both`` is the product of the distances of the source and the point from the line of the
-        # edge.
-        self.both = both = h_first * h_last
+        # Product of the distances of the source and the point from the line of the edge.
+        self.distance_product = product = h_first * h_last
         self.shortest = shortest = ops.sqrt(gap * gap + height * height)
         self.distance = ops.sqrt(dot(axis, axis))
         # ``total`` and ``detour`` are the sum and the difference of two lengths: the shortest path
         # over the line of the edge, and the distance from the source to the point.
         self.total = shortest + self.distance
-        self.detour = both * dot(near, near) / self.total
+        self.detour = product * dot(near, near) / self.total
         # ``closing`` is 1 - cos(angle), where the angle at the edge is between the source and the
         # point. It is 2 at the shadow boundary.
         self.closing = 0.5 * dot(away, away)
@@ -322,7 +319,7 @@ class _EdgePaths:
             a, b = s - s_first, s - s_last
             rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
             lean = a * radius + b * rho
-            size = ops.sqrt(both * both + lean * lean) + both
+            size = ops.sqrt(product * product + lean * lean) + product
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
         # ``low`` and ``high`` are the square roots of the detours over both ends of the edge, minus
@@ -330,11 +327,8 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` for a thin plate, divided by the sine of half the angle at the edge.
-
-        Behind the plate the result has the sign of ``turn``. In front of the plate it is positive.
-        """
-        near = 2.0 * self.both * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
+        """Return ``turn`` over the sine of half the angle at a plate's edge; positive in front."""
+        near = 2.0 * self.distance_product * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
         size = ops.select(self.closing > 1.0, steep, near)
         return ops.select(self._is_hidden(in_front), -size, size)
@@ -344,13 +338,11 @@ class _EdgePaths:
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
-        """Return the angle that the edge subtends about the axis from the source to the point.
-
-        The edge is restricted to positions with a root of the detour below ``limit``.
-        """
+        """Return the angle of the edge about the source-point axis, for roots below ``limit``."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
-        steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
+        closing = ops.maximum(self.closing, 1.0)
+        steep = ops.sqrt(2.0 / (self.distance_product * self.total * closing))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
         return ops.select(self._is_hidden(in_front), -angle, angle)
@@ -406,7 +398,7 @@ def edge_wave(
     else:
         turn, half_closing, side = paths.sheet_turn(ops, in_front), 1.0, in_front
     slant = 0.5 / paths.shortest
-    foot = 4.0 * paths.both * slant
+    foot = 4.0 * paths.distance_product * slant
     # ``branch`` is |v|^2 at the branch point of the integrand that is nearest to v = 0.
     branch = foot if is_black else 2.0 * paths.shortest
 
@@ -457,7 +449,6 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Return the integrals over the outer parts of the edge, beyond the limits of v."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):
@@ -469,13 +460,13 @@ def edge_wave(
     real, imag = when(low < high, near_foot, low, high)
     ends = paths.low, paths.high
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    step = 4.0 * distance * pole * ops.sqrt(half_closing * paths.both * total_path)
+    step = 4.0 * distance * pole * ops.sqrt(half_closing * paths.distance_product * total_path)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
     # The angle is discontinuous if the axis from the source to the point meets the edge. All edges
     # use the same position near the point, so that the sum over all edges is smooth.
-    beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
-    step = step * beside.angle(ops, limit, side)
+    paths_aside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
+    step = step * paths_aside.angle(ops, limit, side)
     return real + step + farther[0], imag + farther[1]
 
 
@@ -488,10 +479,10 @@ def edge_wave_and_rate(
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
-    beside = None if aside is None else jets.constants(aside)
+    aside = None if aside is None else jets.constants(aside)
     flags = (None if flag is None else jets.constants((flag,))[0] for flag in (blocked, in_front))
     source_jets = (*jets.constants(source[:2]), height)
-    parts = edge_wave(jets, rule, source_jets, point, start, end, beside, when, *flags)
+    parts = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 

@@ -57,10 +57,10 @@ def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
     """Return the distance of a point from the centre as the sum of two floats."""
     highs = tuple(high for high, _ in point)
     root = ops.sqrt(sum(high * high for high in highs))
-    total, rest = phases.dot(ops, (*highs, -root), (*highs, root))
+    total, lost = phases.dot(ops, (*highs, -root), (*highs, root))
     for high, low in point:
-        rest = rest + 2.0 * high * low
-    correction = (total + rest) / (2.0 * root)
+        lost = lost + 2.0 * high * low
+    correction = (total + lost) / (2.0 * root)
     return root, ops.select(root < _FARTHEST, correction, 0.0)
 
 
@@ -68,9 +68,9 @@ def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
     """Return the paraxial distance z + (x^2 + y^2)/(2 z) of a point as the sum of two floats."""
     (x, x_low), (y, y_low), (z, z_low) = point
     rise = (x * x + y * y) / (2.0 * z)
-    total, rest = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
-    rest = rest + 2.0 * (x * x_low + y * y_low - rise * z_low)
-    correction = (total + rest) / (2.0 * z)
+    total, lost = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
+    lost = lost + 2.0 * (x * x_low + y * y_low - rise * z_low)
+    correction = (total + lost) / (2.0 * z)
     high, low = phases.difference(z, -rise)
     return high, low + (z_low + ops.select(high < _FARTHEST, correction, 0.0))
 
@@ -93,7 +93,6 @@ class BoundaryFrame:
     centre: tuple[float, float]
     wavelength: float
     double: bool
-    """Whether the field is summed in float64."""
     paraxial: bool
     """Whether phases are relative to the paraxial distance instead of the distance."""
 
@@ -130,7 +129,7 @@ def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values
     return real * cosine - imag * sine, real * sine + imag * cosine, error
 
 
-def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
+def leave_phase(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return the field without the phase of the distance, and its error estimate."""
     return sums
 
@@ -159,7 +158,6 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
-    """Return the contribution of a panel to the field of a plane wave, and its error estimate."""
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
 
@@ -175,8 +173,8 @@ def _panel(
     )  # fmt: skip
     error = missed(ops, sums, expected, rounded_turns(ops, row, inner))
     e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
-    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
-    closed = (wave.closed(ops, view) * rest).scaled(grazing)
+    amplitude = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
+    closed = (wave.closed(ops, view) * amplitude).scaled(grazing)
     return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 
@@ -198,7 +196,8 @@ def seen_from(
     view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
     free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    return view, free, moment, (*_square_along(row, inner), distance, view.along, start)
+    square = _square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+    return view, free, moment, (*square, distance, view.along, start)
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
@@ -278,10 +277,10 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of the quadrature rule whose variable is the length along the panel.
+    """Return whether the rule along the panel suffices, and its clearance, phase and half-length.
 
-    The data are whether the rule is sufficient, the distance of singularities in half-lengths of
-    the panel, the phase over half of the panel in cycles, and half of the panel's length.
+    The clearance is the distance of singularities in half-lengths, and the phase is in cycles over
+    half of the panel.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -295,11 +294,7 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of the quadrature rule whose variable is v, where s = sqrt(b^2 + z^2) sinh v.
-
-    The data are the distance of singularities in half-lengths of the interval of v, the phase over
-    half of the interval in cycles, the centre of the interval, and half of the interval's length.
-    """
+    """Return clearance, phase, centre and half-length for the variable v of s = away sinh v."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
     high = inverse_sinh(ops, view.last / away, view.radius_last / away)
@@ -320,7 +315,7 @@ def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
 
 
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
-    """Return the size of the source in wavelengths plus the rounding error of the distance.
+    """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
     All panels have the same rounding error of the distance. Far outside the shadow pattern this
     error cancels, except for the fraction ``slope``.
@@ -335,11 +330,7 @@ def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
 
-def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
-    return square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
-
-
-def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
+def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
     """Return the coefficients of radius^2 - distance^2 = constant + t (slope + t) along a panel.
 
     ``radius`` is the distance from the point to the position t on the panel, and ``distance`` the
@@ -350,7 +341,6 @@ def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the vector from the start of the panel to the point, each component as two floats."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -359,11 +349,7 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
-    """Return the unobstructed wave at the point, relative to the phase of the distance.
-
-    ``cosines`` contains two floats for each direction cosine. Without the direction cosine along z,
-    the result is the wave at the projection of the point onto the plane.
-    """
+    """Return the unobstructed wave at the point, relative to the phase of the distance."""
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
     offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))
@@ -407,7 +393,8 @@ def seen_in_parabolic_waves(
     size, aside = abs(x) + abs(y) + length, abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
     along = px[0] * ex + py[0] * ey
-    return view, free, (*_square_along(row, inner), z, along, start), turns
+    square = _square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+    return view, free, (*square, z, along, start), turns
 
 
 # STRIPS integrates u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along single panels, for
@@ -432,14 +419,6 @@ def _tables(source: None, double: bool) -> _Strips:
     return _Strips(None, ((),), gauss_rules())
 
 
-def _enter(ops: Any, frame: None, *arguments: Any) -> Values:
-    return arguments
-
-
-def _leave(ops: Any, frame: None, inner: Values, sums: Values) -> Values:
-    return sums
-
-
 def _strip(
     ops: Any, tables: _Strips, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
     length: Any, along: Any, start: Any, digits: Any,
@@ -456,10 +435,12 @@ def _strip(
         return tuple(number for part in parts for number in (part.real, part.imag))
 
     distance = ops.sqrt(x * x + y * y + z * z)
-    phase = (*square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
+    phase = (*_square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
     bounds = (1.0, None, digits + _GROWN)
     sums, _ = sums_over_panel(ops, tables.rules, view, bounds, node, 6, *phase)
     return sums
 
 
-STRIPS = Kernel("strips along edges", 3, _tables, _enter, _strip, _leave)
+STRIPS = Kernel(
+    "strips along edges", 3, _tables, lambda ops, frame, *arguments: arguments, _strip, leave_phase
+)

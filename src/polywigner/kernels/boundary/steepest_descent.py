@@ -54,7 +54,6 @@ _FEW = 2.0
 
 @cache
 def _tail_rules() -> Rules:
-    """Return the Gauss-Laguerre rules of all sizes, as columns of nodes and weights in cycles."""
     rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
     return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
 
@@ -107,13 +106,13 @@ class _Line:
     """Constant b' of (B2)."""
     lift: Any
     """Difference N' - N of the path differences of (B2)."""
-    rest: float
+    mirror_factor: float
     """Factor 1/2 - m in the second term of (B3)."""
     curved: float
     """1 for spherical waves and 0 for parabolic waves."""
 
     @classmethod
-    def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
+    def spherical(cls, ops: Any, view: PanelView, lean: Any, mirror_factor: float) -> _Line:
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
@@ -121,33 +120,25 @@ class _Line:
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
-        return cls(view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), rest, 1.0)
+        return cls(
+            view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), mirror_factor, 1.0
+        )
 
     @classmethod
     def parabolic(cls, view: PanelView) -> _Line:
-        """Return the line of an edge for paraxial waves, relative to the ray through the point.
-
-        In all formulas except the square of the phase, z replaces the distance R and the stationary
-        phase c.
-        """
+        """Return the line of an edge for paraxial waves, with z in place of R and c."""
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the position on the edge at the distance t from its start."""
         view, s = self.view, self.view.first + t
-        radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
+        foot2 = view.b * view.b + view.z * view.z
+        radius = ops.sqrt(s * s + foot2) if self.curved else view.z + 0.0 * s
         slope, phase = s + view.along * radius, radius + view.along * s
         return _End(t, s, radius, slope, phase, slope * slope / (self.least + phase))
 
-    def _radius(self, ops: Any, s: Any, foot2: Any) -> Number:
-        return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
-
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the inner part of an edge, which is integrated along the edge.
-
-        If the phase changes by only a few cycles, the inner part is the complete edge.
-        """
+        """Return the ends of the inner part of an edge, which may be the complete edge."""
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
         foot = -view.along * (self.least + rim) - self.upright * view.first
@@ -183,8 +174,7 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
-        """Return the integrals along the edge from ``low`` to ``high``, and expected errors."""
-        view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
+        view, mirror_factor, tiny = self.view, self.mirror_factor, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
 
@@ -204,9 +194,9 @@ class _Line:
             # The rounding errors of E and e do not cancel, so |E - e| is replaced by its upper
             # bound.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
-            if rest:
-                value = value + edge.scaled(rest * beta / (path + lift))
-                size = size + abs(rest * beta / (path + lift))
+            if mirror_factor:
+                value = value + edge.scaled(mirror_factor * beta / (path + lift))
+                size = size + abs(mirror_factor * beta / (path + lift))
             step = half / radius
             real, imag, _, *last = node_sums(step * value.real, step * value.imag, w, v1, v2)
             return real, imag, w * step * size, *last
@@ -223,7 +213,6 @@ class _Line:
     def _nodes_needed(
         self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Return the number of nodes needed for the integral from ``low`` to ``high``."""
         half = ops.maximum(half, 1e-30)
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
@@ -231,7 +220,7 @@ class _Line:
         # The integrand for parabolic waves has no singularity.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
-        if self.rest:
+        if self.mirror_factor:
             # ``tilt`` is a lower bound of the sine of the angle between the point and the mirrored
             # ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
@@ -256,8 +245,8 @@ class _Line:
         ``wave`` is the wave at the end. The error is at most exp(-digits) times the bound.
         """
         path = at.beyond + self.ahead
-        slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
-        half, beta = 0.5 * self.lean, rest * self.beta
+        slope2, mirror_factor, curved = at.slope * at.slope, self.mirror_factor, self.curved
+        half, beta = 0.5 * self.lean, mirror_factor * self.beta
 
         def node(
             y: Any, weight: Any,
@@ -266,7 +255,7 @@ class _Line:
             """Return the integrand of (B10), divided by the wave E at the end of the edge."""
             speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
-            if rest:
+            if mirror_factor:
                 value = value + _quotient(weight * beta, Pair(path + lift, y) * speed)
             return value.real, value.imag
 
@@ -277,7 +266,7 @@ class _Line:
         )  # fmt: skip
         total = (wave * Pair(-imag, real)).scaled(sign)
         size = abs(half) / ops.maximum(path, 1e-30)
-        if rest:
+        if mirror_factor:
             size = size + abs(beta) / (path + self.lift)
         slowest = 2.0 * math.pi * ops.maximum(abs(at.slope), 1e-30)
         return total, abs(sign) * size / slowest
@@ -297,7 +286,6 @@ def _quotient(real: Any, divisor: Pair) -> Pair:
 
 
 def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
-    """Return the contribution of an edge to the field of a plane wave, and its error estimate."""
     if tables.frame.paraxial:
         view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
         line, moment = _Line.parabolic(view), ()
@@ -327,11 +315,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
 def _signed_ends(
     ops: Any, begin: _End, low: _End, high: _End, end: _End
 ) -> tuple[tuple[_End, Any], ...]:
-    """Return the ends of the outer parts of an edge, with the signs of their tails.
-
-    A tail is an integral from a position on the edge to infinity. The tails at ``low`` and ``high``
-    are equal, so a single tail is multiplied by the number of these positions on the edge.
-    """
+    """Return the ends of the outer parts of an edge, with the signs of their tails."""
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)
     limit = _End(

@@ -145,7 +145,6 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
 
 
 def _reach(first: Outline, second: Outline) -> Array:
-    """Return the largest offsets along x and y at which the two copies overlap."""
     sizes = (np.abs(outline.vertices).max(axis=0) for outline in (first, second))
     return np.asarray(np.maximum(sum(sizes), 1e-300))
 
@@ -153,8 +152,7 @@ def _reach(first: Outline, second: Outline) -> Array:
 def _leads(outline: Outline, far: float) -> Array:
     """Return horizontal lines from the left and from the right to the first vertex of each ring.
 
-    The winding number must be 0 at the start of a line. The line from the left satisfies this
-    condition for offsets x >= 0, and the line from the right for x < 0.
+    The left line starts outside the other copy for offsets x >= 0, the right line for x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -248,11 +246,7 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return a table of distinct levels, and the index of each level in the table.
-
-    ``unit`` is the largest modulus of a weight. Levels that differ only by rounding errors are
-    equal.
-    """
+    """Return a table of distinct levels, and the index of each level in the table."""
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
     _, first, number = np.unique(scaled, return_index=True, return_inverse=True)
@@ -275,10 +269,7 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the indices of a cell, an edge and another edge that can cross in this cell, in blocks.
-
-    The last edges, from ``count`` on, are the lines from :func:`_leads`.
-    """
+    """Yield the indices of a cell, an edge and another edge that can cross in this cell."""
     step = max(1, _BLOCK // len(others))
     c, d = others[:, :2], others[:, 2:4]
     for start in range(0, len(edges), step):

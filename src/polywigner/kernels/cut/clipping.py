@@ -137,7 +137,6 @@ def constants_of(tables: Tables) -> Constants:
 
 
 def _sides(polygon: Floats) -> list[list[float]]:
-    """Return the start point and the vector of each side of a closed polygon."""
     return list(np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist())
 
 

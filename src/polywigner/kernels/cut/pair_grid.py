@@ -270,7 +270,6 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Compute cross products again, accurate to an ulp."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (a, b) in zip(levels, pairs, strict=True):

@@ -32,7 +32,7 @@ from polywigner.kernels.outline import (
     power_of_two,
     vertices_for,
 )
-from polywigner.numerics import Number, phases
+from polywigner.numerics import Number, cluster_indices, phases
 from polywigner.numerics.grid_arithmetic import accurate_cross
 from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc, sinc_less_one
 
@@ -95,16 +95,10 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
         cosine, sine = simplex_plane_wave(ops, *corners)
         return cosine * row[-1], sine * row[-1]
 
-    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(nu))
+    # Unrolled code for the tetrahedra of a cube takes 3 s to compile and runs at half the speed.
+    is_plane = len(nu) == 2
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=is_plane)
     return total
-
-
-def _is_short(nu: Values) -> bool:
-    """Return whether a sum over edges is unrolled in compiled code.
-
-    Unrolled code for the tetrahedra of a cube takes 3 s to compile and runs at half the speed.
-    """
-    return len(nu) < 3
 
 
 def _corners(row: Values, dimension: int) -> list[Values]:
@@ -157,8 +151,7 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     """Return the centre of a polyhedron's bounding box, and its axes in units of powers of two.
 
-    Long or flat bodies have their principal axes, with a separate unit for each axis. The bounding
-    box is parallel to the axes, because the centre of another box could lie many thicknesses away.
+    Long or flat bodies have their principal axes, with a separate unit for each axis.
     """
     mean = body.vertices.mean(axis=0)
     # By default NumPy would allocate a square matrix with one row for each vertex.
@@ -179,7 +172,6 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the correctly rounded determinant of each row of three vertices."""
     integers, exponent = whole_numbers(corners)
     exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
@@ -216,7 +208,6 @@ class Family:
     ex: float
     ey: float
     midpoints: npt.NDArray[np.float64]
-    """Midpoint of each edge, shape (n, 2)."""
     weights: npt.NDArray[np.complex128]
     """Field on the element of each edge, with the opposite sign for the vector -(ex, ey). Shape
     (n,)."""
@@ -241,28 +232,12 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
     weights = signs * np.asarray(field, np.complex128)
     vectors *= signs[:, None]
     families = []
-    for members in _clusters(vectors):
+    number = cluster_indices(vectors, _EQUAL)
+    for members in np.split(np.argsort(number), np.cumsum(np.bincount(number))[:-1]):
         ex, ey = vectors[members].mean(axis=0).tolist()
         for block in (members[k : k + _MOST_EDGES] for k in range(0, len(members), _MOST_EDGES)):
             families.append(Family(ex, ey, midpoints[block], weights[block]))
     return tuple(families)
-
-
-def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
-    """Return groups of indices of vectors that are equal up to rounding errors."""
-    clusters: list[list[int]] = []
-    # ``near`` contains groups of vectors whose x components differ by at most _EQUAL.
-    near: list[list[int]] = []
-    for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
-        near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
-        for cluster in near:
-            if abs(vectors[k, 1] - vectors[cluster[0], 1]) <= _EQUAL:
-                cluster.append(k)
-                break
-        else:
-            near.append([k])
-            clusters.append(near[-1])
-    return clusters
 
 
 @dataclass(frozen=True)
@@ -352,7 +327,6 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return the cosine and sine parts of the contribution for a range of rows of the grid."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -377,7 +351,6 @@ class _FamilyTerm:
         return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
-        """Return pi sinc(q), which is sin(pi q)/q."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
             return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
@@ -426,7 +399,6 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Combine the contributions of all families parallel to an axis into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)
@@ -435,7 +407,6 @@ def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
-    """Yield groups of families whose waves fit into memory together."""
     batch: list[Family] = []
     for family in families:
         if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import cos_sin_cycles, one_less_exp
 
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
@@ -113,10 +113,7 @@ def _descent_rules(size: int) -> Rules:
 
 
 class _Arc:
-    """Paths of integration in the complex plane between both ends of an edge.
-
-    One path is an arc, and the other path consists of the steepest descents from both ends.
-    """
+    """Arc, or steepest descents, between both ends of an edge in the complex plane."""
 
     def __init__(self, ops: Any, start: Any, end: Any, size: Any, rate: Any) -> None:
         self.ops, self.ends = ops, (start, end)
@@ -142,11 +139,7 @@ class _Arc:
     def integral(
         self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
     ) -> Values:
-        """Return the complex integral of ``value(ops, p, r, *wave)`` from one end to the other.
-
-        The position in the complex plane is p + i r. The first number of ``wave`` is the frequency
-        beta_s along the edge.
-        """
+        """Return the complex integral of ``value(ops, p, r, *wave)`` at positions p + i r."""
         ops = self.ops
 
         def of_arc(t: Any, weight: Any, rise: Any, slope: Any, *samples: Any) -> Values:
@@ -169,7 +162,6 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a quadrature node on an arc in the complex plane, and its step of integration."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -179,7 +171,6 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a quadrature node on a path of steepest descent, and its step of integration."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
@@ -194,14 +185,15 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
     cosine, sine = cos_sin_cycles(ops, 0.5 * cycles)
     x, y = -(energy + exponent), _TURN * cycles
     x = ops.select(abs(x) < _TINY[ops.double], _TINY[ops.double], x)
-    difference = ops.select(abs(x) < _SMALL, decay * _one_less_exp(ops, x), decay - size)
+    is_small = abs(x) < _SMALL
+    series = one_less_exp(ops, ops.select(is_small, x, 0.0), _TERMS[ops.double])
+    difference = ops.select(is_small, decay * series, decay - size)
     real, imag = ops.fma(2.0 * size * sine, sine, difference), 2.0 * size * sine * cosine
     scale = 1.0 / ops.fma(x, x, y * y)
     return ops.fma(real, x, imag * y) * scale, ops.fma(imag, x, -(real * y)) * scale
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
-    """Return the integrand of :func:`wave_over_interval` at the complex position p + i r."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
@@ -210,12 +202,3 @@ def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
 
 def _times(a: Any, b: Any) -> Values:
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
-
-
-def _one_less_exp(ops: Any, x: Any) -> Number:
-    """Return 1 - exp(-x) for small x without cancellation."""
-    small = ops.select(abs(x) < _SMALL, x, 0.0)
-    series: Any = 0.0
-    for k in range(_TERMS[ops.double], 0, -1):
-        series = ops.fma(series, small, -((-1.0) ** k) / math.factorial(k))
-    return series * small

@@ -13,7 +13,6 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from polywigner.geometry import Aperture
@@ -23,7 +22,7 @@ from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.kernels.outline import Frame, frame_along, power_of_two
 from polywigner.kernels.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
-from polywigner.numerics import Floats, Number, phases
+from polywigner.numerics import Floats, Indices, Number, cluster_indices, phases
 from polywigner.numerics.phases import Pair
 from polywigner.source.lattices import column_and_row
 
@@ -36,11 +35,7 @@ _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the corners of a rectangular aperture and their rounding error, or None.
-
-    The corners are in counter-clockwise order and start with a longer side. Additional vertices may
-    lie on the sides.
-    """
+    """Return the counter-clockwise corners of a rectangle, longer side first, and their error."""
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings
@@ -76,7 +71,6 @@ class SeparableTables:
     coherence_widths: tuple[float, float] = (math.inf, math.inf)
     """Coherence width along each axis, in units of the frame."""
     terms: ClassVar[int] = 1
-    """Number of terms for the choice of the engine."""
 
     @property
     def clips(self) -> int:
@@ -151,18 +145,13 @@ def _profiles(
     return along_x, along_y
 
 
-def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return the values that differ by more than rounding errors, and the index of each value."""
-    order = np.argsort(values)
+def _distinct(values: Floats, rounding: float) -> tuple[Floats, Indices]:
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
-    number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
-    index = np.empty(len(values), np.intp)
-    index[order] = number
+    index = cluster_indices(values[:, None], tolerance)
     return np.bincount(index, values) / np.bincount(index), index
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and the frequency minus the carrier frequency."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 

@@ -127,7 +127,6 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sum over edges for each pair of waves."""
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
@@ -145,7 +144,6 @@ class SliceSum:
                 yield run.value(sums, position)[:count]
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
-        """Return the sums for NumPy arguments that broadcast, in blocks of samples."""
         arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
@@ -279,7 +277,6 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
-    """Return the sums over the parts of edges at each position, one column per frequency."""
     rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
@@ -309,7 +306,6 @@ def _sum_of_rows(
     position: Values,
     count: int,
 ) -> Values:
-    """Return the sums over all wave pairs of two groups, computed in a loop over the pairs."""
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
