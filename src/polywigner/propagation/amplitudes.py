@@ -382,7 +382,6 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the Fraunhofer field (B7) of a source at points, and its error."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)

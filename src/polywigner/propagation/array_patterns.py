@@ -184,7 +184,6 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complex, Floats | None]:
-    """Draw random factors of the weights, and random displacements in m."""
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
     alive = random.random(shape) >= errors["dead"]
@@ -230,7 +229,6 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
-    """Return the far field of each element without its weight, shape (n, elements)."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

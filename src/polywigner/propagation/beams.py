@@ -345,7 +345,6 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
 
 
 def _top(levels: Levels, angles: Levels) -> int:
-    """Return the index of the local maximum next to angle 0."""
     # The largest sample may lie in the back lobe.
     k = int(np.abs(angles).argmin())
     while True:
@@ -357,8 +356,6 @@ def _top(levels: Levels, angles: Levels) -> int:
 
 
 class _Side(NamedTuple):
-    """Features on one side of the peak of a cut, in rad and dBi; NaN beyond the end of the cut."""
-
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan
@@ -405,7 +402,6 @@ def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
 
 
 def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
-    """Return the angle between samples k - 1 and k at a given level."""
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:

@@ -37,8 +37,6 @@ _OPS = NumpyOperations()
 
 @dataclass(frozen=True)
 class _Element:
-    """Copies of an outline with the same plane waves."""
-
     outline: Aperture
     amplitudes: Complex
     """Shape (m,)."""
@@ -195,7 +193,6 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
 def _rounding_of(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
-    """Return the rounding errors of the direction cosines, shape (m, 3)."""
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -339,7 +336,6 @@ class _Estimates:
         digits: float,
         rounds: int,
     ) -> None:
-        """Recompute points with more digits until their estimated errors are allowed."""
         for _ in range(rounds):
             if not len(some):
                 return
@@ -369,7 +365,6 @@ class _EdgeSums:
     engine: str
 
     def by_steepest_descent(self, points: Floats, digits: float) -> tuple[Complex, Floats]:
-        """Return the field at points, and its error of about exp(-digits)."""
         if self.paraxial:
             return self._sum(steepest_edge_sum, points, digits, math.inf)
         whole = self._sum(steepest_edge_sum, points, digits, math.inf, _is_steep)

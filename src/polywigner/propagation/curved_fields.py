@@ -58,8 +58,6 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
 
 
 class _Part(NamedTuple):
-    """An element of a source as triangles with plane waves."""
-
     triangles: Floats
     """In m, shape (n, 3, 2)."""
     shift: Floats
@@ -121,7 +119,6 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
 
 
 def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
-    """Return the highest spatial frequency on each cell, plus ``frequencies`` at its corners."""
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -153,7 +150,6 @@ def _cells(
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Return whether a cell has few cycles of phase and is distant enough for the Gauss rule."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]

@@ -204,7 +204,6 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
-    """Return the columns of a CST table, None for unknown titles."""
     # Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
@@ -283,7 +282,6 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
-    """Yield a far field for each frequency."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))

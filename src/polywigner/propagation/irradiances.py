@@ -363,7 +363,6 @@ def _of_shared_samples(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
-    """Return irradiances and errors (2, ...) if all tilts can share samples, otherwise None."""
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]
     stops: Sequence[object] = []

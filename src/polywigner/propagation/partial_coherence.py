@@ -131,8 +131,6 @@ def _in_parabolic_waves(
 
 
 class _Blur(NamedTuple):
-    """Normal distribution of the displacements of an irradiance by tilts."""
-
     axes: Floats
     """Principal directions as columns, shape (2, 2)."""
     spreads: Floats
@@ -198,8 +196,6 @@ def _convolution(
 
 
 class _LatticeAxis(NamedTuple):
-    """Trapezoidal rule along an axis."""
-
     nodes: Floats
     """Shape (m,)."""
     near: Indices
@@ -248,8 +244,6 @@ _LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
-    """Trapezoidal rule for normally distributed tilts along an axis."""
-
     step: float
     """In cycles per metre."""
     half: int

@@ -235,7 +235,6 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
 def _about(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
-    """Return the attributes of a pattern with its beam at the largest sample."""
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -322,7 +321,6 @@ _GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE
 
 
 def _planning_cuts(lines: list[str]) -> xarray.Dataset:
-    """Read an MSI Planet file: the gain over theta at phi = 0 and 90 degrees."""
     words = [line.split() for line in lines]
     values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
     match = _GAIN.fullmatch(values.get("GAIN", ""))
@@ -357,7 +355,6 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
 
 
 def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Return the angles of a cut in degrees, and its attenuations in dB."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
@@ -394,7 +391,6 @@ class _Pattern:
     """In Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
-        """Yield phi, theta and values of each direction, with theta varying fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)
@@ -590,7 +586,6 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
 
 
 def _step(name: str, angles: Floats, suffix: str) -> float:
-    """Return the step of angles in degrees; raise ArgumentError for uneven steps."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

@@ -235,7 +235,6 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Floats:
-    """Return evenly spaced values with both ends, or the midpoint for ``count`` 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

@@ -131,8 +131,6 @@ def spectrum_jets(
 
 @dataclass(frozen=True, eq=False)
 class _OfSpectrum:
-    """Derivatives of :func:`aberrated_spectrum` with respect to the numbers of a pupil."""
-
     pupil: AberratedPupil
     nu: Floats
     extra: int

@@ -225,7 +225,6 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Return the highest spatial frequency [1/m] of the integrand of (R1) for each point."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners

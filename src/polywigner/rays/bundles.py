@@ -283,7 +283,6 @@ def rebuild(
 
 
 def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return the power per pixel and its standard error, from sums (batch, pixel) and squares."""
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
@@ -419,7 +418,6 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays, or with a suffix only the rays of one sign, and return the path."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)

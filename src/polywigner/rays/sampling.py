@@ -142,7 +142,6 @@ def _support(source: Any) -> Aperture | Slits:
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Choose intervals with probabilities ``sizes``; return indices and positions within them."""
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)
@@ -227,7 +226,6 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
-        """Return the centres of beams in the unit disc of directions, shape (n, 2)."""
         cosines = self.frame[:2, 2] + slope
         # No beam points behind the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]

@@ -100,7 +100,6 @@ class Cells:
         return (nodes - self.centre) / self.wavelength, values
 
     def _triangles(self, cell: int) -> tuple[Floats, Indices]:
-        """Return triangles (n, 3, 2) in metres, and the element index of each."""
         polygons, numbers = self._parts[cell]
         triangles, owner = triangles_of(polygons)
         wide = areas(triangles) > 0
@@ -119,7 +118,6 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
-        """Add the part of a cell inside a box as a new cell, unless it is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -230,7 +228,6 @@ class Links:
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return the vector between the cell centres of each pair, shape (n, 3)."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -314,7 +311,6 @@ def exp_cycles(cycles: Floats) -> Complex:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return the Gauss nodes of cells, absolute and relative to the cell centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
@@ -344,7 +340,6 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(points: Floats, order: int) -> Floats:
-    """Return the Lagrange polynomials of the Gauss nodes at n points, shape (2, n, q)."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
@@ -438,7 +433,6 @@ def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
 
 
 def _raised(links: Links, parts: Pairs) -> Pairs:
-    """Evaluate pairs at their next order."""
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
@@ -478,7 +472,6 @@ def _phase(links: Links, pairs: Pairs) -> Floats:
 
 
 def _feasible(links: Links, pairs: Pairs) -> Pairs:
-    """Divide pairs of cells up to the limits of interpolation."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)

@@ -222,7 +222,6 @@ class _Link:
         )
 
     def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
-        """Return couplings, errors and allowed errors for poses (n, 4, 4)."""
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
@@ -244,7 +243,6 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return unnormalised couplings, and their estimated and allowed errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
@@ -285,7 +283,6 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest possible coupling of sources with these areas."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))

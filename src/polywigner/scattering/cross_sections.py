@@ -493,14 +493,12 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Return propagation directions of some thousand incident waves, shape (k, 3)."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return unit vectors towards the radar, shape (..., 3)."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

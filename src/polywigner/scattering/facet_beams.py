@@ -106,8 +106,6 @@ def sums_of_beams(
 
 
 class _Failures:
-    """Samples that cannot be computed, whose scattering amplitudes become NaN."""
-
     def __init__(self, sums: Complex) -> None:
         self._sums = sums
         self._count = 0
@@ -166,7 +164,6 @@ class Ends:
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
-    """Return first indices and lengths of consecutive ranges."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
@@ -309,7 +306,6 @@ def _times(matrices: Floats, vectors: Floats) -> Floats:
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
-    """Return the parts of triangles that beams illuminate, less shadows."""
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
@@ -342,14 +338,12 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return heights of corners above the last mirrors, exactly zero on a mirror, shape (n, 3)."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return beam and triangle indices of possible hits, and the facing sides."""
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):
