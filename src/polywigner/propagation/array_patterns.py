@@ -21,7 +21,7 @@ from polywigner.numerics import Complex, Floats
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, described, radiation_pattern
-from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_theta_and_phi, unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, obliquity_of
@@ -135,7 +135,7 @@ def array_tolerance(
     errors = _checked_errors(amplitude=amplitude, phase=phase, position=position, dead=dead)
     number = checked_count(count, "count", 2)
     random = checked_generator(seed)
-    polar, azimuth = checked_theta(theta), checked_phi(phi)
+    polar, azimuth = checked_theta_and_phi(theta, phi)
     condition = obliquity_of(obliquity)
     name = condition.name
     power, _ = powers_of(source, length, name)

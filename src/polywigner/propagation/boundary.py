@@ -240,12 +240,6 @@ _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
 _STEEP_ROUNDS = 2
 
 
-class _Table(NamedTuple):
-    panels: _Panels
-    radiator: Radiator
-    wavelength: float
-
-
 def boundary_field(
     radiator: Radiator,
     points: Floats,
@@ -368,7 +362,7 @@ def _edge_sums(
     kernel = Kernel(
         name=f"boundary integral, {edge_sum.__name__}",
         dimension=3,
-        tables=lambda table, double: _tables(table, double, share, paraxial),
+        tables=lambda table, double: _tables(*table, double, share, paraxial),
         enter=integrals.enter,
         edge_sum=edge_sum,
         leave=integrals.leave_phase if paraxial else integrals.leave,
@@ -381,7 +375,7 @@ def _edge_sums(
             for block in remaining:
                 real, imag, estimate = execution.evaluate(
                     kernel,
-                    _Table(panels, radiator, wavelength),
+                    (panels, radiator, wavelength),
                     [*points[block].T, np.asarray(digits)],
                     double=True,
                     engine=engine,
@@ -417,17 +411,24 @@ def boundary_tables(
     """Return all panels of a source as kernel tables, with ``share`` as in `BoundaryTables`."""
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
-    return _tables(_Table(panels, radiator, wavelength), double, share, False)
+    return _tables(panels, radiator, wavelength, double, share, False)
 
 
-def _tables(table: _Table, double: bool, share: float, paraxial: bool) -> integrals.BoundaryTables:
-    rows, amplitudes = table.panels.rows, table.panels.amplitudes / (2 * math.pi)
+def _tables(
+    panels: _Panels,
+    radiator: Radiator,
+    wavelength: float,
+    double: bool,
+    share: float,
+    paraxial: bool,
+) -> integrals.BoundaryTables:
+    rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
     cosines, errors = rows[:, 5:8], rows[:, 8:11]
     high = cosines if double else cosines.astype(np.float32).astype(np.float64)
     pairs = np.stack([high, (cosines - high) + errors], axis=2).reshape(len(rows), 6)
-    last = np.stack([amplitudes.real, amplitudes.imag, table.panels.evanescent], axis=1)
+    last = np.stack([amplitudes.real, amplitudes.imag, panels.evanescent], axis=1)
     columns = np.concatenate([rows[:, :5], pairs, rows[:, 11:], last], axis=1)
     edges = tuple(map(tuple, columns.tolist()))
-    x, y = table.radiator.centre.tolist()
-    frame = integrals.BoundaryFrame((x, y), table.wavelength, double, paraxial)
+    x, y = radiator.centre.tolist()
+    frame = integrals.BoundaryFrame((x, y), wavelength, double, paraxial)
     return integrals.BoundaryTables(frame, edges, gauss_rules(), share)

@@ -15,6 +15,7 @@ import numpy as np
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
 from polywigner.numerics import Complex, Floats
+from polywigner.propagation.element_patterns import polar_components
 from polywigner.quantities import parse_frequency
 
 FREE_SPACE = 376.730313412
@@ -480,9 +481,7 @@ def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
     co, cross = pair
     if kind == 2:  # (co -+ j cross)/sqrt(2)
         co, cross = (co + cross) / math.sqrt(2), 1j * (cross - co) / math.sqrt(2)
-    # Ludwig's third definition, with the co-polar component along x.
-    sine, cosine = np.sin(phi), np.cos(phi)
-    return np.stack([co * cosine + cross * sine, cross * cosine - co * sine])
+    return np.stack(polar_components(co, cross, phi))
 
 
 LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {

@@ -26,7 +26,7 @@ from polywigner.propagation.far_fields import (
     checked_far_field,
     steered_direction,
 )
-from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_theta_and_phi, unit_vectors
 from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -148,7 +148,7 @@ def radiation_pattern(
     >>> round(pattern.attrs["largest_directivity"], 2)  # dBi
     21.35
     """
-    polar, azimuth = checked_theta(theta), checked_phi(phi)
+    polar, azimuth = checked_theta_and_phi(theta, phi)
     far = checked_far_field(source, wavelength, options)
     values = far.grid(polar, azimuth)
     return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(polar, azimuth))

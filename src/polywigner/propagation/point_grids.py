@@ -32,12 +32,8 @@ Index = tuple[int, ...]
 _AXES = ("x", "y", "z")
 
 
-def checked_theta(values: Any) -> Floats:
-    return checked_angles(values, "theta", math.pi)
-
-
-def checked_phi(values: Any) -> Floats:
-    return checked_angles(values, "phi", math.inf)
+def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
+    return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 
 def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
@@ -218,7 +214,7 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     if origin.ndim != 1:
         raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
     points_at = partial(_spherical, origin, length)
-    grid = Grid(angle_axes(checked_theta(theta), checked_phi(phi)), points_at)
+    grid = Grid(angle_axes(*checked_theta_and_phi(theta, phi)), points_at)
     checked_points(grid.points((0, 0), grid.shape))
     return grid
 
