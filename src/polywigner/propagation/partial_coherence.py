@@ -20,6 +20,7 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import Cells, cell_rules, normal_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
@@ -387,33 +388,20 @@ def _samples(
     squares = (nodes[..., :1] - px) ** 2 + (nodes[..., 1:] - py) ** 2
     distance = np.sqrt(squares + z * z)
     # R - z without cancellation. The constant phase of z does not change the irradiance.
-    cycles = squares / ((distance + z) * wavelength)
-    cycles -= np.rint(cycles)
-    cycles *= 2 * math.pi
-    sine, cosine = np.sin(cycles), np.cos(cycles)
-    inverse = 1.0 / distance
-    size = inverse * (weights / wavelength)[..., None]
-    samples = np.empty((len(rule.channels), *distance.shape), np.complex128)
-    for kappa, values in zip(rule.channels, samples, strict=True):
-        field = channel_at(element, kappa, nodes)
+    waves = waves_of_cycles(squares / ((distance + z) * wavelength)) / (1j * distance)
+    waves *= (weights / wavelength)[..., None]
+    samples = []
+    for kappa in rule.channels:
+        field = np.asarray(channel_at(element, kappa, nodes))
+        values = condition.slope * waves
         if kappa is None:
             if not source.is_flat:
                 offset = nodes - source.centre
-                bend = ((offset @ source.curvature) * offset).sum(axis=-1)
-                field = field * np.exp(1j * np.pi * bend)
-            # Spherical wave times (z/R) (1 + i/(kR)).
-            size_of_field = size * inverse * (condition.field * z)
-            imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
-            values.real = size_of_field * sine + imaginary * cosine
-            values.imag = imaginary * sine - size_of_field * cosine
-        else:
-            values.real, values.imag = (
-                condition.slope * size * sine,
-                -condition.slope * size * cosine,
-            )
-        if np.ndim(field):
-            values *= np.asarray(field)[..., None]
-    return samples
+                field = field * waves_of_cycles(((offset @ source.curvature) * offset).sum(-1) / 2)
+            near = 1.0 + (0.5j * wavelength / math.pi) / distance
+            values = (condition.field * z / distance) * near * waves
+        samples.append(values * field[..., None])
+    return np.stack(samples)
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:
