@@ -42,6 +42,7 @@ from polywigner.propagation.far_field_tables import (
 from polywigner.propagation.patterns import (
     checked_pattern,
     cuts_of,
+    decibels,
     described,
     jones_of,
     vector_dataset,
@@ -221,9 +222,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
     else:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
         power = _radiated_power(table, ElementPattern(theta, phi, (polar, azimuthal)).power(0.0))
-    with np.errstate(divide="ignore"):
-        squares = np.square(np.abs(polar)) + np.square(np.abs(azimuthal))
-        levels = 10 * np.log10(4 * math.pi / power * squares)
+    levels = decibels(np.square(np.abs(polar)) + np.square(np.abs(azimuthal)), power)
     sine, cosine = np.sin(phi), np.cos(phi)
     along = polar * cosine - azimuthal * sine, polar * sine + azimuthal * cosine
     peak = np.unravel_index(levels.argmax(), levels.shape)

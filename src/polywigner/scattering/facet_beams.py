@@ -76,7 +76,7 @@ def sums_of_beams(
         return surface_sums(pieces, nu, lambda rows, block: facing(facets, k[rows], block)), None
     first = np.zeros((len(k), 3), np.complex128)
     later = None if bounces == 1 else np.zeros((len(k), 3, 3), np.complex128)
-    failures = _Failures(first)
+    failures: list[tuple[Indices, Exception]] = []
     views = _views(facets, k, s, monostatic, failures)
     at_once = max(1, _AT_ONCE // len(facets.corner))
 
@@ -92,7 +92,7 @@ def sums_of_beams(
         except _ERRORS as error:
             later[ends.samples] = 0.0
             if len(group) == 1:
-                failures.add(ends.samples, error)
+                failures.append((ends.samples, error))
             else:  # Isolate the directions that fail.
                 for view in group:
                     add([view])
@@ -101,30 +101,22 @@ def sums_of_beams(
         while group := list(islice(views, at_once)):
             add(group)
             advance(sum(len(view.rows) for view in group))
-    failures.report()
+    _mark_failures(first, failures)
     return first, later
 
 
-class _Failures:
-    def __init__(self, sums: Complex) -> None:
-        self._sums = sums
-        self._count = 0
-        self._error: Exception | None = None
-
-    def add(self, rows: Indices, error: Exception) -> None:
-        self._sums[rows] = np.nan
-        self._count += len(rows)
-        self._error = error
-
-    def report(self) -> None:
-        """Warn about NaN, or raise the error if all samples exceed a limit."""
-        if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
-            raise self._error
-        if self._error is not None:
-            warn_caller(
-                f"{self._count} of {len(self._sums)} directions cannot be computed and are NaN "
-                f"({self._error}); rotate the body slightly, or simplify its mesh"
-            )
+def _mark_failures(sums: Complex, failures: list[tuple[Indices, Exception]]) -> None:
+    """Set failed samples to NaN with a warning; raise the error if all samples exceed a limit."""
+    if not failures:
+        return
+    rows, error = np.concatenate([rows for rows, _ in failures]), failures[-1][1]
+    if isinstance(error, ArgumentError) and len(rows) == len(sums):
+        raise error
+    sums[rows] = np.nan
+    warn_caller(
+        f"{len(rows)} of {len(sums)} directions cannot be computed and are NaN ({error}); rotate "
+        "the body slightly, or simplify its mesh"
+    )
 
 
 class View(NamedTuple):
@@ -176,7 +168,11 @@ def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, In
 
 
 def _views(
-    facets: Facets, k: Floats, s: Floats, monostatic: bool, failures: _Failures
+    facets: Facets,
+    k: Floats,
+    s: Floats,
+    monostatic: bool,
+    failures: list[tuple[Indices, Exception]],
 ) -> Iterator[View]:
     pairs, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
@@ -194,7 +190,7 @@ def _views(
                 visible = visible_along(facets, -pair[3:])
                 both = less_hidden(lit, visible, facing(facets, -pair[3:]))
         except _ERRORS as error:
-            failures.add(rows, error)
+            failures.append((rows, error))
             continue
         yield View(rows, visible_pieces(facets, both), lit, visible)
 
