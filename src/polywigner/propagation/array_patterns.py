@@ -65,9 +65,9 @@ def array_tolerance(
     radiation. The errors a_k of the amplitude in dB, p_k of the phase and x_k of the position are
     normally distributed. The factor d_k is 0 for dead elements and 1 otherwise.
 
-    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). In it, E_0 is the
-    far field without errors, E_k is the far field of element k, m = <f_k> is the mean of the random
-    factors, and v = <|f_k|^2> - |m|^2 is their variance.
+    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). Here
+    E_0 is the far field without errors, E_k is the far field of element k, m = <f_k> is the mean of
+    the random factors, and v = <|f_k|^2> - |m|^2 is their variance.
 
     Parameters
     ----------

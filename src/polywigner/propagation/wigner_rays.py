@@ -56,7 +56,7 @@ _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 _MANY_TRIANGLES = 500
 # Largest number of nodes, 64 MiB.
 _MOST_NODES = 1 << 22
-# Range of the highest frequencies of points with a common rule, as a fraction of 1/wavelength.
+# Points whose highest frequencies agree within this fraction of 1/wavelength share a rule.
 _RATE_STEP = 0.25
 # Fraction of the allowed error below which a point is not refined.
 _SETTLED = 0.03
@@ -236,7 +236,7 @@ def _phase_rates(
     return rates + bent
 
 
-# Kinks take some seconds. Largest number of kinks, and of their intersections.
+# Largest number of kinks (some seconds), and of their intersections.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
 # Sampled kinks for the estimated number of intersections.
 _SAMPLE = 256
