@@ -362,7 +362,7 @@ def _edge_sums(
     kernel = Kernel(
         name=f"boundary integral, {edge_sum.__name__}",
         dimension=3,
-        tables=lambda table, double: _tables(*table, double, share, paraxial),
+        tables=lambda table, double: _tables(*table, double=double, share=share, paraxial=paraxial),
         enter=integrals.enter,
         edge_sum=edge_sum,
         leave=integrals.leave_phase if paraxial else integrals.leave,
