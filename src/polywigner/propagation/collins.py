@@ -24,8 +24,8 @@ from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (
-    checked_amplitude_tolerance,
     checked_coordinates,
+    tolerance_from,
     warn_of_missed,
 )
 from polywigner.source import Array
@@ -213,7 +213,7 @@ def field_behind(
     positions = checked_points_behind(points)
     length = checked_wavelength(wavelength)
     execution.checked_engine(engine)
-    allowed = checked_amplitude_tolerance(tolerance)
+    allowed = tolerance_from(tolerance)
     phase: complex = 1.0
     if isinstance(source, Wavefront):
         source, lens, phase = as_lens(source, length)

@@ -359,8 +359,7 @@ def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
     columns = _cst_columns(lines[0])
     _check_header(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
-    rows = [line.split() for line in lines[first:]]
-    yield from _tables_of(columns, _cells_of(rows, first + 1, len(columns)))
+    yield from _tables_of(columns, numbers_of(lines[first:], first + 1, len(columns)))
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
@@ -395,7 +394,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
         _check_header(columns)
         text = settings.get("#frequency")
         frequency = math.nan if text is None else parse_frequency(text)
-        cells = _cells_of([line.split() for line in block], numbers[0], len(columns))
+        cells = numbers_of(block, numbers[0], len(columns))
         yield from _tables_of(columns, cells, frequency)
 
 

@@ -96,11 +96,12 @@ def checked_points(points: Any) -> Floats:
     return array
 
 
-def checked_amplitude_tolerance(tolerance: float | None) -> float:
-    return tolerance_from(tolerance, DEFAULT_TOLERANCE, _LEAST)
-
-
-def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
+def tolerance_from(
+    tolerance: float | None,
+    default: float = DEFAULT_TOLERANCE,
+    least: float = _LEAST,
+    where: str = "",
+) -> float:
     """Return a tolerance from ``least`` to 0.1, or the default.
 
     ``where`` is appended to the range in the error message.
