@@ -362,7 +362,9 @@ def _edge_sums(
     kernel = Kernel(
         name=f"boundary integral, {edge_sum.__name__}",
         dimension=3,
-        tables=lambda table, double: _tables(*table, double=double, share=share, paraxial=paraxial),
+        tables=lambda panels, double: _tables(
+            panels, radiator, wavelength, double, share, paraxial
+        ),
         enter=integrals.enter,
         edge_sum=edge_sum,
         leave=integrals.leave_phase if paraxial else integrals.leave,
@@ -375,7 +377,7 @@ def _edge_sums(
             for block in remaining:
                 real, imag, estimate = execution.evaluate(
                     kernel,
-                    (panels, radiator, wavelength),
+                    panels,
                     [*points[block].T, np.asarray(digits)],
                     double=True,
                     engine=engine,
