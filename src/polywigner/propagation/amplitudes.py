@@ -29,7 +29,6 @@ from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.point_grids import (
     METHODS,
     Method,
-    checked_amplitude_tolerance,
     checked_coordinates,
     checked_method,
     checked_points,
@@ -258,7 +257,7 @@ def field_and_error(
         limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
         allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
     if pupil is not None and aberration is not None:
-        allowed = checked_amplitude_tolerance(tolerance)
+        allowed = tolerance_from(tolerance)
         field, errors = _aberrated_field(pupil, aberration, flat, length, name, allowed)
     else:
         field, errors = _free_field(source, flat, length, name, obliquity, tolerance, engine)
@@ -344,7 +343,7 @@ def _free_field(
     tolerance: float | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    allowed = checked_amplitude_tolerance(tolerance)
+    allowed = tolerance_from(tolerance)
     if isinstance(source, PointSource):
         field = source.amplitude * incident_of_point(source.position, points, wavelength)
         return field, np.zeros(len(points))
@@ -382,7 +381,6 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the Fraunhofer field (B7) of a source at points, and its error."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)

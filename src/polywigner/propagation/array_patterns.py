@@ -21,7 +21,7 @@ from polywigner.numerics import Complex, Floats
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, described, radiation_pattern
-from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_theta_and_phi, unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, obliquity_of
@@ -65,9 +65,9 @@ def array_tolerance(
     radiation. The errors a_k of the amplitude in dB, p_k of the phase and x_k of the position are
     normally distributed. The factor d_k is 0 for dead elements and 1 otherwise.
 
-    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). In it, E_0 is the
-    far field without errors, E_k is the far field of element k, m = <f_k> is the mean of the random
-    factors, and v = <|f_k|^2> - |m|^2 is their variance.
+    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). Here
+    E_0 is the far field without errors, E_k is the far field of element k, m = <f_k> is the mean of
+    the random factors, and v = <|f_k|^2> - |m|^2 is their variance.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def array_tolerance(
     errors = _checked_errors(amplitude=amplitude, phase=phase, position=position, dead=dead)
     number = checked_count(count, "count", 2)
     random = checked_generator(seed)
-    polar, azimuth = checked_theta(theta), checked_phi(phi)
+    polar, azimuth = checked_theta_and_phi(theta, phi)
     condition = obliquity_of(obliquity)
     name = condition.name
     power, _ = powers_of(source, length, name)
@@ -184,7 +184,6 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complex, Floats | None]:
-    """Draw random factors of the weights, and random displacements in m."""
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
     alive = random.random(shape) >= errors["dead"]
@@ -230,7 +229,6 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
-    """Return the far field of each element without its weight, shape (n, elements)."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

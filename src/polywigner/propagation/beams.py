@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_length, warn_caller
+from polywigner.numerics import Floats
 from polywigner.propagation.patterns import (
     Cut,
     CutKind,
@@ -46,8 +46,6 @@ _NUMBERS = (
     "radiated_power", "aperture_power", "peak_directivity", "peak_theta", "peak_phi",
 )  # fmt: skip
 
-Levels = NDArray[np.float64]
-
 _NAN_PAIR = (math.nan, math.nan)
 
 
@@ -75,7 +73,7 @@ class CutMetrics:
     half_power_beamwidth: float
     """Angle in rad between the half-power directions; NaN if the cut ends before one of them."""
     sidelobe_levels: tuple[float, float]
-    """Levels in dB of the first sidelobe on each side, relative to the peak of the cut.
+    """Floats in dB of the first sidelobe on each side, relative to the peak of the cut.
 
     The first sidelobe is the first maximum beyond the half-power direction. The side of smaller
     angles comes first.
@@ -225,7 +223,7 @@ def beam_metrics(
       for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi covers the full
       circle. For a pattern of single meridians the tuple is empty.
 
-    Levels between samples are interpolated by parabolas. With ten samples within the half-power
+    Floats between samples are interpolated by parabolas. With ten samples within the half-power
     beamwidth, the relative error of the beamwidth is below 3e-3.
 
     Parameters
@@ -344,8 +342,7 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
     )
 
 
-def _top(levels: Levels, angles: Levels) -> int:
-    """Return the index of the local maximum next to angle 0."""
+def _top(levels: Floats, angles: Floats) -> int:
     # The largest sample may lie in the back lobe.
     k = int(np.abs(angles).argmin())
     while True:
@@ -357,8 +354,6 @@ def _top(levels: Levels, angles: Levels) -> int:
 
 
 class _Side(NamedTuple):
-    """Features on one side of the peak of a cut, in rad and dBi; NaN beyond the end of the cut."""
-
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan
@@ -369,7 +364,7 @@ class _Side(NamedTuple):
     peak_angle: float = math.nan
 
 
-def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) -> _Side:
+def _side(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Side:
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
@@ -391,7 +386,7 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
     return _Side(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
 
 
-def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
+def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
     """Return angle and level of the vertex of the parabola through three neighbouring samples."""
     angle, level = float(angles[peak]), float(levels[peak])
     near = slice(max(0, peak - 1), peak + 2)
@@ -404,8 +399,7 @@ def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
     return angle - slope / (2 * curvature), level - slope**2 / (4 * curvature)
 
 
-def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
-    """Return the angle between samples k - 1 and k at a given level."""
+def _crossing(levels: Floats, angles: Floats, k: int, level: float) -> float:
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:

@@ -37,8 +37,6 @@ _OPS = NumpyOperations()
 
 @dataclass(frozen=True)
 class _Element:
-    """Copies of an outline with the same plane waves."""
-
     outline: Aperture
     amplitudes: Complex
     """Shape (m,)."""
@@ -195,7 +193,6 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
 def _rounding_of(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
-    """Return the rounding errors of the direction cosines, shape (m, 3)."""
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -241,12 +238,6 @@ _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
 # Rounds of steepest descent before panels replace it.
 _STEEP_ROUNDS = 2
-
-
-class _Table(NamedTuple):
-    panels: _Panels
-    radiator: Radiator
-    wavelength: float
 
 
 def boundary_field(
@@ -308,46 +299,43 @@ def _summed(
             f"the edges of the source are too long: {cycles:.3g} wavelengths in all, at most "
             f"{most:.3g} are allowed; check the unit of the wavelength"
         )
-    sums = _EdgeSums(radiator, wavelength, share, paraxial, len(points), engine)
+    edges = _TERMS * sum(element.edges for element in radiator.elements)
+    chosen = resolved(engine, len(points), edges)
+    edge_sums = partial(_edge_sums, radiator, wavelength, share, paraxial, chosen)
     # The bound adds the static field, which dominates within a wavelength.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
-    found = _Estimates(points, tolerance * np.minimum(radiator.amplitude, bound))
-    digits = math.log(1 / tolerance) + _MARGIN
-    if paraxial:
-        found.improve(np.arange(len(points)), sums.by_steepest_descent, digits, _ROUNDS)
-        return found.values, found.errors, found.allowed
-    far = np.flatnonzero(points[:, 2] >= _STEEP_HEIGHT * wavelength)
-    found.improve(far, sums.by_steepest_descent, digits, _STEEP_ROUNDS)
-    missing = np.flatnonzero(~(found.errors <= found.allowed))
-    for some, longest in strata_of(radiator, points[missing], wavelength):
-        panel_sums = partial(sums.over_panels, longest=longest)
-        found.improve(missing[some], panel_sums, digits, _ROUNDS)
-    return found.values, found.errors, found.allowed
+    allowed = tolerance * np.minimum(radiator.amplitude, bound)
+    values, errors = np.zeros(len(points), np.complex128), np.full(len(points), np.inf)
 
-
-class _Estimates:
-    def __init__(self, points: Floats, allowed: Floats) -> None:
-        self.points, self.allowed = points, allowed
-        self.values = np.zeros(len(points), np.complex128)
-        self.errors = np.full(len(points), np.inf)
-
-    def improve(
-        self,
-        some: Indices,
-        field: Callable[[Floats, float], tuple[Complex, Floats]],
-        digits: float,
-        rounds: int,
-    ) -> None:
-        """Recompute points with more digits until their estimated errors are allowed."""
+    def improve(some: Indices, field: Callable[..., tuple[Complex, Floats]], rounds: int) -> None:
+        digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(rounds):
             if not len(some):
                 return
-            value, error = field(self.points[some], digits)
-            better = error < self.errors[some]
-            self.values[some[better]], self.errors[some[better]] = value[better], error[better]
-            some = some[~(self.errors[some] <= self.allowed[some])]
+            value, error = field(points[some], digits)
+            better = error < errors[some]
+            values[some[better]], errors[some[better]] = value[better], error[better]
+            some = some[~(errors[some] <= allowed[some])]
             digits *= _HARDER
+
+    def by_steepest_descent(points: Floats, digits: float) -> tuple[Complex, Floats]:
+        if paraxial:
+            return edge_sums(points, digits, steepest_edge_sum, math.inf)
+        steep = edge_sums(points, digits, steepest_edge_sum, math.inf, _is_steep)
+        shallow = edge_sums(points, digits, integrals.edge_sum, _STRATA[-1][1], _is_shallow)
+        return steep[0] + shallow[0], steep[1] + shallow[1]
+
+    if paraxial:
+        improve(np.arange(len(points)), by_steepest_descent, _ROUNDS)
+        return values, errors, allowed
+    far = np.flatnonzero(points[:, 2] >= _STEEP_HEIGHT * wavelength)
+    improve(far, by_steepest_descent, _STEEP_ROUNDS)
+    missing = np.flatnonzero(~(errors <= allowed))
+    for some, longest in strata_of(radiator, points[missing], wavelength):
+        over_panels = partial(edge_sums, edge_sum=integrals.edge_sum, longest=longest)
+        improve(missing[some], over_panels, _ROUNDS)
+    return values, errors, allowed
 
 
 def _is_steep(cosines: Complex) -> NDArray[np.bool_]:
@@ -358,65 +346,46 @@ def _is_shallow(cosines: Complex) -> NDArray[np.bool_]:
     return ~_is_steep(cosines)
 
 
-@dataclass(frozen=True)
-class _EdgeSums:
-    radiator: Radiator
-    wavelength: float
-    share: float
-    paraxial: bool
-    points: int
-    """Total number of points, for the choice of the engine."""
-    engine: str
-
-    def by_steepest_descent(self, points: Floats, digits: float) -> tuple[Complex, Floats]:
-        """Return the field at points, and its error of about exp(-digits)."""
-        if self.paraxial:
-            return self._sum(steepest_edge_sum, points, digits, math.inf)
-        whole = self._sum(steepest_edge_sum, points, digits, math.inf, _is_steep)
-        longest = _STRATA[-1][1]
-        others = self._sum(integrals.edge_sum, points, digits, longest, _is_shallow)
-        return whole[0] + others[0], whole[1] + others[1]
-
-    def over_panels(self, points: Floats, digits: float, longest: float) -> tuple[Complex, Floats]:
-        return self._sum(integrals.edge_sum, points, digits, longest)
-
-    def _sum(
-        self,
-        edge_sum: Callable[..., integrals.Values],
-        points: Floats,
-        digits: float,
-        longest: float,
-        is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
-    ) -> tuple[Complex, Floats]:
-        radiator, paraxial = self.radiator, self.paraxial
-        kernel = Kernel(
-            name=f"boundary integral, {edge_sum.__name__}",
-            dimension=3,
-            tables=lambda table, double: _tables(table, double, self.share, paraxial),
-            enter=integrals.enter,
-            edge_sum=edge_sum,
-            leave=integrals.leave_phase if paraxial else integrals.leave,
-        )
-        edges = _TERMS * sum(e.edges for e in radiator.elements)
-        engine = resolved(self.engine, self.points, edges)
-        field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
-        blocks_of_panels = panels_of(radiator, self.wavelength, longest, _ROWS, paraxial, is_wanted)
-        for panels in blocks_of_panels:
-            step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
-            blocks = [slice(low, low + step) for low in range(0, len(points), step)]
-            with with_progress("points", blocks) as remaining:
-                for block in remaining:
-                    real, imag, estimate = execution.evaluate(
-                        kernel,
-                        _Table(panels, radiator, self.wavelength),
-                        [*points[block].T, np.asarray(digits)],
-                        double=True,
-                        engine=engine,
-                        outputs=3,
-                    )
-                    field[block] += real + 1j * imag
-                    error[block] += estimate
-        return field, error
+def _edge_sums(
+    radiator: Radiator,
+    wavelength: float,
+    share: float,
+    paraxial: bool,
+    engine: str,
+    points: Floats,
+    digits: float,
+    edge_sum: Callable[..., integrals.Values],
+    longest: float,
+    is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
+) -> tuple[Complex, Floats]:
+    """Return the field at points as a sum over panels, and its error of about exp(-digits)."""
+    kernel = Kernel(
+        name=f"boundary integral, {edge_sum.__name__}",
+        dimension=3,
+        tables=lambda panels, double: _tables(
+            panels, radiator, wavelength, double, share, paraxial
+        ),
+        enter=integrals.enter,
+        edge_sum=edge_sum,
+        leave=integrals.leave_phase if paraxial else integrals.leave,
+    )
+    field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
+    for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial, is_wanted):
+        step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
+        blocks = [slice(low, low + step) for low in range(0, len(points), step)]
+        with with_progress("points", blocks) as remaining:
+            for block in remaining:
+                real, imag, estimate = execution.evaluate(
+                    kernel,
+                    panels,
+                    [*points[block].T, np.asarray(digits)],
+                    double=True,
+                    engine=engine,
+                    outputs=3,
+                )
+                field[block] += real + 1j * imag
+                error[block] += estimate
+    return field, error
 
 
 def strata_of(
@@ -444,17 +413,24 @@ def boundary_tables(
     """Return all panels of a source as kernel tables, with ``share`` as in `BoundaryTables`."""
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
-    return _tables(_Table(panels, radiator, wavelength), double, share, False)
+    return _tables(panels, radiator, wavelength, double, share, False)
 
 
-def _tables(table: _Table, double: bool, share: float, paraxial: bool) -> integrals.BoundaryTables:
-    rows, amplitudes = table.panels.rows, table.panels.amplitudes / (2 * math.pi)
+def _tables(
+    panels: _Panels,
+    radiator: Radiator,
+    wavelength: float,
+    double: bool,
+    share: float,
+    paraxial: bool,
+) -> integrals.BoundaryTables:
+    rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
     cosines, errors = rows[:, 5:8], rows[:, 8:11]
     high = cosines if double else cosines.astype(np.float32).astype(np.float64)
     pairs = np.stack([high, (cosines - high) + errors], axis=2).reshape(len(rows), 6)
-    last = np.stack([amplitudes.real, amplitudes.imag, table.panels.evanescent], axis=1)
+    last = np.stack([amplitudes.real, amplitudes.imag, panels.evanescent], axis=1)
     columns = np.concatenate([rows[:, :5], pairs, rows[:, 11:], last], axis=1)
     edges = tuple(map(tuple, columns.tolist()))
-    x, y = table.radiator.centre.tolist()
-    frame = integrals.BoundaryFrame((x, y), table.wavelength, double, paraxial)
+    x, y = radiator.centre.tolist()
+    frame = integrals.BoundaryFrame((x, y), wavelength, double, paraxial)
     return integrals.BoundaryTables(frame, edges, gauss_rules(), share)

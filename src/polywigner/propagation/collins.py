@@ -24,8 +24,8 @@ from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (
-    checked_amplitude_tolerance,
     checked_coordinates,
+    tolerance_from,
     warn_of_missed,
 )
 from polywigner.source import Array
@@ -130,7 +130,6 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return bounds on the rounding errors of edge integrals."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -178,7 +177,6 @@ def _image(
 
 
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
-    """Return the field u at positions (n, 2), with edges as in :func:`autocorrelation`."""
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -187,7 +185,6 @@ def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """Return the plane waves of a weighted element at x (n, 2)."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -216,7 +213,7 @@ def field_behind(
     positions = checked_points_behind(points)
     length = checked_wavelength(wavelength)
     execution.checked_engine(engine)
-    allowed = checked_amplitude_tolerance(tolerance)
+    allowed = tolerance_from(tolerance)
     phase: complex = 1.0
     if isinstance(source, Wavefront):
         source, lens, phase = as_lens(source, length)
@@ -367,7 +364,6 @@ def _rate(
 def _rule(
     stop: Any, rate: float, extra: float, lattice: FrequencyLattice
 ) -> tuple[Floats, Complex]:
-    """Return quadrature nodes on a stop, and their weights times its transmission."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work

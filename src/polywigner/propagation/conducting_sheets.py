@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.silhouettes import ON, Obstacles, Silhouette
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.equivalent_points import RadiatingPoint
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 Edge = Literal["black", "soft", "hard"]
 EDGES = ("black", "soft", "hard")

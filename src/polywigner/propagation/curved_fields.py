@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
 from polywigner.numerics import Complex, Floats
-from polywigner.numerics.nodes import quartered
+from polywigner.numerics.nodes import cell_rules, cells_of, quartered
 from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes
@@ -58,8 +58,6 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
 
 
 class _Part(NamedTuple):
-    """An element of a source as triangles with plane waves."""
-
     triangles: Floats
     """In m, shape (n, 3, 2)."""
     shift: Floats
@@ -121,7 +119,6 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
 
 
 def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
-    """Return the highest spatial frequency on each cell, plus ``frequencies`` at its corners."""
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -153,7 +150,6 @@ def _cells(
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Return whether a cell has few cycles of phase and is distant enough for the Gauss rule."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
@@ -174,10 +170,9 @@ def field_at_nodes(
 
     The derivative is divided by ik, and is zero unless ``with_slopes`` is true.
     """
-    coordinates, weights = _rule()
-    nodes = np.einsum("nc,kcd->knd", coordinates, cells)
-    first, second = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
-    area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    count = len(cells)
+    ((_, nodes, weights),) = cell_rules(cells_of(cells), np.full((count, 2), _NODES))
+    nodes, weights = nodes.reshape(count, -1, 2), weights.reshape(count, -1)
     inner = nodes - wave.centre
     slope = inner @ wave.curvature
     cycles = ((inner * slope).sum(axis=2)) / 2
@@ -188,10 +183,7 @@ def field_at_nodes(
         field += plane_wave
         if with_slopes:
             slopes += plane_wave * direction_cosines(slope + kappa, wavelength)
-    scale = area[:, None] * weights
-    field *= scale
-    slopes *= scale
-    return np.asarray(nodes), field, slopes
+    return nodes, field * weights, slopes * weights
 
 
 def _terms(
@@ -209,13 +201,3 @@ def _terms(
     value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
     wave_to_point = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
     return np.asarray(value * wave_to_point)
-
-
-@lru_cache(maxsize=1)
-def _rule() -> tuple[Floats, Floats]:
-    """Return barycentric coordinates and weights for a triangle of area 1/2."""
-    x, w = np.polynomial.legendre.leggauss(_NODES)
-    x, w = (x + 1) / 2, w / 2
-    u, v = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))
-    weights = np.outer(w * x, w).ravel()
-    return np.stack([1 - u, u * (1 - v), u * v], axis=1), weights

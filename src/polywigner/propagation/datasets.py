@@ -120,7 +120,6 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
 
 
 def _described(obstacles: Sequence[Obstacle]) -> str:
-    """Return the names of obstacles, with a hash of their meshes."""
     meshes = [obstacle_of(body) for body in obstacles]
     content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
@@ -166,7 +165,6 @@ def _dataset(
 
 
 def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
-    """Return the keywords for :func:`irradiance` or :func:`amplitude`."""
     settings: dict[str, Any] = {
         name: value
         for name, value in options.items()

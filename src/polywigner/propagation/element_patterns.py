@@ -381,7 +381,6 @@ def fit_pattern(
 
 
 def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
-    """Return the spatial frequencies [1/m] of the plane waves of a fit."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents

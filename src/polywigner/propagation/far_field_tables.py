@@ -15,6 +15,7 @@ import numpy as np
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
 from polywigner.numerics import Complex, Floats
+from polywigner.propagation.element_patterns import polar_components
 from polywigner.quantities import parse_frequency
 
 FREE_SPACE = 376.730313412
@@ -204,7 +205,6 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
-    """Return the columns of a CST table, None for unknown titles."""
     # Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
@@ -283,7 +283,6 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
-    """Yield a far field for each frequency."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
@@ -360,8 +359,7 @@ def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
     columns = _cst_columns(lines[0])
     _check_header(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
-    rows = [line.split() for line in lines[first:]]
-    yield from _tables_of(columns, _cells_of(rows, first + 1, len(columns)))
+    yield from _tables_of(columns, numbers_of(lines[first:], first + 1, len(columns)))
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
@@ -396,7 +394,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
         _check_header(columns)
         text = settings.get("#frequency")
         frequency = math.nan if text is None else parse_frequency(text)
-        cells = _cells_of([line.split() for line in block], numbers[0], len(columns))
+        cells = numbers_of(block, numbers[0], len(columns))
         yield from _tables_of(columns, cells, frequency)
 
 
@@ -482,9 +480,7 @@ def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
     co, cross = pair
     if kind == 2:  # (co -+ j cross)/sqrt(2)
         co, cross = (co + cross) / math.sqrt(2), 1j * (cross - co) / math.sqrt(2)
-    # Ludwig's third definition, with the co-polar component along x.
-    sine, cosine = np.sin(phi), np.cos(phi)
-    return np.stack([co * cosine + cross * sine, cross * cosine - co * sine])
+    return np.stack(polar_components(co, cross, phi))
 
 
 LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {

@@ -229,7 +229,8 @@ def _irradiance_and_error(
     with_error: bool = False,
 ) -> tuple[Floats, Floats]:
     checked_method(method, ("wigner", *METHODS, "auto"))
-    allowed = checked_tolerance(tolerance)
+    meaning = "a number above 0 and below 1"
+    allowed = checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     others = {
         "method": None if method in ("wigner", "auto", "fresnel") else method,
@@ -316,12 +317,6 @@ def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bo
     return isinstance(source, Wavefront) and kernels.partly_coherent_kernel(source) is not None
 
 
-def checked_tolerance(tolerance: float) -> float:
-    """Return a tolerance above 0 and below 1; raise ArgumentError for other values."""
-    meaning = "a number above 0 and below 1"
-    return checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
-
-
 def mixture_parts(
     source: Aperture | Array | Wavefront, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
@@ -363,7 +358,6 @@ def _of_shared_samples(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
-    """Return irradiances and errors (2, ...) if all tilts can share samples, otherwise None."""
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]
     stops: Sequence[object] = []

@@ -21,10 +21,10 @@ from polywigner.geometry.parts import grid_size, polygons_in, shifted
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.nodes import (
+    Cells,
     chirp_node_counts,
     normal_product_rule,
     rule_of_counts,
-    unit_rule,
 )
 from polywigner.optics import FirstOrder
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -52,7 +52,7 @@ _BLOCK = 1 << 22
 
 def _sum_over_lags(
     irradiance: Callable[[Floats, Floats, int], Floats],
-    cells: Trapezoids,
+    cells: Cells,
     rates: Floats,
     error: float,
 ) -> Floats | None:
@@ -63,7 +63,7 @@ def _sum_over_lags(
     """
     previous: Floats | None = None
     for extra in _LEVELS:
-        lags, weights, _ = rule_on(cells, rates, _ERROR, extra)
+        lags, weights, _ = rule_of_counts(cells, node_counts(cells, rates, _ERROR) + extra)
         # Opposite lags contribute equally, and the cells cover half of the lags.
         values = irradiance(lags, 2.0 * weights, extra)
         if previous is not None and abs(values - previous).max() <= error * abs(values).max():
@@ -76,7 +76,7 @@ def _longest_lags(source: Wavefront) -> Floats:
     return np.asarray(np.minimum(sides_of(source.bounds), _LONGEST * source.coherence_width))
 
 
-def _lag_cells(source: Wavefront) -> Trapezoids:
+def _lag_cells(source: Wavefront) -> Cells:
     """Return trapezoids that tile half of the lags, not crossed by up to _MOST_KINKS kinks."""
     # Kinks lie on the segments V - E of all vertices V and edges E.
     reach = _longest_lags(source)
@@ -91,10 +91,10 @@ def _lag_cells(source: Wavefront) -> Trapezoids:
         lines = shapely.linestrings(segments)
         kinks.extend(lines[shapely.intersects(lines, half) & (shapely.length(lines) > 0)])
         if len(kinks) > _MOST_KINKS:
-            return trapezoids_of([half])[0]
+            return _trapezoids_in([half])[0]
     cut = shapely.intersection(np.array(kinks, object), half)
     noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(reach)))
-    return trapezoids_of(np.array(polygons_in(shapely.polygonize([noded])), object))[0]
+    return _trapezoids_in(np.array(polygons_in(shapely.polygonize([noded])), object))[0]
 
 
 def summed_over_lags(
@@ -193,7 +193,7 @@ def summed_over_pairs(
     rates = np.hypot(rates, _OF_NORMAL / width)
     cells = _lag_cells(source)
     polygons = shapely.get_parts([element.shape.polygons for element in elements])
-    tiles, _ = trapezoids_of(polygons)
+    tiles, _ = _trapezoids_in(polygons)
     counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(reach / 2), _ERROR)]
     lag_count, mean_count = (float(count.prod(axis=1).sum()) for count in counts)
     time = len(points) * _PAIR * mean_count + _CUT * sum(len(ring) for ring in form.rings)
@@ -262,9 +262,10 @@ def _pairs(
     has_area = shapely.area(parts) > 0
     if not has_area.any():
         return np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)
-    cells, part_of = trapezoids_of(parts[has_area])
+    cells, part_of = _trapezoids_in(parts[has_area])
     lag_of_cell = lag_of_part[has_area][part_of]
-    nodes, weights, cell_of = rule_on(cells, rates[lag_of_cell], _ERROR, extra)
+    counts = node_counts(cells, rates[lag_of_cell], _ERROR) + extra
+    nodes, weights, cell_of = rule_of_counts(cells, counts)
     return nodes, weights, lag_of_cell[cell_of]
 
 
@@ -301,19 +302,15 @@ def _sum_of_waves(
     return total
 
 
-Trapezoids = NDArray[np.float64]
-"""Trapezoids with two sides parallel to x, shape (n, 3, 2): y, left x, right x; lower and upper
-side."""
-
 # Pairs (edge, vertex height) per block.
 _BATCH = 1 << 20
-# Poles at the distance d from a trapezoid of size 2 a need _POLE/arcsinh(d/a) more nodes.
+# Poles at the distance d from a cell of size 2 a need _POLE/arcsinh(d/a) more nodes.
 _POLE = 4.0
 
 
-def trapezoids_of(
+def _trapezoids_in(
     polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
-) -> tuple[Trapezoids, Indices]:
+) -> tuple[Cells, Indices]:
     """Return trapezoids that tile polygons, cut through all vertices, and their polygon indices."""
     rings, of_ring = shapely.get_rings(polygons, return_index=True)
     vertices, ring = shapely.get_coordinates(rings, return_index=True)
@@ -333,7 +330,7 @@ def trapezoids_of(
     return np.concatenate(parts), np.concatenate(owners)
 
 
-def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
+def _between_heights(edges: Floats) -> tuple[Cells, Indices]:
     """Return the trapezoids of polygons with equal numbers of edges, and their polygon indices.
 
     Axes of ``edges``: polygon, edge, end, coordinate.
@@ -346,49 +343,25 @@ def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
     ends = np.stack([np.where(across, x + (level - y) * slope, np.inf) for level in (low, high)])
     ends = np.take_along_axis(ends, np.argsort(ends.sum(axis=0), axis=-1)[None], axis=-1)
     pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
-    left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
-    levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
-    is_inside = np.isfinite(right).all(axis=-1)
-    return np.stack([levels, left, right], axis=-2)[is_inside], np.nonzero(is_inside)[0]
+    x = np.concatenate([pairs[:, :, ::2], pairs[:, :, 1::2]], axis=-1)[..., [0, 2, 1, 3]]
+    y = np.broadcast_to(np.concatenate([low, low, high, high], axis=-1)[:, :, None], x.shape)
+    is_inside = np.isfinite(x).all(axis=-1)
+    return np.stack([x, y], axis=-1)[is_inside], np.nonzero(is_inside)[0]
 
 
-def node_counts(
-    trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
-) -> Indices:
-    """Return the number of rows, and of nodes per row, of the quadrature rule of each trapezoid.
+def node_counts(cells: Cells, rates: Floats, error: float, nearest: float = math.inf) -> Indices:
+    """Return the numbers of quadrature nodes along both sides of each cell, shape (n, 2).
 
     ``rates``: highest frequencies of the integrand along x and y in 1/m. ``nearest``: distance of
     its poles in m.
     """
-    y, left, right = trapezoids.transpose(1, 0, 2)
-    height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
-    aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
-    over_x, over_y = rates[..., 0], rates[..., 1]
-    cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
-    sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
+    origin, first, second, last = cells.transpose(1, 0, 2)
+    sides = np.abs([[first - origin, last - second], [second - origin, last - first]])
+    cycles = (sides * rates).sum(axis=-1).max(axis=1).T
+    sizes = np.linalg.norm(sides, axis=-1).max(axis=1).T / 2
     with np.errstate(divide="ignore"):
         poles = np.ceil(_POLE / np.arcsinh(nearest / sizes))
     return np.asarray(chirp_node_counts(math.pi * cycles, error) + poles.astype(np.intp))
-
-
-def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
-    """Return x (..., m, n), y (..., m) and weights (..., m, n) of rows of quadrature nodes."""
-    (up, of_rows), (along, on_row) = (unit_rule(count) for count in counts.tolist())
-    lines = trapezoids[..., :1] + up * np.diff(trapezoids)
-    y, left, right = (lines[..., k, :] for k in range(3))
-    length = (right - left)[..., None]
-    height = np.diff(trapezoids[..., 0, :])[..., None]
-    return left[..., None] + length * along, y, height * of_rows[:, None] * length * on_row
-
-
-def rule_on(
-    trapezoids: Trapezoids, rates: Floats, error: float, extra: int
-) -> tuple[Floats, Floats, Indices]:
-    """Return quadrature nodes, weights and trapezoid indices, with ``extra`` nodes per axis."""
-    counts = node_counts(trapezoids, rates, error) + extra
-    y, left, right = trapezoids.transpose(1, 0, 2)
-    x = np.concatenate([left, right], axis=1)
-    return rule_of_counts(np.stack([x, np.concatenate([y, y], axis=1)], axis=-1), counts)
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:

@@ -17,21 +17,20 @@ import numpy as np
 
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
-from polywigner.numerics.nodes import normal_product_rule
+from polywigner.numerics.chirps import waves_of_cycles
+from polywigner.numerics.nodes import Cells, cell_rules, normal_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
     Channel,
-    Trapezoids,
     channel_at,
     channels_of,
     largest_rates,
     node_counts,
-    rows_of,
     summed_over_lags,
     summed_over_pairs,
-    trapezoids_of,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
@@ -131,8 +130,6 @@ def _in_parabolic_waves(
 
 
 class _Blur(NamedTuple):
-    """Normal distribution of the displacements of an irradiance by tilts."""
-
     axes: Floats
     """Principal directions as columns, shape (2, 2)."""
     spreads: Floats
@@ -198,8 +195,6 @@ def _convolution(
 
 
 class _LatticeAxis(NamedTuple):
-    """Trapezoidal rule along an axis."""
-
     nodes: Floats
     """Shape (m,)."""
     near: Indices
@@ -230,7 +225,7 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
 
 
 # The factor exp(2 pi i t.x) of a tilt t separates into x and y. A product of matrices transforms
-# each row of nodes from x to t_x, and a second product all rows from y to t_y.
+# each row of nodes from y to t_y, and a second product all rows from x to t_x.
 
 # Relative error on the source.
 _QUADRATURE = 1e-9
@@ -248,8 +243,6 @@ _LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
-    """Trapezoidal rule for normally distributed tilts along an axis."""
-
     step: float
     """In cycles per metre."""
     half: int
@@ -302,7 +295,7 @@ def _in_spherical_waves(
         members = order[start : start + size]
         counts = [
             node_counts(
-                _trapezoids(element.outline),
+                _cells(element.outline),
                 rates[members].max(axis=0),
                 _QUADRATURE,
                 float(points[members, 2].min()),
@@ -333,7 +326,7 @@ def _summed_over_tilts(
 
     Each block contains indices of points, and the node counts of each element.
     """
-    plane = np.stack(np.meshgrid(*(axis.tilts for axis in rule.axes)), axis=-1)
+    plane = np.stack(np.meshgrid(*(axis.tilts for axis in rule.axes), indexing="ij"), axis=-1)
     cosines: list[Any] = [
         1.0 if kappa is None else direction_cosines(plane + kappa, rule.wavelength)[..., None]
         for kappa in rule.channels
@@ -346,85 +339,69 @@ def _summed_over_tilts(
             total = sum(c * spectrum for c, spectrum in zip(cosines, spectra, strict=True))
             intensity = np.square(total.real) + np.square(total.imag)
             over_x, over_y = (axis.weights for axis in rule.axes)
-            values[members] = over_x @ np.tensordot(over_y, intensity, 1)
+            values[members] = over_y @ np.tensordot(over_x, intensity, 1)
     return values
 
 
 @lru_cache(maxsize=64)
-def _trapezoids(outline: Aperture) -> Trapezoids:
-    return trapezoids_of(outline.polygons.geoms)[0]
+def _cells(outline: Aperture) -> Cells:
+    return trapezoids(outline.rings).corners
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
-    """Return integrals over the source, with axes (channel, t_y, t_x, point).
+    """Return integrals over the source, with axes (channel, t_x, t_y, point).
 
     The first half of a tilt axis contains factors cos(2 pi x t), t >= 0, the second half sin(2 pi x
-    t). ``counts``: rows, and nodes per row, for each element and trapezoid.
+    t). ``counts``: rows of constant x, and nodes per row, for each element and cell.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
-    halves = (2 * (along_y.half + 1), 2 * (along_x.half + 1), len(points))
+    halves = (2 * (along_x.half + 1), 2 * (along_y.half + 1), len(points))
     total = np.zeros((channels, halves[0], halves[1] * halves[2]), np.complex128)
     centre = np.reshape(rule.source.bounds, (2, 2)).mean(axis=0)
     for element, of_element in zip(rule.elements, counts, strict=True):
-        for trapezoid, shape in zip(_trapezoids(element.outline), of_element, strict=True):
-            x, y, weights = rows_of(trapezoid, shape)
-            # All rows of a rectangle share their x coordinates.
-            nodes = (x if np.diff(trapezoid[1:]).any() else x[:1]) - centre[0]
-            inner = np.empty((channels, len(y), *halves[1:]), np.complex128)
-            columns = channels * len(points) + (along_x.half if len(nodes) > 1 else 0)
-            step = max(1, _BATCH // (x.shape[1] * columns))
-            for start in range(0, len(y), step):
+        rules = cell_rules(_cells(element.outline), of_element)
+        for nodes, weights in (pair for _, *parts in rules for pair in zip(*parts, strict=True)):
+            x, y = nodes[:, 0, 0] - centre[0], nodes[..., 1] - centre[1]
+            # All rows of a rectangle share their y coordinates.
+            rows = y if np.ptp(y, axis=0).any() else y[:1]
+            inner = np.empty((channels, len(x), *halves[1:]), np.complex128)
+            columns = channels * len(points) + (along_y.half if len(rows) > 1 else 0)
+            step = max(1, _BATCH // (y.shape[1] * columns))
+            for start in range(0, len(x), step):
                 block = slice(start, start + step)
-                waves = _waves(nodes[block] if len(nodes) > 1 else nodes, along_x)
-                values = _samples(rule, element, x[block], y[block], weights[block], points)
+                waves = _waves(rows[block] if len(rows) > 1 else rows, along_y)
+                values = _samples(rule, element, nodes[block], weights[block], points)
                 inner[:, block] = _product(waves, values)
             inner *= element.weight
-            waves = _waves(y - centre[1], along_y)
-            total += _product(waves, inner.reshape(channels, len(y), -1))
+            waves = _waves(x, along_x)
+            total += _product(waves, inner.reshape(channels, len(x), -1))
     return total.reshape(channels, *halves)
 
 
 def _samples(
-    rule: _TiltSum, element: SourceElement, x: Floats, y: Floats, weights: Floats, points: Floats
+    rule: _TiltSum, element: SourceElement, nodes: Floats, weights: Floats, points: Floats
 ) -> Complex:
-    """Return the weighted integrand of (Q7) without tilt, with axes (channel, row, node, point).
-
-    ``x`` has the shape (m, n), and ``y`` (m,).
-    """
+    """Return the weighted integrand of (Q7) without tilt, with axes (channel, row, node, point)."""
     source, condition, wavelength = rule.source, rule.condition, rule.wavelength
     px, py, z = points.T
-    squares = (x[..., None] - px) ** 2 + ((y[:, None] - py) ** 2)[:, None]
+    squares = (nodes[..., :1] - px) ** 2 + (nodes[..., 1:] - py) ** 2
     distance = np.sqrt(squares + z * z)
     # R - z without cancellation. The constant phase of z does not change the irradiance.
-    cycles = squares / ((distance + z) * wavelength)
-    cycles -= np.rint(cycles)
-    cycles *= 2 * math.pi
-    sine, cosine = np.sin(cycles), np.cos(cycles)
-    inverse = 1.0 / distance
-    size = inverse * (weights / wavelength)[..., None]
-    nodes = np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1)
-    samples = np.empty((len(rule.channels), *distance.shape), np.complex128)
-    for kappa, values in zip(rule.channels, samples, strict=True):
-        field = channel_at(element, kappa, nodes)
+    waves = waves_of_cycles(squares / ((distance + z) * wavelength)) / (1j * distance)
+    waves *= (weights / wavelength)[..., None]
+    samples = []
+    for kappa in rule.channels:
+        field = np.asarray(channel_at(element, kappa, nodes))
+        values = condition.slope * waves
         if kappa is None:
             if not source.is_flat:
                 offset = nodes - source.centre
-                bend = ((offset @ source.curvature) * offset).sum(axis=-1)
-                field = field * np.exp(1j * np.pi * bend)
-            # Spherical wave times (z/R) (1 + i/(kR)).
-            size_of_field = size * inverse * (condition.field * z)
-            imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
-            values.real = size_of_field * sine + imaginary * cosine
-            values.imag = imaginary * sine - size_of_field * cosine
-        else:
-            values.real, values.imag = (
-                condition.slope * size * sine,
-                -condition.slope * size * cosine,
-            )
-        if np.ndim(field):
-            values *= np.asarray(field)[..., None]
-    return samples
+                field = field * waves_of_cycles(((offset @ source.curvature) * offset).sum(-1) / 2)
+            near = 1.0 + (0.5j * wavelength / math.pi) / distance
+            values = (condition.field * z / distance) * near * waves
+        samples.append(values * field[..., None])
+    return np.stack(samples)
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:

@@ -42,6 +42,7 @@ from polywigner.propagation.far_field_tables import (
 from polywigner.propagation.patterns import (
     checked_pattern,
     cuts_of,
+    decibels,
     described,
     jones_of,
     vector_dataset,
@@ -221,9 +222,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
     else:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
         power = _radiated_power(table, ElementPattern(theta, phi, (polar, azimuthal)).power(0.0))
-    with np.errstate(divide="ignore"):
-        squares = np.square(np.abs(polar)) + np.square(np.abs(azimuthal))
-        levels = 10 * np.log10(4 * math.pi / power * squares)
+    levels = decibels(np.square(np.abs(polar)) + np.square(np.abs(azimuthal)), power)
     sine, cosine = np.sin(phi), np.cos(phi)
     along = polar * cosine - azimuthal * sine, polar * sine + azimuthal * cosine
     peak = np.unravel_index(levels.argmax(), levels.shape)
@@ -235,7 +234,6 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
 def _about(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
-    """Return the attributes of a pattern with its beam at the largest sample."""
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -322,7 +320,6 @@ _GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE
 
 
 def _planning_cuts(lines: list[str]) -> xarray.Dataset:
-    """Read an MSI Planet file: the gain over theta at phi = 0 and 90 degrees."""
     words = [line.split() for line in lines]
     values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
     match = _GAIN.fullmatch(values.get("GAIN", ""))
@@ -357,7 +354,6 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
 
 
 def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Return the angles of a cut in degrees, and its attenuations in dB."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
@@ -394,7 +390,6 @@ class _Pattern:
     """In Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
-        """Yield phi, theta and values of each direction, with theta varying fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)
@@ -590,7 +585,6 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
 
 
 def _step(name: str, angles: Floats, suffix: str) -> float:
-    """Return the step of angles in degrees; raise ArgumentError for uneven steps."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

@@ -26,7 +26,7 @@ from polywigner.propagation.far_fields import (
     checked_far_field,
     steered_direction,
 )
-from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_theta_and_phi, unit_vectors
 from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -148,7 +148,7 @@ def radiation_pattern(
     >>> round(pattern.attrs["largest_directivity"], 2)  # dBi
     21.35
     """
-    polar, azimuth = checked_theta(theta), checked_phi(phi)
+    polar, azimuth = checked_theta_and_phi(theta, phi)
     far = checked_far_field(source, wavelength, options)
     values = far.grid(polar, azimuth)
     return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(polar, azimuth))
@@ -206,7 +206,6 @@ def beam_cuts(
 
 
 def _great_circles(far: FarField, step: float) -> xarray.Dataset:
-    """Return the pattern along two great circles through the beam, with steps in rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
@@ -238,7 +237,6 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
-    """Return the pattern for fields (...), or field vectors (..., 3), in directions (..., 3)."""
     power, energy = far.powers
     largest, theta, phi = far.beam
     squares = np.square(np.abs(values))
@@ -307,7 +305,6 @@ def decibels(intensity: Values, power: float) -> Values:
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
-    """Return the ratio of co- to cross-polar field in dB, NaN if both are zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
@@ -392,7 +389,6 @@ def _checked_levels(
 def _cross_polar(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the cross-polar directivity in dBi, or ``levels`` for a scalar pattern."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values

@@ -32,12 +32,8 @@ Index = tuple[int, ...]
 _AXES = ("x", "y", "z")
 
 
-def checked_theta(values: Any) -> Floats:
-    return checked_angles(values, "theta", math.pi)
-
-
-def checked_phi(values: Any) -> Floats:
-    return checked_angles(values, "phi", math.inf)
+def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
+    return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 
 def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
@@ -100,11 +96,12 @@ def checked_points(points: Any) -> Floats:
     return array
 
 
-def checked_amplitude_tolerance(tolerance: float | None) -> float:
-    return tolerance_from(tolerance, DEFAULT_TOLERANCE, _LEAST)
-
-
-def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
+def tolerance_from(
+    tolerance: float | None,
+    default: float = DEFAULT_TOLERANCE,
+    least: float = _LEAST,
+    where: str = "",
+) -> float:
     """Return a tolerance from ``least`` to 0.1, or the default.
 
     ``where`` is appended to the range in the error message.
@@ -218,7 +215,7 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     if origin.ndim != 1:
         raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
     points_at = partial(_spherical, origin, length)
-    grid = Grid(angle_axes(checked_theta(theta), checked_phi(phi)), points_at)
+    grid = Grid(angle_axes(*checked_theta_and_phi(theta, phi)), points_at)
     checked_points(grid.points((0, 0), grid.shape))
     return grid
 
@@ -235,7 +232,6 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Floats:
-    """Return evenly spaced values with both ends, or the midpoint for ``count`` 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

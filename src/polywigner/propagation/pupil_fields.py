@@ -31,7 +31,6 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.pupil_gradients import (
-    Jets,
     PupilNumbers,
     edges_of,
     quotient,
@@ -121,18 +120,8 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
     return np.asarray(total[lattice.index])
 
 
-def spectrum_jets(
-    pupil: AberratedPupil, nu: Floats, numbers: PupilNumbers, tolerance: float
-) -> Jets:
-    """Return values and derivatives of :func:`aberrated_spectrum`, shape (n, 1 + m)."""
-    values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
-    return numbers.joined(values, _OfSpectrum(pupil, nu, extra, tolerance))
-
-
 @dataclass(frozen=True, eq=False)
 class _OfSpectrum:
-    """Derivatives of :func:`aberrated_spectrum` with respect to the numbers of a pupil."""
-
     pupil: AberratedPupil
     nu: Floats
     extra: int
@@ -299,7 +288,8 @@ def psf(
             scale = checked_aberration(aberration, length, has_gradients=True) * distance
             aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
             nu = image_points.reshape(-1, 2) / scale
-            jets = spectrum_jets(aberrated, nu, numbers, allowed) / scale
+            values, _, extra = aberrated_spectrum(aberrated, nu, allowed)
+            jets = numbers.joined(values, _OfSpectrum(aberrated, nu, extra, allowed)) / scale
         total = total + fraction * squared_modulus(jets)
     energy = pupil.energy_jets(plain, aberrated, numbers, allowed)
     return numbers.result(quotient(total, energy), image_points.shape[:-1], is_complex=False)

@@ -169,7 +169,6 @@ def _in_memory(
 def _lazy_array(
     block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array whose chunks the picklable function ``block`` computes."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -250,7 +249,6 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
 
 
 def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
-    """Return attributes, dtypes and chunks as JSON strings."""
     settings: dict[str, Any] = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
         settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
@@ -262,7 +260,6 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
-    """Create a store with metadata and coordinates, but without chunks."""
     # Compression would halve the speed, and rounding errors do not compress.
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # NaN for missing chunks
@@ -281,7 +278,6 @@ def _create(folder: Path, dataset: xarray.Dataset) -> None:
 
 
 def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
-    """Return dask tasks that compute and write the missing chunks."""
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
@@ -294,7 +290,6 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 
 
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
-    """Write a chunk, and return an empty array."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
     # A chunk without a file counts as missing, even if all its values are NaN.
     array = required("zarr").open_array(path, mode="r+")
@@ -391,7 +386,6 @@ def _opened(dataset: Stored) -> xarray.Dataset:
 
 
 def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Split complex variables into real ones, and convert attributes to plain types."""
     for name, array in dataset.data_vars.items():
         if array.dtype.kind == "c":
             parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}

@@ -325,7 +325,6 @@ def _field_bands(
 
 
 def _rays(points: Floats, bounds: tuple[float, ...]) -> Floats:
-    """Return unit vectors (n, 9, 3) from nine points of the bounding box to each point."""
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)
         for k, (low, high) in enumerate(zip(bounds[:2], bounds[2:], strict=True))

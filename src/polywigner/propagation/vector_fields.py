@@ -38,9 +38,9 @@ from polywigner.propagation.boundary import (
 )
 from polywigner.propagation.curved_fields import field_at_nodes, summed_over_cells
 from polywigner.propagation.point_grids import (
-    checked_amplitude_tolerance,
     checked_method,
     checked_points,
+    tolerance_from,
     warn_of_missed,
 )
 from polywigner.radiometry.directions import (
@@ -165,7 +165,7 @@ def field(
     name = checked_method(method, MODELS)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     positions, length = checked_points(points), checked_wavelength(wavelength)
-    allowed = checked_amplitude_tolerance(tolerance)
+    allowed = tolerance_from(tolerance)
     radiator = checked_radiator(source)
     parts = polarised_parts(radiator, polarisation)
     flat = positions.reshape(-1, 3)

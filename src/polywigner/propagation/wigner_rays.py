@@ -56,7 +56,7 @@ _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 _MANY_TRIANGLES = 500
 # Largest number of nodes, 64 MiB.
 _MOST_NODES = 1 << 22
-# Range of the highest frequencies of points with a common rule, as a fraction of 1/wavelength.
+# Points whose highest frequencies agree within this fraction of 1/wavelength share a rule.
 _RATE_STEP = 0.25
 # Fraction of the allowed error below which a point is not refined.
 _SETTLED = 0.03
@@ -116,12 +116,7 @@ def irradiance_by_rays(
     values, errors = np.zeros(len(points)), np.zeros(len(points))
     rates = _phase_rates(flat, wavelength, points, curved)
     steps = np.ceil(rates * wavelength / _RATE_STEP)
-    if has_few_kinks(flat):
-        triangles = smooth_triangles(flat)
-    else:
-        # Across most kinks, the gradient of W is continuous. Errors are of fourth order in the
-        # size.
-        triangles = quartered(triangles_of(list(mutual_support(flat).polygons.geoms))[0])
+    triangles = _triangles(flat)
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
         _check_nodes(triangles, rate, wavelength)
@@ -225,7 +220,6 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Return the highest spatial frequency [1/m] of the integrand of (R1) for each point."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
@@ -242,13 +236,12 @@ def _phase_rates(
     return rates + bent
 
 
-# Kinks take some seconds. Largest number of kinks, and of their intersections.
+# Largest number of kinks (some seconds), and of their intersections.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
 # Sampled kinks for the estimated number of intersections.
 _SAMPLE = 256
 
 
-@lru_cache(maxsize=64)
 def _kinks(source: Aperture | Array) -> Floats | None:
     """Return the segments (m, 2, 2) on which W has kinks (T1), None if there are too many."""
     form = normal_form(source)
@@ -281,26 +274,23 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def has_few_kinks(source: Aperture | Array) -> bool:
-    """Return whether kinks are few enough to divide the automean."""
-    segments = _kinks(source)
-    if segments is None:
-        return False
-    lines = shapely.linestrings(segments)
-    sample = lines[:: max(1, len(lines) // _SAMPLE)]
-    intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
-    return bool(intersections / len(sample) * len(lines) / 2 <= _MOST_INTERSECTIONS)
-
-
-@lru_cache(maxsize=64)
-def smooth_triangles(source: Aperture | Array) -> Triangles:
-    """Return triangles that tile the automean and that no kink of W crosses."""
-    segments = _kinks(source)
-    assert segments is not None
+def _triangles(source: Aperture | Array) -> Triangles:
+    """Return triangles that tile the automean, not crossed by kinks unless there are too many."""
+    segments, support = _kinks(source), mutual_support(source).polygons
+    if segments is None or _intersection_count(segments) > _MOST_INTERSECTIONS:
+        # Across most kinks, the gradient of W is continuous. Errors are of fourth order in the
+        # size.
+        return quartered(triangles_of(list(support.geoms))[0])
     grid = grid_size(segments.reshape(-1, 2))
     noded = shapely.union_all(shapely.linestrings(segments), grid_size=grid)
     cells = np.array(polygons_in(shapely.polygonize([noded])), dtype=object)
-    support = mutual_support(source).polygons
     shapely.prepare(support)
     inside = shapely.contains_properly(support, shapely.point_on_surface(cells))
     return triangles_of(cells[inside])[0]
+
+
+def _intersection_count(segments: Floats) -> float:
+    lines = shapely.linestrings(segments)
+    sample = lines[:: max(1, len(lines) // _SAMPLE)]
+    intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
+    return float(intersections / len(sample) * len(lines) / 2)

@@ -147,7 +147,7 @@ _BEYOND = 5.5
 _MOST_KINKS = 48
 # Gauss nodes per panel of angles, and per wavelength of lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
-# Phase [rad] per panel of theta. Computing Gauss nodes takes time of third order in their number.
+# Phase [rad] per panel of theta. The computing time of n Gauss nodes grows as n^3.
 _PANEL = 400.0
 
 
@@ -235,7 +235,8 @@ def _azimuths(phase: Floats) -> NDArray[np.intp]:
 @lru_cache(maxsize=8)
 def _polar(phase: float) -> tuple[Floats, Floats]:
     """Return nodes between 0 and pi/2 and weights, for waves of a largest phase in rad."""
-    # Half a panel contains pi/4 of its phase. Constants fitted as in `_azimuths`.
+    # On half a panel, the phase changes by at most pi/4 of its largest value. The constants were
+    # fitted as in `_azimuths`.
     panels = max(1, math.ceil(phase / _PANEL))
     along = phase / panels
     count = math.ceil(math.pi / 8 * along + 4.0 * math.cbrt(along) + 7.0)

@@ -161,8 +161,7 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
 
 
 _MOST_ALONG_AXIS = 1 << 14
-# Total number of pixels, and pixels times batches (1 GB).
-_MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
+_MOST_PIXELS = 1 << 22
 # Rays per block, some 100 MB.
 _BLOCK = 1 << 20
 # Distance behind the plane, relative to the largest coordinate, that is a rounding error.
@@ -235,11 +234,6 @@ def rebuild(
     # Batch numbers of a selection of rays may have gaps.
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
-    if batches * pixels > _MOST_SUMS:
-        raise ArgumentError(
-            f"expected at most {_MOST_SUMS} pixels times batches, got {pixels} pixels and "
-            f"{batches} batches of rays; use fewer pixels"
-        )
     # The last entry is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
@@ -262,28 +256,22 @@ def rebuild(
     squares[-1] = squares[:-1].sum()
     total, error = _errors(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
-    variables = {
-        "irradiance": (total, "irradiance, mean over a pixel"),
-        "standard_error": (error, "standard error of the irradiance"),
-    }
-    images = {
-        name: (
-            ("y", "x"),
-            (values[:-1] / area).reshape(size),
-            {"units": "W m-2", "long_name": text},
-        )
-        for name, (values, text) in variables.items()
-    }
+    images = {}
+    for name, values, meaning in (
+        ("irradiance", total, "irradiance, mean over a pixel"),
+        ("standard_error", error, "standard error of the irradiance"),
+    ):
+        about = {"units": "W m-2", "long_name": meaning}
+        images[name] = ("y", "x"), (values[:-1] / area).reshape(size), about
     coords = {
         name: ((name,), (axis[1:] + axis[:-1]) / 2, {"units": "m"})
         for name, axis in zip("xy", edges, strict=True)
     }
-    about = {"power": total[-1], "power_error": error[-1], "lost": lost, "missed": missed}
-    return xarray.Dataset(images, coords, {**rays.attrs, **about})
+    totals = {"power": total[-1], "power_error": error[-1], "lost": lost, "missed": missed}
+    return xarray.Dataset(images, coords, {**rays.attrs, **totals})
 
 
 def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return the power per pixel and its standard error, from sums (batch, pixel) and squares."""
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
@@ -419,7 +407,6 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays, or with a suffix only the rays of one sign, and return the path."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)

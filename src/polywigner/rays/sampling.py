@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
     checked_choice,
     checked_count,
     checked_generator,
+    checked_length,
     checked_number,
     checked_wavelength,
     real_array,
@@ -142,7 +143,6 @@ def _support(source: Any) -> Aperture | Slits:
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Choose intervals with probabilities ``sizes``; return indices and positions within them."""
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)
@@ -227,7 +227,6 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
-        """Return the centres of beams in the unit disc of directions, shape (n, 2)."""
         cosines = self.frame[:2, 2] + slope
         # No beam points behind the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
@@ -313,8 +312,6 @@ Directions = Literal["beam", "uniform"]
 
 # Rays that need 12 GB.
 _MOST = 100_000_000
-# Largest power [W] with a finite square.
-_MOST_WATTS = 1e100
 
 
 @takes_frequency
@@ -476,6 +473,5 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats
 def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
     if power is None:
         return 1.0
-    meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
-    watts = checked_number(power, "power", meaning, lambda x: 0 < x < _MOST_WATTS)
+    watts = checked_length(power, "power", meaning="a number in W above zero")
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore[call-overload]

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, product
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import shapely
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
 from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
@@ -94,13 +95,12 @@ class Cells:
                 values[inside] *= field(nodes[inside])
         if not self._source.is_flat:
             relative = nodes - self._source.centre
-            values = values * exp_cycles(
+            values = values * waves_of_cycles(
                 ((relative @ self._source.curvature) * relative).sum(axis=1) / 2
             )
         return (nodes - self.centre) / self.wavelength, values
 
     def _triangles(self, cell: int) -> tuple[Floats, Indices]:
-        """Return triangles (n, 3, 2) in metres, and the element index of each."""
         polygons, numbers = self._parts[cell]
         triangles, owner = triangles_of(polygons)
         wide = areas(triangles) > 0
@@ -119,7 +119,6 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
-        """Add the part of a cell inside a box as a new cell, unless it is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -183,11 +182,9 @@ class Sight:
         left = np.concatenate([-2 * x, of_x[..., None], ones[0]], axis=2)
         right = np.concatenate([np.swapaxes(y[..., :2], 1, 2), ones[1], of_y[:, None]], axis=1)
         excess = left @ right
-        self.distance = excess + centre_distance * centre_distance
-        np.sqrt(self.distance, out=self.distance)
-        excess /= self.distance + centre_distance
-        excess *= 2 * np.pi
-        self.wave = np.cos(excess), np.sin(excess)
+        self.distance = np.sqrt(excess + centre_distance * centre_distance)
+        phase = 2 * np.pi * excess / (self.distance + centre_distance)
+        self.wave = np.cos(phase), np.sin(phase)
         """Real and imaginary part of ``exp(ik(R - |offset|))``, shape (n, i, j)."""
         self.rise = (offset[:, None, 2] + y[..., 2])[:, None, :]
         """n.r, shape (n, 1, j)."""
@@ -230,7 +227,6 @@ class Links:
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return the vector between the cell centres of each pair, shape (n, 3)."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -273,8 +269,8 @@ class Links:
                 axes = np.swapaxes(rotation[:, :, :2], 1, 2)
                 receiver_nodes = _nodes(self.receiver, block_pairs.receiver, order)
                 y, from_y = (nodes @ axes for nodes in receiver_nodes)
-                left = here[local] * exp_cycles((from_x @ ahead[:, :2])[..., 0])
-                right = there[local] * exp_cycles(-(from_y @ ahead)[..., 0])
+                left = here[local] * waves_of_cycles((from_x @ ahead[:, :2])[..., 0])
+                right = there[local] * waves_of_cycles(-(from_y @ ahead)[..., 0])
                 block = slice(begin + local.start, begin + local.stop)
                 for first in range(0, count, rows):
                     row = slice(first, first + rows)
@@ -298,23 +294,14 @@ class Links:
                 first, second = _basis(relative[part] / half, order)
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
-                    field = exp_cycles(waves[block] @ relative[part].T) * weights[part]
+                    field = waves_of_cycles(waves[block] @ relative[part].T) * weights[part]
                     # BLAS cannot multiply real by complex matrices.
                     terms = (field[:, :, None] * second).view(np.float64)
                     moments[block] += (first.T @ terms).view(np.complex128)
         return moments.reshape(len(numbers), order * order)
 
 
-def exp_cycles(cycles: Floats) -> Complex:
-    """Return ``exp(2 pi i cycles)``."""
-    phase = 2 * np.pi * cycles
-    values = np.empty(phase.shape, np.complex128)
-    values.real, values.imag = np.cos(phase), np.sin(phase)
-    return values
-
-
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return the Gauss nodes of cells, absolute and relative to the cell centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
@@ -344,7 +331,6 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(points: Floats, order: int) -> Floats:
-    """Return the Lagrange polynomials of the Gauss nodes at n points, shape (2, n, q)."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
@@ -364,21 +350,12 @@ _ROUNDING = 1e-15
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
-class LinkSums(NamedTuple):
-    """Unnormalised couplings of n poses, without the phase of the distance."""
+def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, Floats, Floats]:
+    """Return ``int int u_t K u_r`` (RX3) for n poses, and their estimated and allowed errors.
 
-    values: Complex
-    errors: Floats
-    """Estimated, shape (n,)."""
-    allowed: Floats
-    """Shape (n,)."""
-
-
-def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
-    """Return ``int int u_t K u_r`` (RX3) for n poses.
-
-    The allowed error is ``tolerance`` times the modulus or times ``floor``, whichever is larger.
-    Raises ArgumentError for computations of more than some minutes.
+    The phase of the distance is omitted. The allowed error is ``tolerance`` times the modulus or
+    times ``floor``, whichever is larger. Raises ArgumentError for computations of more than some
+    minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -402,7 +379,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
             raise _too_much(links, parts)
         parts = _joined(parts[~open_], smaller, raised)
     errors = np.bincount(pose, parts.errors, count).astype(np.float64)
-    return LinkSums(total, errors, allowed)
+    return total, errors, allowed
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
@@ -438,7 +415,6 @@ def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
 
 
 def _raised(links: Links, parts: Pairs) -> Pairs:
-    """Evaluate pairs at their next order."""
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
@@ -478,7 +454,6 @@ def _phase(links: Links, pairs: Pairs) -> Floats:
 
 
 def _feasible(links: Links, pairs: Pairs) -> Pairs:
-    """Divide pairs of cells up to the limits of interpolation."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)

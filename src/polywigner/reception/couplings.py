@@ -222,7 +222,6 @@ class _Link:
         )
 
     def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
-        """Return couplings, errors and allowed errors for poses (n, 4, 4)."""
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
@@ -244,7 +243,6 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return unnormalised couplings, and their estimated and allowed errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
@@ -268,8 +266,9 @@ class _Link:
             _NODES + _NODES_PER_DIGIT * digits,
         )
         scale = self.wavelength**2
-        sums = link_sums(links, self.tolerance, floor * self._largest(sources, offset) / scale)
-        return scale * phase * sums.values, scale * sums.errors, scale * sums.allowed
+        floors = floor * self._largest(sources, offset) / scale
+        values, errors, allowed = link_sums(links, self.tolerance, floors)
+        return scale * phase * values, scale * errors, scale * allowed
 
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
@@ -285,7 +284,6 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest possible coupling of sources with these areas."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
@@ -351,33 +349,19 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
     """Return the real and imaginary part of the scalar link kernel K (RX1)."""
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
-    # Real arrays take a fifth to a third of the time of complex arrays.
+    # Real arrays are several times faster than complex arrays.
     a, b = condition.field, condition.slope
     inverse = 1.0 / sight.distance
     near = inverse * (0.5 / math.pi)
-    both = inverse * ((a * a) * nr)
-    both *= inverse
-    both *= mr
-    imag = -3.0 * both
-    imag += (a * a) * nm
-    imag *= near
-    real = imag * near
-    real += both
-    np.subtract(b * b, real, out=real)
+    both = inverse * ((a * a) * nr) * inverse * mr
+    imag = ((a * a) * nm - 3.0 * both) * near
+    real = b * b - (imag * near + both)
     if a * b:
         mixed = inverse * ((a * b) * (nr - mr))
-        real += mixed
-        mixed *= near
-        imag += mixed
+        real, imag = real + mixed, imag + mixed * near
     # Factor -i exp(ikR)/R.
-    real *= inverse
-    imag *= inverse
-    first = real * sine
-    first += np.multiply(imag, cosine, out=near)
-    imag *= sine
-    real *= cosine
-    imag -= real
-    return first, imag
+    real, imag = real * inverse, imag * inverse
+    return real * sine + imag * cosine, imag * sine - real * cosine
 
 
 def polarised_kernel(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
@@ -407,53 +406,26 @@ class Pattern:
         """Number of azimuths and elevations."""
         return len(self.azimuth), len(self.elevation)
 
-    @property
-    def together(self) -> int:
-        """Azimuths per block."""
-        return max(1, _TOGETHER // max(1, len(self.elevation)))
-
     def values(self, advance: Callable[[int], None]) -> Floats:
         """Return cross sections at all angles in m^2, shape (n, m).
 
         ``advance`` is called with the number of new values.
         """
-        self.warn()
-        values, step = np.empty(self.shape), self.together
-        for start in range(0, len(values), step):
-            rows = values[start : start + step]
-            rows[...] = self.part((start, 0), rows.shape)
-            advance(rows.size)
-        return values
-
-    def warn(self) -> None:
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
             warn_of_reflections(self.facets, self._some_directions())
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings that determine the values, with a hash of the body."""
-        from polywigner import __version__
-
-        arrays = self.facets.corners, self.facets.is_plate
-        content = b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
-        return {
-            "wavelength": self.wavelength,
-            "polarisation": self.polarisation,
-            "bounces": self.bounces,
-            "body_sha256": hashlib.sha256(content).hexdigest(),
-            "polywigner_version": __version__,
-        }
-
-    def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
-        """Return cross sections in m^2 in a block of angles with first indices ``origin``."""
-        rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
-        try:
-            return self.at(self.azimuth[rows, None], self.elevation[columns])
-        except ArgumentError as error:  # too many overlaps or beams
-            if origin[0] == 0:
-                raise
-            warn_caller(f"the cross sections at some azimuths are NaN: {error}")
-            return np.full(shape, np.nan)
+        values, step = np.empty(self.shape), max(1, _TOGETHER // max(1, len(self.elevation)))
+        for start in range(0, len(values), step):
+            rows = slice(start, start + step)
+            try:
+                values[rows] = self.at(self.azimuth[rows, None], self.elevation)
+            except ArgumentError as error:  # too many overlaps or beams
+                if start == 0:
+                    raise
+                warn_caller(f"the cross sections at some azimuths are NaN: {error}")
+                values[rows] = np.nan
+            advance(values[rows].size)
+        return values
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
         """Return cross sections in m^2 at angles in rad."""
@@ -493,14 +465,12 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Return propagation directions of some thousand incident waves, shape (k, 3)."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return unit vectors towards the radar, shape (..., 3)."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

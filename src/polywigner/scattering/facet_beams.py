@@ -76,7 +76,7 @@ def sums_of_beams(
         return surface_sums(pieces, nu, lambda rows, block: facing(facets, k[rows], block)), None
     first = np.zeros((len(k), 3), np.complex128)
     later = None if bounces == 1 else np.zeros((len(k), 3, 3), np.complex128)
-    failures = _Failures(first)
+    failures: list[tuple[Indices, Exception]] = []
     views = _views(facets, k, s, monostatic, failures)
     at_once = max(1, _AT_ONCE // len(facets.corner))
 
@@ -92,7 +92,7 @@ def sums_of_beams(
         except _ERRORS as error:
             later[ends.samples] = 0.0
             if len(group) == 1:
-                failures.add(ends.samples, error)
+                failures.append((ends.samples, error))
             else:  # Isolate the directions that fail.
                 for view in group:
                     add([view])
@@ -101,32 +101,22 @@ def sums_of_beams(
         while group := list(islice(views, at_once)):
             add(group)
             advance(sum(len(view.rows) for view in group))
-    failures.report()
+    _mark_failures(first, failures)
     return first, later
 
 
-class _Failures:
-    """Samples that cannot be computed, whose scattering amplitudes become NaN."""
-
-    def __init__(self, sums: Complex) -> None:
-        self._sums = sums
-        self._count = 0
-        self._error: Exception | None = None
-
-    def add(self, rows: Indices, error: Exception) -> None:
-        self._sums[rows] = np.nan
-        self._count += len(rows)
-        self._error = error
-
-    def report(self) -> None:
-        """Warn about NaN, or raise the error if all samples exceed a limit."""
-        if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
-            raise self._error
-        if self._error is not None:
-            warn_caller(
-                f"{self._count} of {len(self._sums)} directions cannot be computed and are NaN "
-                f"({self._error}); rotate the body slightly, or simplify its mesh"
-            )
+def _mark_failures(sums: Complex, failures: list[tuple[Indices, Exception]]) -> None:
+    """Set failed samples to NaN with a warning; raise the error if all samples exceed a limit."""
+    if not failures:
+        return
+    rows, error = np.concatenate([rows for rows, _ in failures]), failures[-1][1]
+    if isinstance(error, ArgumentError) and len(rows) == len(sums):
+        raise error
+    sums[rows] = np.nan
+    warn_caller(
+        f"{len(rows)} of {len(sums)} directions cannot be computed and are NaN ({error}); rotate "
+        "the body slightly, or simplify its mesh"
+    )
 
 
 class View(NamedTuple):
@@ -166,7 +156,6 @@ class Ends:
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
-    """Return first indices and lengths of consecutive ranges."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
@@ -179,7 +168,11 @@ def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, In
 
 
 def _views(
-    facets: Facets, k: Floats, s: Floats, monostatic: bool, failures: _Failures
+    facets: Facets,
+    k: Floats,
+    s: Floats,
+    monostatic: bool,
+    failures: list[tuple[Indices, Exception]],
 ) -> Iterator[View]:
     pairs, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
@@ -197,7 +190,7 @@ def _views(
                 visible = visible_along(facets, -pair[3:])
                 both = less_hidden(lit, visible, facing(facets, -pair[3:]))
         except _ERRORS as error:
-            failures.add(rows, error)
+            failures.append((rows, error))
             continue
         yield View(rows, visible_pieces(facets, both), lit, visible)
 
@@ -309,7 +302,6 @@ def _times(matrices: Floats, vectors: Floats) -> Floats:
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
-    """Return the parts of triangles that beams illuminate, less shadows."""
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
@@ -342,14 +334,12 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return heights of corners above the last mirrors, exactly zero on a mirror, shape (n, 3)."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return beam and triangle indices of possible hits, and the facing sides."""
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):

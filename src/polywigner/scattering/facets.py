@@ -191,7 +191,6 @@ def _outline(plate: Aperture | PlacedAperture) -> Aperture:
 
 
 def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
-    """Return the triangles of a plate, shape (n, 3, 3)."""
     pose = plate.pose if isinstance(plate, PlacedAperture) else np.eye(4)
     points, triangles = triangulate(_outline(plate))
     placed: Floats = points @ pose[:3, :2].T + pose[:3, 3]

@@ -289,7 +289,6 @@ def field_gradient(
 
 
 def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return the source whose field is the derivative of a field along an axis."""
     elements = []
     for element in radiator.elements:
         rates = (
@@ -448,7 +447,6 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
 
 
 def _quartered(pieces: Pieces) -> Pieces:
-    """Divide each piece into four at the midpoints of its sides."""
     corner, first, second = pieces.corner, pieces.first / 2, pieces.second / 2
     return Pieces(
         np.concatenate([corner, corner + first, corner + second, corner + first + second]),
