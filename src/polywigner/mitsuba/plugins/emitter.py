@@ -161,7 +161,6 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the power of the unscaled field, with derivatives."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)

@@ -147,7 +147,6 @@ STL = "stl"
 
 
 def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Return the mesh of an STL file with flat faces, in scene units."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)

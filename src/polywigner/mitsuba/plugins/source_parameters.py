@@ -281,8 +281,6 @@ def values_of(props: mi.Properties) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _SceneValues:
-    """Parameters of a scene element, from Mitsuba or from Python."""
-
     values: Mapping[str, Any]
     element: str
 

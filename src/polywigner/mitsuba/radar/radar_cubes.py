@@ -78,8 +78,6 @@ class _Radar:
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Scatterers of one receiver and its elements."""
-
     responses: Complex
     """Responses of the elements in m, shape (element, scatterer)."""
     emitted: Complex
@@ -286,8 +284,6 @@ def _samples(
 
 
 class _Link(NamedTuple):
-    """Coherent paths between an emitter and a receiving element."""
-
     amplitudes: Complex
     """Amplitudes in sqrt(W), shape (path, sample)."""
     rates: Floats
@@ -297,7 +293,6 @@ class _Link(NamedTuple):
 def _coherent(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
-    """Return the links by receiver, element and emitter, and notes."""
     wave = radar.waveform
     chains, echoes, notes = routes_in(
         scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
@@ -450,7 +445,6 @@ def _sending(
 
 
 def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
-    """Return a mask of the points in view of an emitter."""
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _CLOSE) / unit).astype(np.float32)
     start = ((position + _CLOSE * offset) / unit).astype(np.float32)

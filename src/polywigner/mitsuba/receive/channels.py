@@ -262,7 +262,6 @@ def paths_between(
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    # Several paths share a segment.
     leg_to = cache(partial(_leg_to, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
@@ -368,7 +367,6 @@ def _echo_path(
 def _echo(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return the coupling of an echo, summed over polarised parts."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -459,7 +457,6 @@ def _without_delays(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
-    """Return the couplings of facing sources, together for equal sources."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity

@@ -140,7 +140,6 @@ def direct_light(
 
 
 def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return the couplings of all pairs of polarised fields in free space."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
@@ -289,7 +288,6 @@ def _image(points: Floats, chain: Chain) -> Floats:
 def _sampled(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
-    """Sample a light from a point; return the sample and the irradiance."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths

@@ -353,7 +353,6 @@ def _result(
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
-    """Return the received power from direct light and batches of scattered power."""
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):

@@ -153,7 +153,6 @@ class Steps:
 
 
 def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
-    """Return the luminance of a spectrum, as in films with one channel."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
@@ -226,7 +225,6 @@ def events_of(
 
 
 def _arrived(here: Events, step: _Step) -> Events:
-    """Return events at the next surface."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0

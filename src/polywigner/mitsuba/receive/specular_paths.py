@@ -53,7 +53,6 @@ _IN_PLANE = 4 * ROUNDING
 
 
 def _ray_count() -> int:
-    """Return the number of rays per path."""
     return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
@@ -104,7 +103,6 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    """Return the points of random rays, as in :func:`points_by`."""
     start = _points_on(emitter, even_points(_ray_count(), 4)[:, :2])
     return points_by(start, points_on(receiver), chain)
 
@@ -265,7 +263,7 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # Obstacles of a segment are on the same side of the mirror as its other end.
+                # Only obstacles on the same side of the mirror as the segment affect it.
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset

@@ -133,7 +133,6 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane, with a normal of either sign."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)

@@ -286,7 +286,6 @@ def _printable(text: str) -> str:
 def _instantiate(
     config: mi.parser.ParserConfig, state: mi.parser.ParserState, how: SceneFile
 ) -> mi.Object:
-    """Apply the options to a parsed scene, and create the scene."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     for node in state.nodes:
