@@ -74,8 +74,8 @@ class WignerEmitter(VariantPlugin):
         props.set_id(id)
         self.base.__init__(self, props)
         self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-        self.wavelength = self._adjustable(spec.wavelength)
-        self.power = self._adjustable(spec.power)
+        self.wavelength = self.adjustable(spec.wavelength)
+        self.power = self.adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         # Dr.Jit cannot record loops over a single sample that contain literals.
         self._dark = opaque(m, 0.0)
@@ -83,7 +83,8 @@ class WignerEmitter(VariantPlugin):
         self._set_source(spec, spec.wavelength)
         self._update()
 
-    def _adjustable(self, value: float) -> Drjit:
+    def adjustable(self, value: float) -> Drjit:
+        """Return a parameter that does not recompile kernels when its value changes."""
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
@@ -124,8 +125,7 @@ class WignerEmitter(VariantPlugin):
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
-        if "wavelength" in keys and self._is_constant:
-            traced = self._traced
+        elif "wavelength" in keys and self._is_constant:
             self._set_source(self.spec, wavelength)
             self._traced = traced
         self._update()

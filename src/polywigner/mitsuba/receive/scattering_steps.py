@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Drjit
 from polywigner.mitsuba.receive.ray_transmission import RayTracer
-from polywigner.mitsuba.scenes.surfaces import Reaches
+from polywigner.mitsuba.scenes.surfaces import Reaches, number_of
 from polywigner.numerics import Floats
 
 # Random numbers per step: two for a light, three for a direction, one for termination.
@@ -25,13 +25,6 @@ _SURVIVORS = 0.95
 _CIE_Y = 106.7502593994140625
 # Largest number of steps per path, including null surfaces; longer paths are lost.
 _MOST_STEPS = 1024
-
-
-def number_of(kind: str, thing: Any) -> Drjit:
-    """Return the registry number of a "Shape" or an "Emitter", or 0 for None."""
-    if not dr.is_jit_v(mi.Float):
-        return 0 if thing is None else id(thing)
-    return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
 
 
 @dataclass
