@@ -370,10 +370,8 @@ def install_llvm() -> LLVMStatus:
             install_packages(packages)
         except EngineError as error:
             raise EngineError(f"{status.problem} {error}") from error
-        status = prepare(refresh=True)
-    if not status.usable:
-        raise EngineError(f"{status.problem} {status.remedy}")
-    return status
+        prepare(refresh=True)
+    return require()
 
 
 def install_packages(packages: Sequence[Sequence[str]]) -> None:

@@ -75,9 +75,7 @@ class Positions:
 
     def __init__(self, m: Any, cells: Trapezoids, weights: Floats | None = None) -> None:
         self._m, self._ops = m, ops_for(m.Float)
-        columns = [column.tolist() for column in cells]
-        self._columns = [m.Float(c) for c in columns] if dr.is_jit_v(m.Float) else columns
-        self._count = cells.left.size
+        self._table = self._ops.on_device(cells.rows)
         areas = cells.areas if weights is None else cells.areas * weights
         self._choice = m.DiscreteDistribution((areas / np.max(areas)).tolist())
         self.density = 1.0 / float(cells.areas.sum())
@@ -85,16 +83,11 @@ class Positions:
 
     def sample(self, sample: mi.Point2f) -> mi.Point2f:
         """Map a point of the unit square to a position."""
-        m, u, index = self._m, sample.x, 0
-        if self._count > 1:
-            index, u = self._choice.sample_reuse(sample.x)
-            # Rounding can move u out of [0, 1] in narrow trapezoids.
-            u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
-        if dr.is_jit_v(m.Float):
-            row = [dr.gather(m.Float, column, index) for column in self._columns]
-        else:
-            row = [column[index] for column in self._columns]
-        return m.Point2f(*point_in_trapezoid(self._ops, row, u, sample.y))
+        index, u = self._choice.sample_reuse(sample.x)
+        # Rounding can move u out of [0, 1] in narrow trapezoids.
+        u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
+        row = self._ops.gather(self._table, index)
+        return self._m.Point2f(*point_in_trapezoid(self._ops, row, u, sample.y))
 
 
 class Directions:

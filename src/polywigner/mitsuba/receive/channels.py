@@ -298,7 +298,9 @@ def _path(
         if parts_facing is not None:
             factor = leg.transmission if is_scalar else _polarised(p, q, ends, chain, leg)
             links.append((factor, parts_facing))
-    edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
+    edges = (
+        None if meshes is None else cache(partial(diffracted_ratio, meshes, facing, taking, chain))
+    )
     path = CoherentPath(chain, leg.length, rays.amplitude, tuple(links), ends, edges)
     return path, result.notes
 
@@ -310,13 +312,6 @@ def _polarised(
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
-
-
-def _edges(
-    meshes: list[Mesh], facing: PlacedSource, taking: PlacedSource, chain: Chain, wavelength: float
-) -> complex:
-    emitted, received = (replace(end, wavelength=wavelength) for end in (facing, taking))
-    return diffracted_ratio(meshes, emitted, received, chain)
 
 
 def _leg_to(
@@ -413,7 +408,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
     known: dict[int, Complex] = {}
     nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
     for count in _RULES:
-        if count >= len(frequencies):
+        if count >= len(np.unique(frequencies)):
             break
         numbers = range(0, steps + 1, steps // (count - 1))
         known |= {k: compute(float(nodes_in_band[k])) for k in numbers if k not in known}
@@ -428,8 +423,6 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
     low, high = nodes[[0, -1]]
-    if low == high:
-        return np.repeat(values[:1], len(frequencies), axis=0)
     scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
     coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)

@@ -40,7 +40,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     points_on,
     traced,
 )
-from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by
+from polywigner.mitsuba.scenes.reflectors import Chain, image_by, names_of, paths_by
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
 from polywigner.numerics import Floats
 from polywigner.propagation.amplitudes import amplitude
@@ -115,7 +115,8 @@ def direct_light(
             return result
         image, matrix = emitter.image(chain), result.rays.power
         if meshes is not None:
-            ratio = diffracted_ratio(meshes, result.facing, result.parts.receiver, chain)
+            ends = result.facing, result.parts.receiver
+            ratio = diffracted_ratio(meshes, *ends, chain, receiver.wavelength)
             matrix = matrix * abs(ratio) ** 2
         transmission = float(matrix[0, 0])
         if transmission == 0.0:
@@ -266,23 +267,17 @@ def _starts(
     sample, _ = _sampled(light, centre)
     if not light.is_infinite:
         point = _row(sample.p) * unit
-        return np.broadcast_to(point, end.shape), _image(point, chain)
+        return np.broadcast_to(point, end.shape), image_by(point, chain)
     # Directional light starts outside of the scene and of its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
-    direction = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
+    direction = image_by(_row(sample.d), chain) - image_by(np.zeros(3), chain)
     image = end + size * (2 * len(chain) + 1) * direction
-    return _image(image, chain[::-1]), receiver.centre + direction
+    return image_by(image, chain[::-1]), receiver.centre + direction
 
 
 def _row(point: Drjit) -> Floats:
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
-
-
-def _image(points: Floats, chain: Chain) -> Floats:
-    for mirror in chain:
-        points = mirror.image_of(points)
-    return points
 
 
 def _sampled(

@@ -346,8 +346,6 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
 
 def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
     changes = active & si.is_medium_transition()
-    if not dr.is_jit_v(mi.Float):
-        return si.target_medium(direction) if changes else medium
     return dr.select(changes, si.target_medium(direction), medium)
 
 

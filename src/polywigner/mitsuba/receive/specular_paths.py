@@ -180,10 +180,13 @@ _STEP = 1e-4
 
 
 def diffracted_ratio(
-    meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
+    meshes: list[Mesh],
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    chain: Sequence[Mirror],
+    wavelength: float,
 ) -> complex:
     """Return the ratio b/b_0 of the couplings with and without obstacles."""
-    wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
         meshes = _unfolded(meshes, emitter, receiver, chain)

@@ -55,6 +55,13 @@ Chain = tuple[Mirror, ...]
 """Mirrors along a path, in the order of reflection."""
 
 
+def image_by(points: Floats, chain: Chain) -> Floats:
+    """Return the mirror images of points after reflections by several mirrors in turn."""
+    for mirror in chain:
+        points = mirror.image_of(points)
+    return points
+
+
 def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
     """Return the flat mirrors of a scene, and notes on reflections that are not included.
 
@@ -321,23 +328,18 @@ class Echo:
     after: Chain
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return (*names_of(self.before), self.body.name, *names_of(self.after))
-
-    @property
     def position(self) -> Floats:
         """Centre of the body's mirror image at the receiver, shape (3,)."""
-        point = self.body.facets.centre
-        for mirror in self.after:
-            point = mirror.image_of(point)
-        return point
+        return image_by(self.body.facets.centre, self.after)
 
 
 Route = Chain | Echo
 
 
 def names_of(route: Route) -> tuple[str, ...]:
-    return route.names if isinstance(route, Echo) else tuple(mirror.name for mirror in route)
+    if isinstance(route, Echo):
+        return (*names_of(route.before), route.body.name, *names_of(route.after))
+    return tuple(mirror.name for mirror in route)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
@@ -353,8 +355,6 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
 
 
 def _body(name: str, value: Any) -> Body:
-    if not name.strip():
-        raise ArgumentError("the name of a body is empty; name the body")
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
