@@ -59,7 +59,7 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
 }
 
 # Finite stand-in for an infinite probability density [1/sr]; its square is finite in float32.
-_OVERWHELMING = 1e12
+_INFINITE_DENSITY = 1e12
 
 
 class WignerEmitter(VariantPlugin):
@@ -192,7 +192,7 @@ class WignerEmitter(VariantPlugin):
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
-    def watts_per_norm(self) -> Drjit:
+    def power_scale(self) -> Drjit:
         """Return the ratio of the specified radiated power to the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
@@ -251,7 +251,7 @@ class WignerEmitter(VariantPlugin):
         several emitter samples.
         """
         front = cosine > 0.0
-        density = self.m.Float(_OVERWHELMING)
+        density = self.m.Float(_INFINITE_DENSITY)
         per_area = self.estimator.density
         if per_area is not None and self.spec.visible:
             density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)

@@ -198,7 +198,7 @@ class ExactEstimator:
         point = light.frame.to_own(it.p - light.frame.origin)
         front = point.z > 0.0
         value = self.intensity(self._m.Point3f(point.x, point.y, dr.select(front, point.z, 1.0)))
-        return dr.select(front, value * light.watts_per_norm(), 0.0)
+        return dr.select(front, value * light.power_scale(), 0.0)
 
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
@@ -303,7 +303,7 @@ _LARGEST_SUM = 30.0
 # more waves, and long periods larger amplitudes.
 _PERIODS = (1.2, 1.5, 2.0, 3.0)
 # Relative cutoff of singular values.
-_SINGULAR = 1e-9
+_CUTOFF = 1e-9
 # Largest number of plane waves per axis.
 _MOST_WAVES = 64
 
@@ -362,6 +362,6 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
 def _fit(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
     """Fit plane waves to values at positions y; return None if the fit is inaccurate."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
-    fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)
+    fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_CUTOFF)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR
     return (fit, frequencies) if fits and np.abs(fit).sum() <= _LARGEST_SUM else None

@@ -91,12 +91,12 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
 
 # Largest number of samples per film pixel. Mitsuba sums in float32, with an error of 0.4 % for 2^20
 # samples.
-_IN_PIXEL = 1 << 12
+_MOST_PER_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
     """Return the refinement factor of a film, which limits samples per pixel; 1 for cameras."""
-    doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
+    doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
 
 

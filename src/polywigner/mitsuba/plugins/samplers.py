@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 # Largest number of strips per element and of cells in total, for sampling non-uniform fields.
 _STRIPS, _PIECES = 32, 1 << 16
 # Points per lobe (wavelength/size) in the table of directions.
-_IN_LOBE = 4
+_POINTS_PER_LOBE = 4
 # Smallest and largest number of points along each axis of the table.
 _FEWEST, _MOST = 32, 1024
 # Largest number of samples along each side of a cell, whose mean includes narrow beams.
-_MOST_WITHIN = 4
+_MOST_PER_CELL = 4
 # Fractions of samples drawn from the far-field pattern (for distant surfaces), its square root (for
 # the Wigner function and near surfaces), and a uniform density.
 _FRACTIONS = (0.4, 0.4, 0.2)
@@ -126,12 +126,12 @@ def directions_of(
     density.
     """
     low, high = np.reshape(bounds, (2, 2))
-    lobes = _IN_LOBE * (high - low) / wavelength
+    lobes = _POINTS_PER_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
     # Each new table size recompiles the render kernel, so sizes are powers of two.
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
-    within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
+    within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_PER_CELL))
     pattern = _mean_pattern(terms, wavelength, counts, within)
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
     density = sum(

@@ -40,7 +40,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     points_on,
     traced,
 )
-from polywigner.mitsuba.scenes.reflectors import Chain, image_by, names_of, paths_by
+from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by, reflected_points
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
 from polywigner.numerics import Floats
 from polywigner.propagation.amplitudes import amplitude
@@ -267,13 +267,13 @@ def _starts(
     sample, _ = _sampled(light, centre)
     if not light.is_infinite:
         point = _row(sample.p) * unit
-        return np.broadcast_to(point, end.shape), image_by(point, chain)
+        return np.broadcast_to(point, end.shape), reflected_points(point, chain)
     # Directional light starts outside of the scene and of its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
-    direction = image_by(_row(sample.d), chain) - image_by(np.zeros(3), chain)
+    direction = reflected_points(_row(sample.d), chain) - reflected_points(np.zeros(3), chain)
     image = end + size * (2 * len(chain) + 1) * direction
-    return image_by(image, chain[::-1]), receiver.centre + direction
+    return reflected_points(image, chain[::-1]), receiver.centre + direction
 
 
 def _row(point: Drjit) -> Floats:
@@ -305,7 +305,7 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
 
 
 # Number of samples of a spectrum, each with the wavelengths of one ray.
-_SETS = 24
+_SAMPLES = 24
 
 
 def _colours() -> list[Drjit]:
@@ -315,8 +315,8 @@ def _colours() -> list[Drjit]:
     if not count:
         return [none]
     low, high = mi.MI_CIE_MIN, mi.MI_CIE_MAX
-    grid = low + (high - low) * (np.arange(_SETS * count) + 0.5) / (_SETS * count)
-    return [kind(*row) for row in grid.reshape(_SETS, count).tolist()]
+    grid = low + (high - low) * (np.arange(_SAMPLES * count) + 0.5) / (_SAMPLES * count)
+    return [kind(*row) for row in grid.reshape(_SAMPLES, count).tolist()]
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:

@@ -52,7 +52,7 @@ _MOST_BOXES = 64
 # Largest numbers of pieces and faces of a mesh with one box per piece.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
 # Largest fraction of unaimed samples in a box at which samples are aimed.
-_COMMON = 1 / 16
+_MOST_UNAIMED = 1 / 16
 # Smallest width of a box [rad], limited by single precision.
 _NARROWEST = 1e-5
 # Relative margin of a box of angles, because straight sides in space are curved in angles.
@@ -119,7 +119,7 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
     low, high = np.maximum(low - added, -limit), np.minimum(high + added, limit)
     rows = np.concatenate([low, high], axis=1).astype(np.float32).astype(np.float64)
     fraction = _unaimed_fraction(sensor.directions, rows)
-    rare = (fraction < _COMMON) & (fraction > 0.0)
+    rare = (fraction < _MOST_UNAIMED) & (fraction > 0.0)
     returned = (fraction / distance.mean(axis=1) ** 2)[rare]
     chosen = np.argsort(-returned, kind="stable")[:_MOST_BOXES]
     fractions = (

@@ -172,9 +172,9 @@ class CentralPath(NamedTuple):
 
 
 # Tolerance of the far-field pattern of radiating points, relative to its peak.
-_OF_POINTS = 1e-6
+_POINTS_ERROR = 1e-6
 # Distance between a mirror and the ends of its rays, relative to the segment.
-_CLOSE = 1e-3
+_GAP = 1e-3
 # Half the step of a central difference [wavelengths], with a relative error of 7e-8.
 _STEP = 1e-4
 
@@ -196,7 +196,7 @@ def diffracted_ratio(
         return 1.0
     try:
         ends = [
-            radiating_points(end.source, wavelength, end.obliquity, _OF_POINTS)
+            radiating_points(end.source, wavelength, end.obliquity, _POINTS_ERROR)
             for end in (image, receiver)
         ]
     except ArgumentError as error:
@@ -228,7 +228,7 @@ def _receiving(
     )
 
 
-def meeting_rays(
+def unobstructed_rays(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
@@ -248,7 +248,7 @@ def meeting_rays(
     transmission = np.ones((len(rays[0]), 1, 1))
     for k, mirror in enumerate(reversed(chain if len(transmission) else ()), 1):
         before, point, after = rays[k - 1 : k + 2]
-        near = [point + _CLOSE * (before - point), point, point + _CLOSE * (after - point)]
+        near = [point + _GAP * (before - point), point, point + _GAP * (after - point)]
         transmission = transmission * traced(scene, near, plain, None, [mirror], coherent)[0]
     return PassingRays(rays, transmission, [np.eye(3)] * (len(chain) + 1))
 
@@ -438,7 +438,7 @@ def open_path(
             "behind it"
         )
     facing = parts.emitter.image(chain[::-1])
-    send = passing_rays if meshes is None else meeting_rays
+    send = passing_rays if meshes is None else unobstructed_rays
     rays = send(scene, facing, parts.receiver, chain, coherent)
     transmission = rays.amplitude if coherent else float(rays.power[0, 0])
     if transmission == 0.0:

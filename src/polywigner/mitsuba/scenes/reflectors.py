@@ -55,7 +55,7 @@ Chain = tuple[Mirror, ...]
 """Mirrors along a path, in the order of reflection."""
 
 
-def image_by(points: Floats, chain: Chain) -> Floats:
+def reflected_points(points: Floats, chain: Chain) -> Floats:
     """Return the mirror images of points after reflections by several mirrors in turn."""
     for mirror in chain:
         points = mirror.image_of(points)
@@ -167,7 +167,7 @@ MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
 # Sine of the largest angle of incidence that counts as normal incidence.
-_ALONG = 1e-9
+_NORMAL_INCIDENCE = 1e-9
 
 
 def bsdfs_in(bsdf: mi.BSDF) -> list[mi.BSDF]:
@@ -251,7 +251,7 @@ def _single(value: Any) -> float:
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
     """Return the electric field of a plane wave after reflection, shape (3,)."""
     across = np.cross(normal, direction)
-    if np.linalg.norm(across) < _ALONG:
+    if np.linalg.norm(across) < _NORMAL_INCIDENCE:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across = across / np.linalg.norm(across)
     outgoing = direction - 2 * (normal @ direction) * normal
@@ -262,7 +262,7 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # Tolerance of an echo, relative to the coherent sum over all illuminated parts of the body. The
 # error of physical optics is much larger.
-OF_ECHO = 1e-3
+ECHO_ERROR = 1e-3
 # Largest number of paths via bodies; each takes some milliseconds.
 _MOST_PATHS = 5000
 
@@ -275,7 +275,7 @@ class Body:
     facets: Facets
     bounces: int
 
-    def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
+    def target_facing(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at the body's centre that faces a source, as a target for rays."""
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
@@ -290,7 +290,7 @@ class Body:
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
         return Antenna(
-            image.source, pose, wavelength, NORMALISATIONS[0], 0.1 * OF_ECHO, condition=condition
+            image.source, pose, wavelength, NORMALISATIONS[0], 0.1 * ECHO_ERROR, condition=condition
         )
 
     def is_in_front(self, image: PlacedSource) -> bool:
@@ -330,7 +330,7 @@ class Echo:
     @property
     def position(self) -> Floats:
         """Centre of the body's mirror image at the receiver, shape (3,)."""
-        return image_by(self.body.facets.centre, self.after)
+        return reflected_points(self.body.facets.centre, self.after)
 
 
 Route = Chain | Echo

@@ -328,7 +328,7 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
 
 # Scale of the mesh of a hidden source. A fraction of rays equal to its square still hits the mesh,
 # with zero radiance.
-_SHRUNK = 1e-3
+_HIDDEN_SCALE = 1e-3
 
 
 @contextmanager
@@ -340,7 +340,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     shapes = [shape for shape in visible if mi.has_flag(shape.bsdf().flags(), null)]
     corners = [surfaces.vertices_of(shape) for shape in shapes]
     centres = [(points.min(axis=0) + points.max(axis=0)) / 2 for points in corners]
-    shrunk = [c + _SHRUNK * (points - c) for c, points in zip(centres, corners, strict=True)]
+    shrunk = [c + _HIDDEN_SCALE * (points - c) for c, points in zip(centres, corners, strict=True)]
     # Visible sources check the position of their mesh, so they are hidden first.
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
