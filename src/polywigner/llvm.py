@@ -210,7 +210,6 @@ def _has_libatomic() -> bool:
 
 
 def _status_of_loaded_drjit() -> LLVMStatus:
-    """Return the status if Dr.Jit has already been imported."""
     if is_switched_off():
         return _OFF
     drjit: Any = sys.modules["drjit"]
@@ -371,10 +370,8 @@ def install_llvm() -> LLVMStatus:
             install_packages(packages)
         except EngineError as error:
             raise EngineError(f"{status.problem} {error}") from error
-        status = prepare(refresh=True)
-    if not status.usable:
-        raise EngineError(f"{status.problem} {status.remedy}")
-    return status
+        prepare(refresh=True)
+    return require()
 
 
 def install_packages(packages: Sequence[Sequence[str]]) -> None:
@@ -409,7 +406,6 @@ def _install(alternatives: Sequence[str]) -> str:
 
 
 def _offered(alternatives: Sequence[str]) -> str:
-    """Return the first alternative in apt's package lists."""
     listing = _apt("apt-cache", "madison", *alternatives).stdout
     offered = {line.split("|")[0].strip() for line in listing.splitlines()}
     return next((name for name in alternatives if name in offered), alternatives[0])

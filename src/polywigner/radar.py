@@ -254,7 +254,6 @@ def waveform_of(cube: Any) -> FMCW:
 
 
 CUBE_DIMS = ("draw", "receiver", "emitter", "chirp", "sample")
-"""Names of the dimensions of ``signal`` in a data cube."""
 
 
 def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataArray:
@@ -288,7 +287,7 @@ def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataA
     """
     spectra, rates, gain = _by_rate(cube, window, pad)
     values, ranges, of_range = _by_range(cube, spectra, window, pad)
-    floor = _noise_of(cube) * gain * of_range
+    floor = cube["noise_power"].values * gain * of_range
     dims = (*CUBE_DIMS[:3], "range_rate", "range")
     return _labelled(np.abs(values) ** 2, dims, {"range_rate": rates, "range": ranges}, cube, floor)
 
@@ -366,7 +365,7 @@ def range_angle(
     # The window spreads a target over several range rates, by its noise bandwidth in bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
-    floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
+    floor = float(cube["noise_power"].values.mean() * of_range * (weights**2).sum())
     axes = {"direction_cosine": cosines, "range": ranges}
     result = _labelled(image, ("draw", *axes), axes, cube, floor)
     angles = ("direction_cosine", np.arcsin(cosines), {"units": "rad"})
@@ -477,10 +476,6 @@ def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Compl
     ranges = np.arange(bins) * waveform.range_step * waveform.samples / bins
     noise = waveform.noise_gain * float((weights**2).sum() / weights.sum() ** 2)
     return values, ranges, noise
-
-
-def _noise_of(cube: Any) -> Floats:
-    return np.asarray(cube["noise_power"].values)
 
 
 def _labelled(

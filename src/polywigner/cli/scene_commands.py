@@ -66,7 +66,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins import films, polariser
     from polywigner.mitsuba.plugins.placement import placed_emitter
-    from polywigner.mitsuba.radar.range_profile import prepared_frames
+    from polywigner.mitsuba.radar.range_profile import range_frames
     from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
     from polywigner.mitsuba.scenes.surfaces import is_receiver, wigner_emitters
@@ -85,18 +85,16 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 f"--polarised requires a camera, but {settings.scene} has a wigner_receiver, "
                 "whose polarisation is a parameter of the receiver"
             )
-        # Raise errors about path lengths before the render.
-        if edges is not None:
-            render_frames = prepared_frames(
-                scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
-            )
         ready = time.perf_counter()
+        # Scenes whose paths have no lengths raise an error before the longer render.
+        if edges is not None:
+            with kernel_threads(settings.threads):
+                frames = range_frames(
+                    scene, edges, spp=samples, seed=settings.seed, integrator=integrator
+                )
         measured = f"stokes {integrator or ''}" if settings.polarised else integrator
         exposure = {"integrator": measured, "spp": samples, "seed": settings.seed}
         image = render_parts(file, scene, exposure, store, **settings.cluster)
-        if edges is not None:
-            with kernel_threads(settings.threads):
-                frames = render_frames(None)
         done = time.perf_counter()
 
         title = _title(specs, settings.scene, variant, samples)

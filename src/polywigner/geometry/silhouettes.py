@@ -149,7 +149,7 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((len(body.faces), 3))
     np.add.at(normals, owner, areas)
-    return Obstacle(points, triangles, owner, normals, True, _is_convex(points, triangles, areas))
+    return Obstacle(points, triangles, owner, normals, True, is_convex(points, triangles, areas))
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
@@ -166,13 +166,17 @@ def shells(body: Obstacle) -> list[Obstacle]:
         faces, owner = np.unique(body.owner[rows], return_inverse=True)
         points, normals = body.vertices[used], body.normals[faces]
         triangles = corners.reshape(-1, 3)
-        simple = _is_convex(points, triangles, normals[owner.ravel()])
+        simple = is_convex(points, triangles, normals[owner.ravel()])
         bodies.append(Obstacle(points, triangles, owner.ravel(), normals, True, simple))
     return bodies
 
 
-def _is_convex(points: Floats, triangles: Indices, normals: Floats) -> bool:
-    """Return whether a connected closed surface is convex; ``normals`` (t, 3) of any length."""
+def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float = ON) -> bool:
+    """Return whether no triangle of a closed surface lies in front of a neighbour's plane.
+
+    ``normals`` (t, 3): normals of the triangles, of any length. If the surface is connected, it is
+    convex.
+    """
     ends = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
     forth, back = ends @ [len(points), 1], ends @ [1, len(points)]
     order, other = np.argsort(forth), np.argsort(back)
@@ -182,7 +186,7 @@ def _is_convex(points: Floats, triangles: Indices, normals: Floats) -> bool:
     across = np.concatenate([triangles[:, (k + 2) % 3] for k in range(3)])[other]
     height = np.einsum("ek,ek->e", points[across] - points[triangles[near, 0]], normals[near])
     size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(normals[near], axis=1)
-    return bool((height <= ON * size).all())
+    return bool((height <= error * size).all())
 
 
 def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:

@@ -59,7 +59,7 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
 }
 
 # Finite stand-in for an infinite probability density [1/sr]; its square is finite in float32.
-_OVERWHELMING = 1e12
+_INFINITE_DENSITY = 1e12
 
 
 class WignerEmitter(VariantPlugin):
@@ -74,8 +74,8 @@ class WignerEmitter(VariantPlugin):
         props.set_id(id)
         self.base.__init__(self, props)
         self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-        self.wavelength = self._adjustable(spec.wavelength)
-        self.power = self._adjustable(spec.power)
+        self.wavelength = self.adjustable(spec.wavelength)
+        self.power = self.adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         # Dr.Jit cannot record loops over a single sample that contain literals.
         self._dark = opaque(m, 0.0)
@@ -83,7 +83,8 @@ class WignerEmitter(VariantPlugin):
         self._set_source(spec, spec.wavelength)
         self._update()
 
-    def _adjustable(self, value: float) -> Drjit:
+    def adjustable(self, value: float) -> Drjit:
+        """Return a parameter that does not recompile kernels when its value changes."""
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
@@ -124,8 +125,7 @@ class WignerEmitter(VariantPlugin):
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
-        if "wavelength" in keys and self._is_constant:
-            traced = self._traced
+        elif "wavelength" in keys and self._is_constant:
             self._set_source(self.spec, wavelength)
             self._traced = traced
         self._update()
@@ -161,7 +161,6 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the power of the unscaled field, with derivatives."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -193,7 +192,7 @@ class WignerEmitter(VariantPlugin):
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
-    def watts_per_norm(self) -> Drjit:
+    def power_scale(self) -> Drjit:
         """Return the ratio of the specified radiated power to the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
@@ -252,7 +251,7 @@ class WignerEmitter(VariantPlugin):
         several emitter samples.
         """
         front = cosine > 0.0
-        density = self.m.Float(_OVERWHELMING)
+        density = self.m.Float(_INFINITE_DENSITY)
         per_area = self.estimator.density
         if per_area is not None and self.spec.visible:
             density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)

@@ -28,9 +28,9 @@ from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.samplers import cells_with_field, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import Complex, Floats, phases
-from polywigner.numerics.phases import Pair, cos_sin_cycles
+from polywigner.numerics.phases import Pair
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
-from polywigner.propagation.equivalent_points import equivalent_grid
+from polywigner.propagation.equivalent_points import equivalent_grid, wave_ahead
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity
 from polywigner.transforms.wavefronts import principal_axes
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 # kernel, which takes 5 ms to compile.
 _MOST_POINTS = 64
 # Cost of a panel relative to an equivalent point (benchmarks/render_exact.py).
-_POINTS_PER_PANEL = 33
+_POINTS_PER_PANEL = 25
 
 AWAY = 3.0
 """Smallest distance of equivalent points in wavelengths, from the bounding box of a source.
@@ -54,8 +54,6 @@ wavelengths.
 """
 # Tolerance of the far-field pattern |F|^2 relative to its peak.
 _ERROR = 1.5e-5
-# Relative size of imaginary parts of weights that are rounding errors.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -70,9 +68,8 @@ class EquivalentSources:
     """Position of each grid line, followed by the weights of its points.
 
     Each point has a weight for the field, for the normal derivative, or both. A weight is a real
-    number, or a real and an imaginary part.
+    and an imaginary part.
     """
-    is_real: bool
     has_field: bool
     is_swapped: bool
     """Whether grid lines are parallel to x instead of y."""
@@ -83,40 +80,23 @@ class EquivalentSources:
         length = half[0] if self.is_swapped else half[1]
         aside, along = (y, x) if self.is_swapped else (x, y)
         nodes = [length * position for position in self.along]
-        points = [(along - node, node * (node - 2.0 * along)) for node in nodes]
+        none = (0.0, 0.0)
 
         def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
-            step = len(weights) // len(points)
-            across = aside - at
-            foot2, shift = across * across + z * z, at * (at - 2.0 * aside)
+            step = len(weights) // len(nodes)
             total = Pair(0.0, 0.0)
-            for k, (offset, point_shift) in enumerate(points):
-                radius = ops.sqrt(offset * offset + foot2)
-                sum_ = radius + distance
-                quotient = 1.0 / (radius * sum_)
-                inverse = sum_ * quotient
-                wave = Pair(*cos_sin_cycles(ops, (shift + point_shift) * (radius * quotient)))
-                values = weights[k * step : (k + 1) * step]
-                total = total + self._sent(z * inverse, inverse, wave.scaled(inverse), values)
+            for k, node in enumerate(nodes):
+                ahead = aside - at, along - node, z
+                radius = ops.sqrt(sum(c * c for c in ahead))
+                excess = at * (at - 2.0 * aside) + node * (node - 2.0 * along)
+                of_node = weights[k * step : (k + 1) * step]
+                field = of_node[:2] if self.has_field else none
+                slope = of_node[-2:] if step > 2 * self.has_field else none
+                total = total + wave_ahead(ops, ahead, field, slope, excess / (radius + distance))
             return total.real, total.imag
 
         real, imag = ops.sum_over(self.lines, line, 2, like=x, unroll=False)
         return real, imag
-
-    def _sent(self, cosine: Drjit, inverse: Drjit, wave: Pair, weights: tuple[Drjit, ...]) -> Pair:
-        """Return the wave of a point, including the near-field term 1/(k r)."""
-        step = 1 if self.is_real else 2
-        total = Pair(0.0, 0.0)
-        for k in range(0, len(weights), step):
-            part = wave
-            if self.has_field and k == 0:
-                near = inverse * (1 / (2 * math.pi))
-                part = Pair(wave.real - wave.imag * near, wave.imag + wave.real * near)
-                part = part.scaled(cosine)
-            is_real = self.is_real
-            part = part.scaled(weights[k]) if is_real else part * Pair(*weights[k : k + 2])
-            total = part if k == 0 else total + part
-        return total
 
 
 def equivalent_sources(
@@ -135,14 +115,12 @@ def equivalent_sources(
     is_swapped = len(nodes[0]) < len(nodes[1])
     across, along = (1, 0) if is_swapped else (0, 1)
     table = np.swapaxes(table, 0, 1) if is_swapped else table
-    is_real = bool(np.abs(table.imag).max() < _ROUNDING * np.abs(table).max())
-    parts = table.real if is_real else np.stack([table.real, table.imag], axis=-1)
+    parts = np.stack([table.real, table.imag], axis=-1)
     rows = np.column_stack([half[across] * nodes[across], parts.reshape(len(parts), -1)])
     return EquivalentSources(
         tuple(half.tolist()),
         tuple(nodes[along].tolist()),
         tuple(map(tuple, rows.tolist())),
-        is_real,
         bool(condition.field),
         is_swapped,
     )
@@ -220,7 +198,7 @@ class ExactEstimator:
         point = light.frame.to_own(it.p - light.frame.origin)
         front = point.z > 0.0
         value = self.intensity(self._m.Point3f(point.x, point.y, dr.select(front, point.z, 1.0)))
-        return dr.select(front, value * light.watts_per_norm(), 0.0)
+        return dr.select(front, value * light.power_scale(), 0.0)
 
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
@@ -325,7 +303,7 @@ _LARGEST_SUM = 30.0
 # more waves, and long periods larger amplitudes.
 _PERIODS = (1.2, 1.5, 2.0, 3.0)
 # Relative cutoff of singular values.
-_SINGULAR = 1e-9
+_CUTOFF = 1e-9
 # Largest number of plane waves per axis.
 _MOST_WAVES = 64
 
@@ -384,6 +362,6 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
 def _fit(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
     """Fit plane waves to values at positions y; return None if the fit is inaccurate."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
-    fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)
+    fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_CUTOFF)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR
     return (fit, frequencies) if fits and np.abs(fit).sum() <= _LARGEST_SUM else None

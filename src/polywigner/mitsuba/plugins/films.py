@@ -91,12 +91,12 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
 
 # Largest number of samples per film pixel. Mitsuba sums in float32, with an error of 0.4 % for 2^20
 # samples.
-_IN_PIXEL = 1 << 12
+_MOST_PER_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
     """Return the refinement factor of a film, which limits samples per pixel; 1 for cameras."""
-    doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
+    doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
 
 
@@ -240,6 +240,17 @@ def accepted_samples(sampler: mi.Sampler, count: int) -> int:
     return int(probe.sample_count())
 
 
+def checked_finite(values: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
+    """Return results of a render; raise SceneError unless all are finite."""
+    bad = int(np.count_nonzero(~np.isfinite(values)))
+    if bad:
+        raise SceneError(
+            f"{bad} of {values.size} {name} are NaN or infinite; check the frequency, the powers "
+            "and the radiances of the scene, and their units"
+        )
+    return values
+
+
 @contextmanager
 def rendering_errors(integrator: str) -> Iterator[None]:
     """Convert errors of Mitsuba and Dr.Jit to a SceneError with their cause."""
@@ -256,6 +267,8 @@ _ENDLESS = 2**32 - 1
 
 def depths_of(integrator: mi.Integrator) -> dict[str, int]:
     """Return ``max_depth`` (-1 without limit) and ``rr_depth`` of an integrator."""
+    if integrator.class_name() == "DirectIntegrator":
+        return {"max_depth": 2}
     depths: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
     # C++ integrators expose these values only as text.
     values = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))

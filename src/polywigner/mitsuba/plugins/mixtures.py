@@ -197,12 +197,7 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         raise unsuitable_source(source)
     try:
         check_slopes(source, obliquity)
-        return _support(flat_source(source))
+        _energy(flat_source(source))  # Raises SceneError for a source without a field.
+        return mutual_support(flat_source(source))
     except PolywignerError as error:
         raise SceneError(str(error)) from None
-
-
-@lru_cache(maxsize=16)
-def _support(source: Aperture | Array) -> Aperture:
-    _energy(source)  # Raises SceneError for a source without a field.
-    return mutual_support(source)

@@ -235,7 +235,7 @@ class WignerReceiver(VariantPlugin):
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            # The sky contributes to rays in front of all surfaces only.
+            # Sky radiation reaches only rays that pass no surface.
             if number:
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:

@@ -147,7 +147,6 @@ STL = "stl"
 
 
 def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Return the mesh of an STL file with flat faces, in scene units."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)
@@ -177,7 +176,6 @@ KEY_PREFIX = "memory:"
 _CAPACITY = 1024
 
 _sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
-_lock = threading.Lock()
 
 
 def register_source(source: Aperture | Array | Wavefront) -> str:
@@ -202,11 +200,10 @@ def register_source(source: Aperture | Array | Wavefront) -> str:
     if not isinstance(source, Aperture | Array | Wavefront):
         raise unsuitable_source(source)
     key = KEY_PREFIX + hashlib.sha256(source_json(source).encode()).hexdigest()[:24]
-    with _lock:
-        _sources[key] = source
-        _sources.move_to_end(key)
-        while len(_sources) > _CAPACITY:
-            _sources.popitem(last=False)
+    _sources[key] = source
+    _sources.move_to_end(key)
+    while len(_sources) > _CAPACITY:
+        _sources.popitem(last=False)
     return key
 
 
@@ -216,8 +213,7 @@ def is_key(name: str) -> bool:
 
 
 def registered_source(key: str) -> Aperture | Array | Wavefront:
-    with _lock:
-        source = _sources.get(key)
+    source = _sources.get(key)
     if source is None:
         raise SceneError(
             f"there is no source with the key {key!r} in this process; create the scene entry "

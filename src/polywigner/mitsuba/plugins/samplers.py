@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 # Largest number of strips per element and of cells in total, for sampling non-uniform fields.
 _STRIPS, _PIECES = 32, 1 << 16
 # Points per lobe (wavelength/size) in the table of directions.
-_IN_LOBE = 4
+_POINTS_PER_LOBE = 4
 # Smallest and largest number of points along each axis of the table.
 _FEWEST, _MOST = 32, 1024
 # Largest number of samples along each side of a cell, whose mean includes narrow beams.
-_MOST_WITHIN = 4
+_MOST_PER_CELL = 4
 # Fractions of samples drawn from the far-field pattern (for distant surfaces), its square root (for
 # the Wigner function and near surfaces), and a uniform density.
 _FRACTIONS = (0.4, 0.4, 0.2)
@@ -75,9 +75,7 @@ class Positions:
 
     def __init__(self, m: Any, cells: Trapezoids, weights: Floats | None = None) -> None:
         self._m, self._ops = m, ops_for(m.Float)
-        columns = [column.tolist() for column in cells]
-        self._columns = [m.Float(c) for c in columns] if dr.is_jit_v(m.Float) else columns
-        self._count = cells.left.size
+        self._table = self._ops.on_device(cells.rows)
         areas = cells.areas if weights is None else cells.areas * weights
         self._choice = m.DiscreteDistribution((areas / np.max(areas)).tolist())
         self.density = 1.0 / float(cells.areas.sum())
@@ -85,16 +83,11 @@ class Positions:
 
     def sample(self, sample: mi.Point2f) -> mi.Point2f:
         """Map a point of the unit square to a position."""
-        m, u, index = self._m, sample.x, 0
-        if self._count > 1:
-            index, u = self._choice.sample_reuse(sample.x)
-            # Rounding can move u out of [0, 1] in narrow trapezoids.
-            u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
-        if dr.is_jit_v(m.Float):
-            row = [dr.gather(m.Float, column, index) for column in self._columns]
-        else:
-            row = [column[index] for column in self._columns]
-        return m.Point2f(*point_in_trapezoid(self._ops, row, u, sample.y))
+        index, u = self._choice.sample_reuse(sample.x)
+        # Rounding can move u out of [0, 1] in narrow trapezoids.
+        u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
+        row = self._ops.gather(self._table, index)
+        return self._m.Point2f(*point_in_trapezoid(self._ops, row, u, sample.y))
 
 
 class Directions:
@@ -133,12 +126,12 @@ def directions_of(
     density.
     """
     low, high = np.reshape(bounds, (2, 2))
-    lobes = _IN_LOBE * (high - low) / wavelength
+    lobes = _POINTS_PER_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
     # Each new table size recompiles the render kernel, so sizes are powers of two.
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
-    within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
+    within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_PER_CELL))
     pattern = _mean_pattern(terms, wavelength, counts, within)
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
     density = sum(

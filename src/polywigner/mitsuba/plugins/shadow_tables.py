@@ -263,7 +263,6 @@ def _hulls(ends: Floats, labels: Indices) -> Floats:
 
 
 def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Floats, Floats]:
-    """Return the tables ``ends``, ``edges`` and ``samples``."""
     reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
     places = [_places(nodes, reach, edge) for part in parts for edge in part.lines]
     counts = np.array([len(some) for some in places])

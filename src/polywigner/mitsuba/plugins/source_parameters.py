@@ -53,7 +53,6 @@ from polywigner.source.polarisation import (
 from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
 EMITTER, RECEIVER = "wigner", "wigner_receiver"
-"""Names of the shape and of the sensor."""
 ESTIMATORS = ("wigner", "exact")
 RECEIVER_ESTIMATOR = "exact"
 UNPOLARISED = "unpolarised"
@@ -78,7 +77,6 @@ class SourceParameters:
     support: Aperture
     """Region of the source plane where the Wigner function is not zero, in m."""
     mixture: Mixture
-    """Coherence width and bandwidth of the source."""
     normalise: str = NORMALISATIONS[0]
     """Definition of ``norm``, "radiated" or "aperture"."""
     power: float = 1.0
@@ -158,13 +156,11 @@ PARAMETERS = (
     *("power", "aperture_power", "obliquity", "estimator", "diffraction"),
     *("scene_unit", "visible", "bandwidth"),
 )
-"""Names of the parameters of a ``wigner`` shape (docs/plugin.md)."""
 RECEIVER_PARAMETERS = (
     *_COMMON,
     *("obliquity", "estimator", "diffraction", "scene_unit", "normalise"),
     *NOISE_PARSERS,
 )
-"""Names of the parameters of a ``wigner_receiver`` (docs/received_power.md)."""
 
 
 def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
@@ -240,7 +236,6 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
     "aperture_power": parse_power,
     **NOISE_PARSERS,
 }
-"""Parsers of numeric parameters, to SI units."""
 
 
 def _number(name: str, value: Any, element: str) -> float:
@@ -281,8 +276,6 @@ def values_of(props: mi.Properties) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _SceneValues:
-    """Parameters of a scene element, from Mitsuba or from Python."""
-
     values: Mapping[str, Any]
     element: str
 

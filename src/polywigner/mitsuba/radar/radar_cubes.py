@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 Velocities = dict[str, Floats]
 
 # Relative tolerance of non-uniform FFTs over scatterers.
-_OF_SUMS = 1e-7
+_SUMS_ERROR = 1e-7
 # Largest change of delay times bandwidth in a block of repetitions, for a phase below 2 rad in
 # series.
 _MOST_CYCLES = 1.25
@@ -52,7 +52,7 @@ _MOST_BYTES = 1 << 30
 # Relative tolerance of frequencies.
 _ROUNDING = 1e-9
 # Offset of shadow rays from surfaces, relative to the distance of the emitter.
-_CLOSE = 1e-3
+_RAY_OFFSET = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +78,6 @@ class _Radar:
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Scatterers of one receiver and its elements."""
-
     responses: Complex
     """Responses of the elements in m, shape (element, scatterer)."""
     emitted: Complex
@@ -286,8 +284,6 @@ def _samples(
 
 
 class _Link(NamedTuple):
-    """Coherent paths between an emitter and a receiving element."""
-
     amplitudes: Complex
     """Amplitudes in sqrt(W), shape (path, sample)."""
     rates: Floats
@@ -297,7 +293,6 @@ class _Link(NamedTuple):
 def _coherent(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
-    """Return the links by receiver, element and emitter, and notes."""
     wave = radar.waveform
     chains, echoes, notes = routes_in(
         scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
@@ -450,10 +445,9 @@ def _sending(
 
 
 def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
-    """Return a mask of the points in view of an emitter."""
     unit = emitter.scene_unit
-    steps = (offset * (1 - 2 * _CLOSE) / unit).astype(np.float32)
-    start = ((position + _CLOSE * offset) / unit).astype(np.float32)
+    steps = (offset * (1 - 2 * _RAY_OFFSET) / unit).astype(np.float32)
+    start = ((position + _RAY_OFFSET * offset) / unit).astype(np.float32)
     ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(steps.T))
     ray.maxt = 1.0
     return ~np.atleast_1d(np.array(scene.ray_test(ray)))
@@ -512,8 +506,8 @@ def _frame(
     offsets = wave.frequencies - radar.frequency
     result = np.zeros((len(waves), *motion.shape), np.complex128)
     plan = _plan_of_sums(slopes, shape, len(waves))
-    for terms, factor in _series(cloud.excess[:, chosen], offsets, _OF_SUMS):
-        tolerance = _OF_SUMS / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
+    for terms, factor in _series(cloud.excess[:, chosen], offsets, _SUMS_ERROR):
+        tolerance = _SUMS_ERROR / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
         for growths, by_sample in _series(rates, motion, tolerance):
             sums = plan.execute(np.ascontiguousarray(waves * terms * growths))
             result += sums.reshape(result.shape) * (factor * by_sample)
@@ -526,7 +520,7 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
     The phase of a wave is ``2 pi (slopes . numbers)``, where numbers start at ``-(size // 2)``.
     """
     finufft = require("finufft", "radar", "scattered fields are summed with")
-    plan = finufft.Plan(1, tuple(shape), count, _OF_SUMS, 1, nthreads=1)
+    plan = finufft.Plan(1, tuple(shape), count, _SUMS_ERROR, 1, nthreads=1)
     plan.setpts(*(2 * np.pi * (slope - np.round(slope)) for slope in slopes))
     return plan
 

@@ -20,6 +20,7 @@ from polywigner.mitsuba.plugins.films import (
     CAMERAS,
     WAVEFRONT,
     accepted_samples,
+    checked_finite,
     depths_of,
     film_sizes,
     fineness,
@@ -27,7 +28,7 @@ from polywigner.mitsuba.plugins.films import (
     seed_of,
 )
 from polywigner.mitsuba.plugins.registration import VariantPlugin, variant_class
-from polywigner.mitsuba.scenes.scenes import checked_scene, translate_error
+from polywigner.mitsuba.scenes.scenes import checked_scene
 from polywigner.mitsuba.scenes.surfaces import is_receiver
 from polywigner.numerics import Floats
 
@@ -52,8 +53,6 @@ _COUNTERPARTS = {
     "VolpathMisIntegratorImpl": _VOLUME,
     "PRBVolpathIntegrator": _VOLUME,
 }
-# Depth of Mitsuba's `direct`, which has no parameter ``max_depth``.
-_DEPTH_OF_DIRECT = 2
 
 
 def require_transients(variant: str | None = None) -> ModuleType:
@@ -140,13 +139,9 @@ def _counterpart(integrator: Any) -> mi.Integrator:
             f"the integrator {name} does not measure path lengths; use path, direct, prb, "
             f"volpath, volpathmis, prbvolpath or {' or '.join(TRANSIENT_INTEGRATORS)}"
         )
-    is_direct = name == "DirectIntegrator"
-    depths = {"max_depth": _DEPTH_OF_DIRECT} if is_direct else depths_of(integrator)
     hides = bool(integrator.hide_emitters)
-    try:
-        return mi.load_dict({"type": _COUNTERPARTS[name], "hide_emitters": hides, **depths})
-    except RuntimeError as error:
-        raise translate_error(error) from None
+    parameters = {"hide_emitters": hides, **depths_of(integrator)}
+    return mi.load_dict({"type": _COUNTERPARTS[name], **parameters})
 
 
 # Largest number of bins of all pixels, which take 2 GiB in float64.
@@ -168,13 +163,7 @@ def sorted_by_range(
         samples = spp // passes + (index < spp % passes)
         rendered = _rendered(scene, sensor, integrator, edges, samples, seed_of(seed, index))
         total = total + samples / spp * rendered
-    bad = int(np.count_nonzero(~np.isfinite(total)))
-    if bad:
-        raise SceneError(
-            f"the power in {bad} range bins is not finite; check the frequency, the powers and "
-            "the radiances of the scene, and their units"
-        )
-    return np.asarray(total)
+    return checked_finite(np.asarray(total), "range bins")
 
 
 def _rendered(
@@ -311,9 +300,6 @@ class RangeSensor(VariantPlugin):
             return 0.0
         centre = self._sensor.world_transform().translation()
         return dr.dot(ray.o - self.m.Point3f(centre), ray.d)
-
-    def bbox(self) -> mi.BoundingBox3f:
-        return self._sensor.bbox()
 
     def release(self) -> None:
         """Delete the references to sensor and film, to free them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,7 @@ from polywigner.mitsuba.receive.power_results import (
     described,
 )
 from polywigner.mitsuba.receive.received_power import (
+    Progress,
     Received,
     Sampled,
     chosen,
@@ -67,7 +68,7 @@ def range_profile(
     coherent: bool = False,
     polarisation: Any = None,
     bodies: Mapping[str, Any] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> xarray.Dataset:
     """Return the received power of the receivers of a scene by range, with its standard error.
 
@@ -300,8 +301,6 @@ def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
     }
 
 
-Progress = Callable[[int, int], None]
-
 # Renders per image; progress is reported after each.
 _PARTS = 4
 
@@ -357,14 +356,6 @@ def range_frames(
     MissingExtraError, EngineError, SceneError
         As in :func:`range_profile`.
     """
-    how = {"spp": spp, "seed": seed, "sensor": sensor, "integrator": integrator}
-    return prepared_frames(scene, ranges, **how)(progress)
-
-
-def prepared_frames(
-    scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
-) -> Callable[[Progress | None], xarray.Dataset]:
-    """Check the arguments of :func:`range_frames`, and return a rendering function."""
     edges = checked_ranges(ranges)
     require_transients()
     entropy = check_seed(seed)
@@ -382,25 +373,20 @@ def prepared_frames(
     lengths = 2.0 * edges / units.pop()
     check_sums(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
-
-    def rendered(progress: Progress | None) -> xarray.Dataset:
-        checked_callable(progress, "progress")
-        sums: Any = 0.0
-        with with_progress("renders", range(parts)) as numbers:
-            for part in numbers:
-                samples = total // parts + (part < total % parts)
-                seed = seed_of(entropy, part)
-                image = sorted_by_range(scene, camera, method, lengths, samples, seed)
-                sums = sums + samples / total * image
-                if progress is not None:
-                    progress(part + 1, parts)
-        pixels, unit = ("row", "column"), "W m-2 sr-1"
-        frames = np.moveaxis(sums[..., 1:-1], -1, 0)
-        values = {
-            "radiance": (frames, ("range", *pixels), unit, "radiance of a bin"),
-            "before": (sums[..., 0], pixels, unit, "radiance from nearer than all bins"),
-            "after": (sums[..., -1], pixels, unit, "radiance from farther than all bins"),
-        }
-        return described(values, range_axes(edges), {"samples": total, "seed": entropy})
-
-    return rendered
+    checked_callable(progress, "progress")
+    sums: Any = 0.0
+    with with_progress("renders", range(parts)) as numbers:
+        for part in numbers:
+            samples = total // parts + (part < total % parts)
+            image = sorted_by_range(scene, camera, method, lengths, samples, seed_of(entropy, part))
+            sums = sums + samples / total * image
+            if progress is not None:
+                progress(part + 1, parts)
+    pixels, unit = ("row", "column"), "W m-2 sr-1"
+    frames = np.moveaxis(sums[..., 1:-1], -1, 0)
+    values = {
+        "radiance": (frames, ("range", *pixels), unit, "radiance of a bin"),
+        "before": (sums[..., 0], pixels, unit, "radiance from nearer than all bins"),
+        "after": (sums[..., -1], pixels, unit, "radiance from farther than all bins"),
+    }
+    return described(values, range_axes(edges), {"samples": total, "seed": entropy})

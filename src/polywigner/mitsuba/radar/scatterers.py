@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, finite_array
 from polywigner.mitsuba.plugins.diffraction import scene_known
-from polywigner.mitsuba.plugins.films import depths_of
+from polywigner.mitsuba.plugins.films import checked_finite, depths_of
 from polywigner.mitsuba.plugins.placement import placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
@@ -24,11 +24,12 @@ from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.received_power import chosen, matched
 from polywigner.mitsuba.receive.scattered import BATCHES, aimed
-from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of, number_of
+from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of
 from polywigner.mitsuba.receive.specular_paths import even_points
 from polywigner.mitsuba.scenes.rendering import hide_emitters
 from polywigner.mitsuba.scenes.surfaces import (
     is_source,
+    number_of,
     receivers_of,
     sorted_emitters,
     sorted_shapes,
@@ -119,8 +120,7 @@ def _batch(
         for events in events_of(scene, paths, rng, numbers[:, 4:], depth - 1, meets_lights, motion):
             value = events.radiance * (solid_angle / count)[events.ray]
             power = value * watts[events.ray]
-            if not np.isfinite(power).all():
-                raise SceneError("the scene has radiances of NaN or inf; check its materials")
+            checked_finite(power, "scattered powers")
             parts.append((events, power, value * (unit * events.distance) ** 2))
     events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
     return events.view(np.recarray), power, intensity
@@ -346,26 +346,20 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
         raise ArgumentError(
             f"expected velocities as a mapping from ids to (vx, vy, vz), got {velocities!r}"
         )
-    return {name: _checked_velocity(name, value) for name, value in velocities.items()}
-
-
-def _checked_velocity(name: str, value: ArrayLike) -> Floats:
-    expected = (
-        f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
-        f"{_FASTEST:.0e} m/s"
-    )
-    velocity = finite_array(value, expected, (3,))
-    if not np.linalg.norm(velocity) < _FASTEST:
-        raise ArgumentError(f"{expected}, got {value!r}")
-    return velocity
+    checked = {}
+    for name, value in velocities.items():
+        expected = (
+            f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
+            f"{_FASTEST:.0e} m/s"
+        )
+        checked[name] = finite_array(value, expected, (3,))
+        if not np.linalg.norm(checked[name]) < _FASTEST:
+            raise ArgumentError(f"{expected}, got {value!r}")
+    return checked
 
 
 def _longest_path(integrator: Any) -> int:
-    if integrator is None:
-        return _NO_LIMIT
-    if integrator.class_name() == "DirectIntegrator":
-        return 2
-    depth = depths_of(integrator)["max_depth"]
+    depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
 

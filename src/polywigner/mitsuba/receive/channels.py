@@ -44,7 +44,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     passing_rays,
 )
 from polywigner.mitsuba.scenes.reflectors import (
-    OF_ECHO,
+    ECHO_ERROR,
     Body,
     Chain,
     Echo,
@@ -66,9 +66,9 @@ if TYPE_CHECKING:
 
 _MOST_FREQUENCIES = 1 << 16
 # Numbers of Chebyshev nodes; each set contains the previous one.
-_RULES = (5, 9, 17, 33, 65)
+_NODE_COUNTS = (5, 9, 17, 33, 65)
 # Polarisation match below which a note recommends specifying polarisations.
-_MATCHED = 0.99
+_GOOD_MATCH = 0.99
 
 
 @one_at_a_time
@@ -262,7 +262,6 @@ def paths_between(
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    # Several paths share a segment.
     leg_to = cache(partial(_leg_to, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
@@ -274,7 +273,7 @@ def paths_between(
     if len(paths) > 1 and paths[0].route == () and not ends[0].is_polarised:
         line = CentralPath(np.array([emitter.centre, receiver.centre]), [np.eye(3)])
         match = abs(_polarised(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
-        if match < _MATCHED:
+        if match < _GOOD_MATCH:
             notes.append(
                 f"{link}: only {match:.1%} of the power matches if both ends are polarised along "
                 "their y axes; the line-of-sight path is computed as matched, other paths as "
@@ -299,7 +298,9 @@ def _path(
         if parts_facing is not None:
             factor = leg.transmission if is_scalar else _polarised(p, q, ends, chain, leg)
             links.append((factor, parts_facing))
-    edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
+    edges = (
+        None if meshes is None else cache(partial(diffracted_ratio, meshes, facing, taking, chain))
+    )
     path = CoherentPath(chain, leg.length, rays.amplitude, tuple(links), ends, edges)
     return path, result.notes
 
@@ -313,13 +314,6 @@ def _polarised(
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
 
 
-def _edges(
-    meshes: list[Mesh], facing: PlacedSource, taking: PlacedSource, chain: Chain, wavelength: float
-) -> complex:
-    emitted, received = (replace(end, wavelength=wavelength) for end in (facing, taking))
-    return diffracted_ratio(meshes, emitted, received, chain)
-
-
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
@@ -330,7 +324,7 @@ def _leg_to(
     image = end.image(chain)
     if not body.is_in_front(image):
         return None
-    target = body.standing_in(image, like)
+    target = body.target_facing(image, like)
     rays = passing_rays(scene, end, target, chain, coherent=True)
     if not rays.amplitude:
         return CentralPath(np.empty((0, 3)), rays.panes), 0.0
@@ -368,7 +362,6 @@ def _echo_path(
 def _echo(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return the coupling of an echo, summed over polarised parts."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -380,7 +373,7 @@ def _echo(
     total = 0j
     for (emitted, p, first), (received, q, second) in product(*sides):
         try:
-            b = echo(body.facets, emitted, received, (q, p), OF_ECHO, body.bounces)
+            b = echo(body.facets, emitted, received, (q, p), ECHO_ERROR, body.bounces)
         except PolywignerError as error:
             raise SceneError(f"cannot compute the echo of {body.name!r}: {error}") from None
         total += first * second * b
@@ -393,7 +386,7 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
         return np.zeros((len(frequencies), 0), np.complex128)
     delays = np.array([path.distance for path in paths]) / SPEED_OF_LIGHT
     envelopes = np.empty((len(frequencies), len(paths)), np.complex128)
-    for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * OF_ECHO))):
+    for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * ECHO_ERROR))):
         indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
         if indices:
             find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
@@ -408,14 +401,14 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
     to the largest value.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
-    steps = _RULES[-1] - 1
+    steps = _NODE_COUNTS[-1] - 1
     nodes_in_band = (low + high) / 2 - (high - low) / 2 * np.cos(
         np.pi * np.arange(steps + 1) / steps
     )
     known: dict[int, Complex] = {}
     nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
-    for count in _RULES:
-        if count >= len(frequencies):
+    for count in _NODE_COUNTS:
+        if count >= len(np.unique(frequencies)):
             break
         numbers = range(0, steps + 1, steps // (count - 1))
         known |= {k: compute(float(nodes_in_band[k])) for k in numbers if k not in known}
@@ -430,8 +423,6 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
     low, high = nodes[[0, -1]]
-    if low == high:
-        return np.repeat(values[:1], len(frequencies), axis=0)
     scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
     coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
@@ -459,7 +450,6 @@ def _without_delays(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
-    """Return the couplings of facing sources, together for equal sources."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity

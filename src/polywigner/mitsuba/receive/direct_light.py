@@ -40,7 +40,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     points_on,
     traced,
 )
-from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by
+from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by, reflected_points
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
 from polywigner.numerics import Floats
 from polywigner.propagation.amplitudes import amplitude
@@ -115,7 +115,8 @@ def direct_light(
             return result
         image, matrix = emitter.image(chain), result.rays.power
         if meshes is not None:
-            ratio = diffracted_ratio(meshes, result.facing, result.parts.receiver, chain)
+            ends = result.facing, result.parts.receiver
+            ratio = diffracted_ratio(meshes, *ends, chain, receiver.wavelength)
             matrix = matrix * abs(ratio) ** 2
         transmission = float(matrix[0, 0])
         if transmission == 0.0:
@@ -140,7 +141,6 @@ def direct_light(
 
 
 def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return the couplings of all pairs of polarised fields in free space."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
@@ -267,29 +267,22 @@ def _starts(
     sample, _ = _sampled(light, centre)
     if not light.is_infinite:
         point = _row(sample.p) * unit
-        return np.broadcast_to(point, end.shape), _image(point, chain)
+        return np.broadcast_to(point, end.shape), reflected_points(point, chain)
     # Directional light starts outside of the scene and of its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
-    direction = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
+    direction = reflected_points(_row(sample.d), chain) - reflected_points(np.zeros(3), chain)
     image = end + size * (2 * len(chain) + 1) * direction
-    return _image(image, chain[::-1]), receiver.centre + direction
+    return reflected_points(image, chain[::-1]), receiver.centre + direction
 
 
 def _row(point: Drjit) -> Floats:
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
-def _image(points: Floats, chain: Chain) -> Floats:
-    for mirror in chain:
-        points = mirror.image_of(points)
-    return points
-
-
 def _sampled(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
-    """Sample a light from a point; return the sample and the irradiance."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths
@@ -312,7 +305,7 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
 
 
 # Number of samples of a spectrum, each with the wavelengths of one ray.
-_SETS = 24
+_SAMPLES = 24
 
 
 def _colours() -> list[Drjit]:
@@ -322,8 +315,8 @@ def _colours() -> list[Drjit]:
     if not count:
         return [none]
     low, high = mi.MI_CIE_MIN, mi.MI_CIE_MAX
-    grid = low + (high - low) * (np.arange(_SETS * count) + 0.5) / (_SETS * count)
-    return [kind(*row) for row in grid.reshape(_SETS, count).tolist()]
+    grid = low + (high - low) * (np.arange(_SAMPLES * count) + 0.5) / (_SAMPLES * count)
+    return [kind(*row) for row in grid.reshape(_SAMPLES, count).tolist()]
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:

@@ -28,11 +28,11 @@ from polywigner.numerics import Floats
 # Largest number of null surfaces per path; longer paths count as blocked.
 _MOST_PASSED = 64
 # Samples of fog density between two surfaces.
-_IN_FOG = 32
+_FOG_SAMPLES = 32
 # Largest angle between equal directions [rad].
 _SAME_DIRECTION = 1e-3
 # Sampled wavelengths in spectral variants [nm].
-_COLOURS = (450.0, 520.0, 590.0, 660.0)
+_WAVELENGTHS = (450.0, 520.0, 590.0, 660.0)
 # BSDFs that change the polarisation of transmitted light.
 _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 
@@ -138,7 +138,7 @@ class RayTracer:
         first = direction = dr.normalize(points[1] - points[0])
         ray = mi.Ray3f(points[0], direction)
         if dr.size_v(type(ray.wavelengths)):
-            ray.wavelengths = type(ray.wavelengths)(*_COLOURS)
+            ray.wavelengths = type(ray.wavelengths)(*_WAVELENGTHS)
         if dr.is_jit_v(mi.Float):
             medium = mi.MediumPtr(medium)
         for plane, end in zip(planes, points[2:], strict=True):
@@ -290,14 +290,14 @@ def _across(normal: Any, direction: Any) -> Drjit:
     """Return the unit normal of the plane of incidence, or any transverse unit vector."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
-    is_oblique = length > _ALONG
+    is_oblique = length > _NORMAL_INCIDENCE
     return dr.select(
         is_oblique, across / dr.select(is_oblique, length, 1.0), mi.coordinate_system(direction)[0]
     )
 
 
 # Sine of the largest angle of incidence that counts as normal incidence.
-_ALONG = 1e-6
+_NORMAL_INCIDENCE = 1e-6
 
 
 def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
@@ -335,19 +335,17 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
     interaction = dr.zeros(mi.MediumInteraction3f)
     interaction.wavelengths = ray.wavelengths
     depth: Any = 0.0
-    for step in range(_IN_FOG):
-        along = (step + 0.5) / _IN_FOG
+    for step in range(_FOG_SAMPLES):
+        along = (step + 0.5) / _FOG_SAMPLES
         scale = dr.opaque(mi.Float, along) if is_jit else along
         interaction.p = ray.o + ray.d * (length * scale)
         depth = depth + medium.get_scattering_coefficients(interaction, is_foggy)[2]
         dr.eval(depth)  # All steps use the same small kernel.
-    return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
+    return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _FOG_SAMPLES))), 1.0)
 
 
 def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
     changes = active & si.is_medium_transition()
-    if not dr.is_jit_v(mi.Float):
-        return si.target_medium(direction) if changes else medium
     return dr.select(changes, si.target_medium(direction), medium)
 
 

@@ -48,7 +48,6 @@ from polywigner.mitsuba.receive.scattered import (
     lights_of,
     standard_error,
 )
-from polywigner.mitsuba.receive.scattering_steps import number_of
 from polywigner.mitsuba.scenes.reflectors import Echo, Route, names_of, routes_in
 from polywigner.mitsuba.scenes.rendering import (
     default_integrator,
@@ -57,7 +56,12 @@ from polywigner.mitsuba.scenes.rendering import (
     hide_emitters,
     polarised_by_default,
 )
-from polywigner.mitsuba.scenes.surfaces import receivers_of, sorted_shapes, wigner_emitters
+from polywigner.mitsuba.scenes.surfaces import (
+    number_of,
+    receivers_of,
+    sorted_shapes,
+    wigner_emitters,
+)
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 
@@ -353,7 +357,6 @@ def _result(
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
-    """Return the received power from direct light and batches of scattered power."""
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):

@@ -14,9 +14,10 @@ solid angle of box k. Source of the weights (balance heuristic): E. Veach and L.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -51,7 +52,7 @@ _MOST_BOXES = 64
 # Largest numbers of pieces and faces of a mesh with one box per piece.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
 # Largest fraction of unaimed samples in a box at which samples are aimed.
-_COMMON = 1 / 16
+_MOST_UNAIMED = 1 / 16
 # Smallest width of a box [rad], limited by single precision.
 _NARROWEST = 1e-5
 # Relative margin of a box of angles, because straight sides in space are curved in angles.
@@ -78,9 +79,7 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
 def _boxes(shape: Any) -> list[Floats]:
     """Return the bounding boxes (2, 3) of a shape or of the pieces of a mesh."""
     shape_box = [bounds_of(shape)]
-    if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
-        return shape_box
-    if "faces" not in mi.traverse(shape):
+    if "faces" not in mi.traverse(shape) or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
     # Meshes with normals contain vertices several times.
     points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
@@ -120,9 +119,7 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
     low, high = np.maximum(low - added, -limit), np.minimum(high + added, limit)
     rows = np.concatenate([low, high], axis=1).astype(np.float32).astype(np.float64)
     fraction = _unaimed_fraction(sensor.directions, rows)
-    rare = (fraction < _COMMON) & (fraction > 0.0)
-    if not rare.any():
-        return np.empty((0, 5))
+    rare = (fraction < _MOST_UNAIMED) & (fraction > 0.0)
     returned = (fraction / distance.mean(axis=1) ** 2)[rare]
     chosen = np.argsort(-returned, kind="stable")[:_MOST_BOXES]
     fractions = (
@@ -145,7 +142,7 @@ class AimedDirections:
     """Sampler of directions in boxes of angles or from another sampler."""
 
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
-        self._m, self._jit, self._others = m, dr.is_jit_v(m.Float), directions
+        self._m, self._others = m, directions
         self._ops = ops_for(m.Float)
         low, high, fractions = rows[:, :2], rows[:, 2:4], rows[:, 4]
         ends = np.cumsum(fractions)
@@ -156,10 +153,9 @@ class AimedDirections:
         self._count: Any = len(table)
         # A constant length keeps kernels independent of the number of shapes.
         table = np.pad(table, ((0, _MOST_BOXES - len(table)), (0, 0)))
-        self._columns: Any = [column.tolist() for column in table.T]
-        if self._jit:
+        self._table = self._ops.on_device(table)
+        if dr.is_jit_v(m.Float):
             self._count = dr.opaque(m.UInt32, self._count)
-            self._columns = [m.Float(column) for column in self._columns]
 
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
         """Map points of the unit square to angles and their density."""
@@ -168,11 +164,11 @@ class AimedDirections:
         unaimed = dr.select(aims, 0.5, (sample.x - _AIMED) * (1 / (1 - _AIMED)))
         others, density = self._others.sample(m.Point2f(unaimed, sample.y))
         u = dr.select(aims, sample.x * (1 / _AIMED), 0.0)
-        number = self._sum(lambda k: dr.select(u >= self._at(6, k), 1.0, 0.0))
-        number = m.UInt32(number) if self._jit else min(int(number), self._count - 1)
-        u = (u - self._at(4, number)) * self._at(5, number)
-        alpha = dr.select(aims, self._between(number, 0, u), others.x)
-        angles = m.Point2f(alpha, dr.select(aims, self._between(number, 1, sample.y), others.y))
+        number = self._ops.truncated(self._sum(lambda box: dr.select(u >= box[6], 1.0, 0.0)))
+        box = self._ops.gather(self._table, number)
+        alpha = _between(box[0], box[2], (u - box[4]) * box[5])
+        psi = _between(box[1], box[3], sample.y)
+        angles = m.Point2f(dr.select(aims, alpha, others.x), dr.select(aims, psi, others.y))
         density = dr.select(aims, self._others.density(angles), density)
         return angles, self._mixed(angles, density)
 
@@ -180,27 +176,27 @@ class AimedDirections:
         return self._mixed(angles, self._others.density(angles))
 
     def _mixed(self, angles: Any, others: Any) -> Drjit:
-        return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
-
-    def _between(self, number: Any, axis: int, u: Any) -> Drjit:
-        """Map a random number to an angle inside a box."""
-        low, high = self._at(axis, number), self._at(axis + 2, number)
-        return dr.clip(low + (high - low) * u, low, high)
-
-    def _inside(self, angles: Any, number: Any) -> Drjit:
-        in_alpha, in_psi = (
-            (angle >= self._at(axis, number)) & (angle <= self._at(axis + 2, number))
-            for axis, angle in enumerate((angles.x, angles.y))
-        )
-        return dr.select(in_alpha & in_psi, self._at(7, number), 0.0)
-
-    def _at(self, column: int, number: Any) -> Drjit:
-        if self._jit:
-            return dr.gather(self._m.Float, self._columns[column], number)
-        return self._columns[column][number]
+        return _AIMED * self._sum(partial(_density_in, angles)) + (1 - _AIMED) * others
 
     def _sum(self, term: Callable[[Any], Any]) -> Drjit:
-        return self._ops.fold(0, self._count, (0.0,), lambda k, total: (total + term(k),))[0]
+        def add(number: Any, total: Drjit) -> tuple[Drjit]:
+            return (total + term(self._ops.gather(self._table, number)),)
+
+        return self._ops.fold(0, self._count, (0.0,), add)[0]
+
+
+def _between(low: Drjit, high: Drjit, u: Drjit) -> Drjit:
+    """Map a random number to an angle inside a box despite rounding errors."""
+    return dr.clip(low + (high - low) * u, low, high)
+
+
+def _density_in(angles: Any, box: Sequence[Drjit]) -> Drjit:
+    """Return the density of the samples aimed at a box."""
+    in_alpha, in_psi = (
+        (angle >= low) & (angle <= high)
+        for angle, low, high in zip((angles.x, angles.y), box[:2], box[2:4], strict=True)
+    )
+    return dr.select(in_alpha & in_psi, box[7], 0.0)
 
 
 # Number of batches; the standard error is accurate to 18 %.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Drjit
 from polywigner.mitsuba.receive.ray_transmission import RayTracer
-from polywigner.mitsuba.scenes.surfaces import Reaches
+from polywigner.mitsuba.scenes.surfaces import Reaches, number_of
 from polywigner.numerics import Floats
 
 # Random numbers per step: two for a light, three for a direction, one for termination.
@@ -25,13 +25,6 @@ _SURVIVORS = 0.95
 _CIE_Y = 106.7502593994140625
 # Largest number of steps per path, including null surfaces; longer paths are lost.
 _MOST_STEPS = 1024
-
-
-def number_of(kind: str, thing: Any) -> Drjit:
-    """Return the registry number of a "Shape" or an "Emitter", or 0 for None."""
-    if not dr.is_jit_v(mi.Float):
-        return 0 if thing is None else id(thing)
-    return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
 
 
 @dataclass
@@ -153,7 +146,6 @@ class Steps:
 
 
 def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
-    """Return the luminance of a spectrum, as in films with one channel."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
@@ -226,7 +218,6 @@ def events_of(
 
 
 def _arrived(here: Events, step: _Step) -> Events:
-    """Return events at the next surface."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0

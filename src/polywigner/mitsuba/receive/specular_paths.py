@@ -53,7 +53,6 @@ _IN_PLANE = 4 * ROUNDING
 
 
 def _ray_count() -> int:
-    """Return the number of rays per path."""
     return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
@@ -104,7 +103,6 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    """Return the points of random rays, as in :func:`points_by`."""
     start = _points_on(emitter, even_points(_ray_count(), 4)[:, :2])
     return points_by(start, points_on(receiver), chain)
 
@@ -174,18 +172,21 @@ class CentralPath(NamedTuple):
 
 
 # Tolerance of the far-field pattern of radiating points, relative to its peak.
-_OF_POINTS = 1e-6
+_POINTS_ERROR = 1e-6
 # Distance between a mirror and the ends of its rays, relative to the segment.
-_CLOSE = 1e-3
+_GAP = 1e-3
 # Half the step of a central difference [wavelengths], with a relative error of 7e-8.
 _STEP = 1e-4
 
 
 def diffracted_ratio(
-    meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
+    meshes: list[Mesh],
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    chain: Sequence[Mirror],
+    wavelength: float,
 ) -> complex:
     """Return the ratio b/b_0 of the couplings with and without obstacles."""
-    wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
         meshes = _unfolded(meshes, emitter, receiver, chain)
@@ -195,7 +196,7 @@ def diffracted_ratio(
         return 1.0
     try:
         ends = [
-            radiating_points(end.source, wavelength, end.obliquity, _OF_POINTS)
+            radiating_points(end.source, wavelength, end.obliquity, _POINTS_ERROR)
             for end in (image, receiver)
         ]
     except ArgumentError as error:
@@ -227,7 +228,7 @@ def _receiving(
     )
 
 
-def meeting_rays(
+def unobstructed_rays(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
@@ -247,7 +248,7 @@ def meeting_rays(
     transmission = np.ones((len(rays[0]), 1, 1))
     for k, mirror in enumerate(reversed(chain if len(transmission) else ()), 1):
         before, point, after = rays[k - 1 : k + 2]
-        near = [point + _CLOSE * (before - point), point, point + _CLOSE * (after - point)]
+        near = [point + _GAP * (before - point), point, point + _GAP * (after - point)]
         transmission = transmission * traced(scene, near, plain, None, [mirror], coherent)[0]
     return PassingRays(rays, transmission, [np.eye(3)] * (len(chain) + 1))
 
@@ -265,7 +266,7 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # Obstacles of a segment are on the same side of the mirror as its other end.
+                # Only obstacles on the same side of the mirror as the segment affect it.
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
@@ -437,7 +438,7 @@ def open_path(
             "behind it"
         )
     facing = parts.emitter.image(chain[::-1])
-    send = passing_rays if meshes is None else meeting_rays
+    send = passing_rays if meshes is None else unobstructed_rays
     rays = send(scene, facing, parts.receiver, chain, coherent)
     transmission = rays.amplitude if coherent else float(rays.power[0, 0])
     if transmission == 0.0:

@@ -55,6 +55,13 @@ Chain = tuple[Mirror, ...]
 """Mirrors along a path, in the order of reflection."""
 
 
+def reflected_points(points: Floats, chain: Chain) -> Floats:
+    """Return the mirror images of points after reflections by several mirrors in turn."""
+    for mirror in chain:
+        points = mirror.image_of(points)
+    return points
+
+
 def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
     """Return the flat mirrors of a scene, and notes on reflections that are not included.
 
@@ -133,7 +140,6 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane, with a normal of either sign."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
@@ -161,7 +167,7 @@ MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
 # Sine of the largest angle of incidence that counts as normal incidence.
-_ALONG = 1e-9
+_NORMAL_INCIDENCE = 1e-9
 
 
 def bsdfs_in(bsdf: mi.BSDF) -> list[mi.BSDF]:
@@ -245,7 +251,7 @@ def _single(value: Any) -> float:
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
     """Return the electric field of a plane wave after reflection, shape (3,)."""
     across = np.cross(normal, direction)
-    if np.linalg.norm(across) < _ALONG:
+    if np.linalg.norm(across) < _NORMAL_INCIDENCE:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across = across / np.linalg.norm(across)
     outgoing = direction - 2 * (normal @ direction) * normal
@@ -256,7 +262,7 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 
 # Tolerance of an echo, relative to the coherent sum over all illuminated parts of the body. The
 # error of physical optics is much larger.
-OF_ECHO = 1e-3
+ECHO_ERROR = 1e-3
 # Largest number of paths via bodies; each takes some milliseconds.
 _MOST_PATHS = 5000
 
@@ -269,7 +275,7 @@ class Body:
     facets: Facets
     bounces: int
 
-    def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
+    def target_facing(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at the body's centre that faces a source, as a target for rays."""
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
@@ -284,7 +290,7 @@ class Body:
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
         return Antenna(
-            image.source, pose, wavelength, NORMALISATIONS[0], 0.1 * OF_ECHO, condition=condition
+            image.source, pose, wavelength, NORMALISATIONS[0], 0.1 * ECHO_ERROR, condition=condition
         )
 
     def is_in_front(self, image: PlacedSource) -> bool:
@@ -322,23 +328,18 @@ class Echo:
     after: Chain
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return (*names_of(self.before), self.body.name, *names_of(self.after))
-
-    @property
     def position(self) -> Floats:
         """Centre of the body's mirror image at the receiver, shape (3,)."""
-        point = self.body.facets.centre
-        for mirror in self.after:
-            point = mirror.image_of(point)
-        return point
+        return reflected_points(self.body.facets.centre, self.after)
 
 
 Route = Chain | Echo
 
 
 def names_of(route: Route) -> tuple[str, ...]:
-    return route.names if isinstance(route, Echo) else tuple(mirror.name for mirror in route)
+    if isinstance(route, Echo):
+        return (*names_of(route.before), route.body.name, *names_of(route.after))
+    return tuple(mirror.name for mirror in route)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
@@ -354,8 +355,6 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
 
 
 def _body(name: str, value: Any) -> Body:
-    if not name.strip():
-        raise ArgumentError("the name of a body is empty; name the body")
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value

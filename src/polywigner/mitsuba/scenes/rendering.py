@@ -55,7 +55,7 @@ class Exposure:
             with films.cropped(self.camera, top, rows), _quietly():
                 image = image + samples / cut.samples * self._rendered(samples, seed)
             done()
-        return _finite(np.asarray(image))
+        return films.checked_finite(np.asarray(image), "values of the image")
 
     def full_image(self, done: Callable[[], None]) -> Image:
         """Render all strips of the image, shape (height, width, channels)."""
@@ -92,17 +92,6 @@ def check_is_whole(integrator: mi.Integrator) -> None:
             "the image is incomplete: Ctrl-C or a timeout of the integrator has interrupted the "
             "render; start the same run again, without a timeout"
         )
-
-
-def _finite(image: Floats) -> Floats:
-    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
-    if bad:
-        raise SceneError(
-            f"expected finite radiances, but {bad} of {image[..., 0].size} pixels of the image "
-            "contain NaN or inf; check the frequency, the powers and the radiances of the scene, "
-            "and their units"
-        )
-    return image
 
 
 def _quietly() -> AbstractContextManager[None]:
@@ -320,7 +309,7 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
         return image
-    depth = 2 if method.class_name() == "DirectIntegrator" else films.depths_of(method)["max_depth"]
+    depth = films.depths_of(method)["max_depth"]
     if depth == 0 or not any(name in names for name in _OF_RADIANCE):
         return image
     receiver = placed_receiver(camera, 0).touching(scene)
@@ -339,7 +328,7 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
 
 # Scale of the mesh of a hidden source. A fraction of rays equal to its square still hits the mesh,
 # with zero radiance.
-_SHRUNK = 1e-3
+_HIDDEN_SCALE = 1e-3
 
 
 @contextmanager
@@ -351,7 +340,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     shapes = [shape for shape in visible if mi.has_flag(shape.bsdf().flags(), null)]
     corners = [surfaces.vertices_of(shape) for shape in shapes]
     centres = [(points.min(axis=0) + points.max(axis=0)) / 2 for points in corners]
-    shrunk = [c + _SHRUNK * (points - c) for c, points in zip(centres, corners, strict=True)]
+    shrunk = [c + _HIDDEN_SCALE * (points - c) for c, points in zip(centres, corners, strict=True)]
     # Visible sources check the position of their mesh, so they are hidden first.
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
@@ -378,12 +367,7 @@ def polarised_by_default(
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
     """Set the power of all sources except ``active`` to zero."""
     others = [source for source in sources if source is not active]
-    dark = [(source, "power", type(source.power)(0.0)) for source in others]
-    for _, _, power in dark:
-        if dr.is_jit_v(power):
-            # Each new literal value would recompile the kernel.
-            dr.make_opaque(power)
-    return films.changed(dark)
+    return films.changed([(source, "power", source.adjustable(0.0)) for source in others])
 
 
 def _move(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:

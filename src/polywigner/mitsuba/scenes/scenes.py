@@ -186,14 +186,12 @@ def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
     config = mi.parser.ParserConfig(mi.variant())
     state = None
     try:
-        with threads_for_openexr():
+        with threads_for_openexr(), _resolving(how.path):
             if how.path is None:
                 state = mi.parser.parse_dict(config, entries)
-                scene = _instantiate(config, state, how)
             else:
-                with _resolving(how.path):
-                    state, _ = _parsed(config, how.path, how.parameters)
-                    scene = _instantiate(config, state, how)
+                state, _ = _parsed(config, how.path, how.parameters)
+            scene = _instantiate(config, state, how)
     except (RuntimeError, ValueError, TypeError) as error:
         raise _translated(error, state) from None
     if not isinstance(scene, mi.Scene):
@@ -286,7 +284,6 @@ def _printable(text: str) -> str:
 def _instantiate(
     config: mi.parser.ParserConfig, state: mi.parser.ParserState, how: SceneFile
 ) -> mi.Object:
-    """Apply the options to a parsed scene, and create the scene."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     for node in state.nodes:
@@ -327,15 +324,16 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 
 
 @contextmanager
-def _resolving(file: Path) -> Iterator[None]:
+def _resolving(file: Path | None) -> Iterator[None]:
     """Resolve relative file names in the folder of a scene file.
 
     Mitsuba loads plugin libraries from the resolver's folders. Its own folder is the first one, so
     that no library next to a scene is loaded.
     """
     resolver = mi.FileResolver(mi.file_resolver())
-    resolver.prepend(str(file.resolve().parent))
-    resolver.prepend(str(_MITSUBA))
+    if file is not None:
+        resolver.prepend(str(file.resolve().parent))
+        resolver.prepend(str(_MITSUBA))
     with _resolver(resolver):
         yield
 

@@ -20,7 +20,7 @@ import numpy as np
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.parts import connected
-from polywigner.geometry.silhouettes import Obstacle, Silhouette
+from polywigner.geometry.silhouettes import Obstacle, Silhouette, is_convex
 from polywigner.numerics import Floats, Indices
 
 
@@ -182,6 +182,13 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
     return end + dr.detach(start + (short - start) * longer - end)
 
 
+def number_of(kind: str, thing: Any) -> Drjit:
+    """Return the registry number of a "Shape" or an "Emitter", or 0 for None."""
+    if not dr.is_jit_v(mi.Float):
+        return 0 if thing is None else id(thing)
+    return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
+
+
 class Reaches:
     """Largest coordinates of the shapes of a scene, which limit the rounding of hits."""
 
@@ -190,7 +197,7 @@ class Reaches:
         self._sizes: dict[int, float] = {}
         shapes = scene.shapes()
         if dr.is_jit_v(mi.Float) and shapes:
-            numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in shapes]
+            numbers = [int(number_of("Shape", shape)[0]) for shape in shapes]
             self._last = max(numbers)
             sizes = np.zeros(self._last + 1)
             sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
@@ -206,7 +213,7 @@ class Reaches:
             return max(result, self._sizes[key])
         if self._table is None:
             return result
-        number = _number(si.shape)
+        number = number_of("Shape", si.shape)
         # Instances have higher registry numbers.
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
@@ -217,10 +224,6 @@ class Reaches:
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
 
 
-def _number(pointer: Drjit) -> Drjit:
-    return dr.reinterpret_array(mi.UInt32, pointer)
-
-
 # Largest distance between a curved shape and its chords [wavelengths].
 _SAGITTA = 0.01
 # Radius of the largest sphere with this accuracy [wavelengths], and largest number of chords around
@@ -228,6 +231,8 @@ _SAGITTA = 0.01
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
 # Largest total number of faces, which take about 1 GB.
 _MOST_FACES = 1 << 21
+# Largest height of vertices in a common plane, relative to the size of the body.
+_FLATNESS = 1e-6
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
@@ -350,19 +355,13 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     _, first, owner = np.unique(planes, axis=0, return_index=True, return_inverse=True)
     owner = owner.ravel()
     if not is_solid:
-        flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
+        flat = np.abs((points - points[0]) @ units[0]).max() <= _FLATNESS * size
         return Obstacle(points, faces, owner, normals[first], False, bool(flat))
     inner = points - points.mean(axis=0)
     # The normals of a body point inwards if its signed volume is negative.
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:
         return _body(points, faces[:, ::-1], -normals)
-    # A body is convex if no face is in front of a neighbouring face.
-    order, other = np.argsort(forth), np.argsort(back)
-    face = np.tile(np.arange(len(faces)), 3)
-    opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
-    near, across = face[order], opposite[other]
-    height = np.einsum("ek,ek->e", points[across] - points[faces[near, 0]], units[near])
-    convex = bool((height <= 1e-6 * size).all())
+    convex = is_convex(points, faces, normals, _FLATNESS)
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
