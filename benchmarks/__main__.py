@@ -2,7 +2,8 @@
 
 Each case of each question runs in a separate process, in which polywigner and its peers take turns.
 Peers that are not installed are listed. Writes comparison.md, comparison.json, rates.png and
-ratios.png."""
+ratios.png.
+"""
 
 from __future__ import annotations
 

@@ -7,7 +7,8 @@ to one patch measured in turn, for arrays of the engine; errors are relative to 
 pairs, in units of the energy. The array factor is compared with phased-array-modeling. Times are
 CPU seconds.
 
-    python benchmarks/array_cost.py [--samples 262144] [--threads 1]"""
+    python benchmarks/array_cost.py [--samples 262144] [--threads 1]
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,8 @@ frequencies in NumPy, some milliseconds.
                                     [--against FILE]
 
 Adds the results to a JSON file, and prints the file as a table; ``--against`` adds ratios to
-another file, and their geometric means."""
+another file, and their geometric means.
+"""
 
 from __future__ import annotations
 
@@ -105,8 +106,7 @@ def in_child(case: Case) -> tuple[float, float]:
 
 
 def table(rows: dict[str, Row], reference: dict[str, Row]) -> list[str]:
-    """Return rows of first call
-    next calls by number of samples, with ratios in brackets."""
+    """Return rows of times of the first and the next calls, with ratios in brackets."""
     lines = ["| | " + " | ".join(f"{n:,}" for n in SIZES) + " |", "|---|" + "---|" * len(SIZES)]
     groups = dict.fromkeys(key.rsplit(" | ", 1)[0] for key in rows)
     for group in groups:

@@ -5,7 +5,8 @@ python benchmarks/coherence.py
 W of a square, a hexagon, a chevron and two chevrons at 4096 random points, and at one position on a
 grid of 64 x 64 frequencies; the radiant intensity in 2000 directions, a mean over tilts; and the
 irradiance of rays at 50 points. Both sources in turn. Coherence widths are relative to the side of
-the source's bounds."""
+the source's bounds.
+"""
 
 from __future__ import annotations
 

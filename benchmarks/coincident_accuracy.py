@@ -6,7 +6,8 @@ them. And array factors of lattices 10 to 10,000 diameters off the origin, rotat
 the largest errors, relative to the area or to the sum of weights, and their seeds. Takes some
 seconds for each outline.
 
-    python benchmarks/coincident_accuracy.py [--outlines 500] [--arrays 200] [--seed 0]"""
+    python benchmarks/coincident_accuracy.py [--outlines 500] [--arrays 200] [--seed 0]
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,8 @@ dB. Lengths are in wavelengths.
 - A half-plane and a block of 90 degrees: exact fields of a point source are integrals along the
   edge (Svensson, Fred and Vanderkooy, J. Acoust. Soc. Am. 106, 2331, 1999).
 - A strip in a plane wave: integral equations for the currents. The field of a long plate differs
-  from the field of the strip by waves from one edge to the other."""
+  from the field of the strip by waves from one edge to the other.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def field_of_wedge(kind: str, outside: float, start: float, angles: Array) -> Ar
     """Return u over exp(ikR)/R in the shadow of a wedge, at ``angles`` from its illuminated face.
 
     ``outside``: the angle of space, in rad; ``start``: angle of the source. Source and points are
-    at the distance AWAY from the edge, and not on the boundary of the shadow."""
+    at the distance AWAY from the edge, and not on the boundary of the shadow.
+    """
     order = np.pi / outside
     # The path of integration is deformed, so that the wave decays along it.
     t, weights = np.polynomial.legendre.leggauss(4000)

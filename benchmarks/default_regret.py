@@ -8,7 +8,8 @@ is the time of ``engine="auto"`` over the shortest time of all engines; calls be
 count. The thresholds of :mod:`polywigner.execution.choice` follow from the output.
 
     python benchmarks/default_regret.py [--quick] [--only SOURCE ...]
-                            [--functions wigner ...] [--sizes 1 100 ...] [--layouts points ...]"""
+                            [--functions wigner ...] [--sizes 1 100 ...] [--layouts points ...]
+"""
 
 from __future__ import annotations
 

@@ -7,7 +7,8 @@ Random outlines with holes, parts that touch, slivers and vertices on a coarse g
 and lags at which edges coincide or nearly do, against exact clipping in rational numbers
 (``tests/oracles``). Prints the largest error by function, precision and engine, relative to the
 area and relative to the diameter times the perimeter, which bounds the effect of rounded
-vertices."""
+vertices.
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ difference of both images, over the free and over the diffracted peak.
 
 A second table contains processor seconds of the second call of ``pw.amplitude`` behind the balls,
 with the accuracy of ``pw.irradiance``. ``--check`` adds 32² points, by nodes and from all points of
-the source, and the largest difference over the largest free |U|."""
+the source, and the largest difference over the largest free |U|.
+"""
 
 from __future__ import annotations
 

@@ -3,7 +3,8 @@
 Run ``python benchmarks/disc_convergence.py``; ``--plot FILE`` draws the table. References are exact
 (``tests/oracles/disc.py``): Bessel functions, and the transforms of lenses. Errors are the largest
 of a few directions and arguments, relative to the disc's area; "inscribed" is the regular polygon
-with its corners on the circle."""
+with its corners on the circle.
+"""
 
 from __future__ import annotations
 

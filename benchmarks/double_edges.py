@@ -5,7 +5,8 @@ prints a Markdown table of the differences in dB for some separations. A plane w
 planes, which extend downwards from their edges. Shadows by silhouettes, with one edge at a time,
 are compared with two successive Kirchhoff screens: the field behind the first screen is integrated
 over the open part of the second screen. Lengths are in wavelengths; angles of points are at the
-second edge, downwards from the direction of the wave."""
+second edge, downwards from the direction of the wave.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ def half_plane(top: float, z: float) -> Any:
     points.
 
     The strongest wave of an edge comes from its point nearest to the receiver. For the other edges,
-    these are corners, whose waves are weaker by the root of the distance."""
+    these are corners, whose waves are weaker by the root of the distance.
+    """
     pose = np.eye(4)
     pose[0, 3], pose[2, 3] = top, z
     corners = [(0.0, -1.0), (0.0, 1.0), (-0.6, 1.2), (-0.4, 0.0), (-0.6, -1.2)]
@@ -73,7 +75,8 @@ def cascade(top: float, separation: float, x: Array, z: Array) -> Array:
 
     The field behind the first half plane minus the field that the second one blocks: with G the
     outgoing wave of a line, the integral of u dG/dz - G du/dz over the blocked part of the
-    plane."""
+    plane.
+    """
     count = round((WINDOW + TAPER) * NODES)
     step = (WINDOW + TAPER) / count
     nodes = top - step * (np.arange(count) + 0.5)

@@ -8,7 +8,8 @@ edges are weighted by their open fraction.
 Prints a Markdown table: processor seconds, for polywigner of the second of two calls (the first
 compiles), for the FFT without the raster; and the largest error at 20 points, relative to the
 incident amplitude, against integrals along the edges with 25 digits
-(``tests/oracles/edge_integrals.py``)."""
+(``tests/oracles/edge_integrals.py``).
+"""
 
 from __future__ import annotations
 

@@ -8,11 +8,13 @@ oblique incidence, for comparison with ``pw.amplitude(obstacles=)`` behind the c
 The cube, or a plate a quarter of a wavelength thick, has one of these boundary conditions:
 
     jumps:   u and its slope jump by those of the incident wave on the illuminated faces:
-    Kirchhoff's black body, for which silhouettes are exact except for the lattice. matched: u/v of
-    a wave at normal incidence: a thin absorber, which reflects at oblique incidence. soft, hard: u
-    = 0, or du/dn = 0.
+             Kirchhoff's black body, for which silhouettes are exact except for the lattice.
+    matched: u/v of a wave at normal incidence: a thin absorber, which reflects at oblique
+             incidence.
+    soft, hard: u = 0, or du/dn = 0.
 
-``--store FILE`` writes the levels of the finest grid for tests/test_shadow_physics.py."""
+``--store FILE`` writes the levels of the finest grid for tests/test_shadow_physics.py.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,8 @@ Array = np.ndarray
 class Room:
     """Leapfrog steps of p at cell centres and v at cell faces; all ends absorb except y = 0.
 
-    v is scaled to decrease by the difference of p in a step."""
+    v is scaled to decrease by the difference of p in a step.
+    """
 
     def __init__(self, shape: tuple[int, int, int], courant: float, layer: int) -> None:
         self.courant = courant
@@ -230,7 +233,8 @@ def _time_steps(h: float, direction: Array) -> tuple[int, float, float]:
 
     The steps are the fewest that are stable. Waves on a lattice are slow, most along its axes. A
     long step compensates this in one direction, 20 degrees off an axis: sin^2(pi/steps) = (c
-    dt/h)^2 sum_j sin^2(k_j h/2)."""
+    dt/h)^2 sum_j sin^2(k_j h/2).
+    """
     true = np.array([np.sin(np.radians(20.0)), 0.0, np.cos(np.radians(20.0))])
     mean = (np.sin(np.pi * h * true) ** 2).sum()
     steps = 4

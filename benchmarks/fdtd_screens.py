@@ -15,7 +15,8 @@ suffices:
 Kirchhoff's black screen is the mean of two fields with u = u_inc, or du/dz = du_inc/dz, in the hole
 and zero on the screen. The integrals are exact for it, except for the lattice.
 
-``--store FILE`` writes the black screen's irradiance for the figure ``volrender_fdtd`` instead."""
+``--store FILE`` writes the black screen's irradiance for the figure ``volrender_fdtd`` instead.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +78,8 @@ class Lattice:
     """Leapfrog steps of p and its gradient v, with absorbing layers at the far ends (PML).
 
     p has three parts, one per direction, because layers damp them differently. v is scaled to
-    decrease by the difference of p in a step."""
+    decrease by the difference of p in a step.
+    """
 
     def __init__(self, shape: tuple[int, int, int], courant: float, layer: int) -> None:
         self.courant = courant
@@ -170,7 +172,8 @@ def _time_steps(spacing: float) -> tuple[int, float]:
     """Return steps per period, the fewest that are stable, and c dt/h.
 
     Waves on a lattice are slow, most along its axes. A long step compensates this in one direction:
-    sin^2(pi/steps) = (c dt/h)^2 sum_j sin^2(k_j h/2)."""
+    sin^2(pi/steps) = (c dt/h)^2 sum_j sin^2(k_j h/2).
+    """
     direction = np.array([np.sin(TRUE_ANGLE), np.cos(TRUE_ANGLE)])
     mean = (np.sin(np.pi * spacing * direction) ** 2).sum()
     steps = 4

@@ -2,7 +2,8 @@
 
 The block that clones the repository is omitted, the clone is installed instead of the published
 package, and renders take few samples. .ci/run runs the script in a new clone, in an environment
-that contains only the package."""
+that contains only the package.
+"""
 
 from __future__ import annotations
 

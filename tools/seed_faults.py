@@ -7,7 +7,8 @@ arguments. The same seed selects the same faults as long as the code does not ch
 against a copy of the code until the first failure; tests that take more CPU time than --seconds
 count as "too long". The option --lines names a table (JSON such as {"geometry/io/svg.py:17":
 ["tests/...", ...]}) of the tests that run each line. Without the table, the test files of the area
-run (AREAS)."""
+run (AREAS).
+"""
 
 from __future__ import annotations
 

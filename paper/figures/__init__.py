@@ -2,7 +2,8 @@
 
 A figure is a function ``draw_NAME(quality) -> Made`` in ``transforms``, ``fields``, ``scenes`` or
 ``sampling``; ``sources`` contains their apertures and wavelength. docs/figures.md compares the
-figures with the captions of the paper."""
+figures with the captions of the paper.
+"""
 
 from __future__ import annotations
 

@@ -89,8 +89,7 @@ def cosine_source(power: float) -> str:
 
 
 def intensity_by_fft(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the radiant intensity |F|^2 cos(theta)
-    wavelength^2 of the square by an FFT."""
+    """Return the radiant intensity |F|^2 cos(theta)/wavelength^2 of the square by an FFT."""
     cell = WAVELENGTH / _CELLS_PER_WAVELENGTH
     middles = (np.arange(_PADDED) - _PADDED // 2) * cell
     points = np.stack(np.meshgrid(middles, middles), axis=-1)
@@ -109,8 +108,8 @@ def intensity_by_fft(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 def fft_source(quality: Quality) -> tuple[str, dict[str, NDArray[np.float32]]]:
     """Return a projector with the square's far-field pattern as its image.
 
-    The projector's irradiance E gives the intensity pi E
-    cos^3(theta)."""
+    The projector's irradiance E gives the intensity pi E/cos^3(theta).
+    """
     count = 1025 if quality == "draft" else 2049
     tangents = ((np.arange(count) + 0.5) / count * 2 - 1) * _TANGENT
     x, y = np.meshgrid(tangents, tangents)

@@ -1,7 +1,8 @@
 """Apertures and wavelength of the paper's figures.
 
 The paper specifies the size of the square only. The sizes of the other apertures, a few
-wavelengths, show the effects that its captions describe."""
+wavelengths, show the effects that its captions describe.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ Value = tuple[NDArray[Any], str]
 @dataclass(frozen=True, eq=False)
 class Made:
     """The panels of a figure by their letters ("" for a single panel), and arrays by name, each
-    with its unit and axes."""
+    with its unit and axes.
+    """
 
     figures: Mapping[str, Figure]
     values: Mapping[str, Value]
@@ -132,7 +134,8 @@ def limits_known() -> Iterator[None]:
 def number_panels(figure: Figure, letter: str) -> None:
     """Write (a1), (a2), ... in the upper left corners of the panels of figure (a).
 
-    The number precedes an existing title."""
+    The number precedes an existing title.
+    """
     shown = [
         axes
         for axes in figure.axes
