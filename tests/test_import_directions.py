@@ -1,7 +1,8 @@
 """Imports between subpackages, and the subpackages that import Dr.Jit and Mitsuba.
 
 Imports inside functions count, and so do ``from polywigner import name``, ``pw.name`` and
-``importlib.import_module("...")``."""
+``importlib.import_module("...")``.
+"""
 
 import ast
 import sys
@@ -68,7 +69,8 @@ def imports_of(text: str, package: str, at_run_time: bool = False) -> Iterator[s
     """Yield the absolute dotted names of all imports of a module.
 
     ``package`` is the module's package, for relative imports. ``at_run_time`` excludes imports for
-    type checkers."""
+    type checkers.
+    """
     aliases, nodes = {"polywigner"}, nodes_of(text, at_run_time)
     for node in nodes:
         if isinstance(node, ast.Import):
@@ -196,7 +198,8 @@ def graph_of(texts):
     """Return the imported modules of each module, from {path in the package: source text}.
 
     Importing ``a.b.c`` also runs ``a/__init__.py`` and ``a/b/__init__.py``, unless they contain the
-    importing module."""
+    importing module.
+    """
     names = {
         path: ".".join(["polywigner", *path.removesuffix(".py").split("/")]).removesuffix(
             ".__init__"

@@ -99,7 +99,8 @@ def test_plates_seen_at_right_angles_have_the_stated_sections(
 def section_of_sphere(ka: float) -> float:
     """Return pi |1 - (1 - exp(-2i ka))/(2i ka)|^2 in m^2, physical optics of a unit sphere.
 
-    This is the integral of n.s exp(-2i ka n.s) over the illuminated half."""
+    This is the integral of n.s exp(-2i ka n.s) over the illuminated half.
+    """
     turn = 2j * ka
     return math.pi * abs(np.exp(-turn) - (1 - np.exp(-turn)) / turn) ** 2
 

@@ -127,7 +127,8 @@ def paraxial_over_a_half_plane(side: float, x: Any, edge: float, z: float, end: 
     """Return Fresnel's field along x of a square with a half plane at z.
 
     Each point of the square has the closed form of a half plane; the sum over points is a Gauss
-    rule."""
+    rule.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(1000)
     nodes, weights = nodes * side / 2, weights * side / 2
 

@@ -1,7 +1,8 @@
 """Random apertures for hypothesis: convex, concave, holed, disjoint, thin, with coincident edges.
 
 Tiles and lattice polygons have many parallel, collinear and coincident edges. Half of them are
-rotated, and some are jittered by 1e-16 to 1e-4."""
+rotated, and some are jittered by 1e-16 to 1e-4.
+"""
 
 from __future__ import annotations
 
