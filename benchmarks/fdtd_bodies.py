@@ -78,9 +78,7 @@ class Room:
         for is_v, start in product((True, False), (True, False)):
             if start and axis == 1:
                 continue  # mirror plane
-            depth = (
-                np.arange(layer) + (0.0 if is_v else 0.5)
-            ) / layer  # 0 at the start of the layer
+            depth = (np.arange(layer) + (0.0 if is_v else 0.5)) / layer  # 0 at its start
             depth = (depth + (1 / layer if is_v else 0.0))[:: -1 if start else 1]
             strength = -2.0 * np.log(REFLECTION) / layer * self.courant * depth**3
             factor = np.exp(-strength).reshape([-1 if k == axis else 1 for k in range(3)])

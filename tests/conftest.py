@@ -42,9 +42,7 @@ cli_propagate exact_fields beams scatterers received_power cli_radar scene_store
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # background jobs of a shell ignore SIGINT
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore it
     config.stash[_LEFT_OUT] = Counter()
     for name, meaning in _MARKERS.items():
         config.addinivalue_line("markers", f"{name}: {meaning}")

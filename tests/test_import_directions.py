@@ -142,9 +142,7 @@ def room_imported(name):
     parts = name.split(".")
     if parts[0] != "polywigner" or len(parts) < 2:
         return None
-    public = polywigner._HOMES.get(
-        parts[1]
-    )  # `from polywigner import wigner` counts as an import of transforms
+    public = polywigner._HOMES.get(parts[1])  # `from polywigner import wigner`
     return public.split(".")[1] if public and "." in public else parts[1]
 
 

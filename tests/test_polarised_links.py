@@ -56,9 +56,7 @@ def test_a_receiver_weighs_the_near_fields_that_arrive(model: Any) -> None:
     )
     share = {"huygens": (0.5, 0.5), "magnetic": (1.0, 0.0), "electric": (0.0, 1.0)}[model]
     expected = share[1] * of_electric + share[0] * of_magnetic
-    expected /= math.sqrt(
-        1.3 * 0.9 / 2 * TAKER.area
-    )  # int |u|^2 of the cosine taper is half of the area
+    expected /= math.sqrt(1.3 * 0.9 / 2 * TAKER.area)  # int |u|^2 of the taper
     result = link(at, sent, taken, method=model, tolerance=TIGHT, normalise="aperture")
     assert result == pytest.approx(expected, abs=TIGHT)
 
