@@ -122,7 +122,6 @@ _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """Return a parameter whose help text is the string in its annotation."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -140,7 +139,6 @@ _KNOWN_SUFFIXES = (
 
 
 def output_stem(out: str | None, name: str) -> Path:
-    """Return the path of the output files without suffix."""
     if out is None:
         return Path(name)
     path = Path(out)
@@ -324,7 +322,6 @@ class SceneOptions:
             shutil.rmtree(store, ignore_errors=True)
 
     def record(self, variant: str) -> dict[str, Any]:
-        """Return the options, the variant and the versions of the libraries."""
         from importlib.metadata import version
 
         from polywigner.llvm import prepare
