@@ -72,7 +72,7 @@ class LensOptions(SourceOptions):
         aberration = None
         if self.zernike is not None:
             mean = sum(lengths) / len(lengths)
-            waves = parse_coefficients("--zernike", self.zernike)
+            waves = parse_coefficients(self.zernike)
             aberration = pw.zernike({j: mean * value for j, value in waves.items()}, radius)
         return Lens(pupil, lengths, distance, radius, aberration)
 

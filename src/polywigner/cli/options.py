@@ -76,7 +76,7 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
     raise QuantityError(f"{option}: expected numbers such as {example!r}, got {value_text(text)}")
 
 
-def parse_coefficients(option: str, text: str) -> dict[int, float]:
+def parse_coefficients(text: str) -> dict[int, float]:
     """Return coefficients by index from a string such as "4: 0.05, 11: 0.1"."""
     try:
         pairs = [part.split(":") for part in text.split(",")]
@@ -86,7 +86,7 @@ def parse_coefficients(option: str, text: str) -> dict[int, float]:
     except ValueError:
         pass
     raise QuantityError(
-        f"{option}: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
+        "--zernike: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
         f"{value_text(text)}"
     )
 

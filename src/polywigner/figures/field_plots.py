@@ -69,7 +69,7 @@ class Comparison:
         """Read the variables of a dataset; the default reference is the last variable."""
         arrays = {
             str(name): array.squeeze()
-            for name, array in checked_dataset(dataset, "dataset").data_vars.items()
+            for name, array in checked_dataset(dataset).data_vars.items()
         }
         if not arrays:
             raise ArgumentError(
@@ -440,7 +440,7 @@ def draw_hemispheres(
         If the quantity or method is missing, the axes are others, or ``figure`` has another type.
     """
     check_floor(floor_db)
-    if "directivity" in checked_dataset(dataset, "dataset"):
+    if "directivity" in checked_dataset(dataset):
         raise ArgumentError(
             "expected fields on a hemisphere, got a radiation pattern with a directivity in dBi; "
             "use draw_pattern"

@@ -219,7 +219,7 @@ def _defocus_text(part: Any) -> str:
 
 
 def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
-    values = checked_dataset(dataset, "dataset").get(name)
+    values = checked_dataset(dataset).get(name)
     if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(
             f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "

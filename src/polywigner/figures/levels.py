@@ -109,11 +109,11 @@ def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
         return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
 
-def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
+def checked_dataset(dataset: Any) -> xarray.Dataset:
     import xarray
 
     if not isinstance(dataset, xarray.Dataset):
-        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(dataset).__name__}")
+        raise ArgumentError(f"expected dataset as an xarray.Dataset, got {type(dataset).__name__}")
     return dataset
 
 

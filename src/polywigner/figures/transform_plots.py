@@ -431,7 +431,7 @@ Cells = dict[tuple[int, ...], tuple[str, str, str]]
 
 
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
-    names = list(checked_dataset(dataset, "dataset").data_vars)
+    names = list(checked_dataset(dataset).data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
         # Slits have a single tile.
         return {(0, 0): (names[0], *dataset[names[0]].dims)}

@@ -199,7 +199,7 @@ class _Volume(NamedTuple):
 
 def _samples(dataset: Any, name: str | None) -> _Volume:
     """Return the samples of a real variable, at most 128 along each axis."""
-    variables = checked_dataset(dataset, "dataset").data_vars
+    variables = checked_dataset(dataset).data_vars
     if name is None and len(variables) == 1:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:
