@@ -68,8 +68,7 @@ class Comparison:
     def of(dataset: Any, against: str | None) -> Comparison:
         """Read the variables of a dataset; the default reference is the last variable."""
         arrays = {
-            str(name): array.squeeze()
-            for name, array in checked_dataset(dataset).data_vars.items()
+            str(name): array.squeeze() for name, array in checked_dataset(dataset).data_vars.items()
         }
         if not arrays:
             raise ArgumentError(

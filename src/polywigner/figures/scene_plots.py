@@ -446,19 +446,19 @@ def draw_channel(
     line = "-" if len(frequencies) > 1 else "o"
     for (left, right), (k, j) in zip(panels, pairs, strict=True):
         response, paths = h[:, k, j], amplitude[:, k, j]
-        left.plot(frequencies / scale, _amplitude_levels(response), line, lw=1.0)
+        left.plot(frequencies / scale, _decibels(response), line, lw=1.0)
         left.set(xlabel=f"frequency ({unit})", ylabel="|h|², received over sent (dB)")
         left.set_title(f"{receivers[k]} from {emitters[j]}", fontsize=8)
         _draw_response(right, frequencies, response, paths[len(frequencies) // 2], delay[k, j],
                        [str(name) or "direct" for name in mirrors])  # fmt: skip
         for axes, values in ((left, response), (right, paths)):
-            top = float(_amplitude_levels(np.abs(values).max(initial=0.0)))
-            low = float(_amplitude_levels(values).min()) - _MARGIN_DB if axes is left else -math.inf
+            top = float(_decibels(np.abs(values).max(initial=0.0)))
+            low = float(_decibels(values).min()) - _MARGIN_DB if axes is left else -math.inf
             style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
     return drawn
 
 
-def _amplitude_levels(amplitudes: Any) -> Floats:
+def _decibels(amplitudes: Any) -> Floats:
     """Convert amplitudes to dB; zero becomes -3000 dB, below any floor."""
     return np.asarray(20 * np.log10(np.maximum(np.abs(amplitudes), 1e-150)))
 
@@ -478,13 +478,9 @@ def _draw_response(
         window = np.hanning(len(frequencies) + 2)[1:-1]
         cycles = np.outer(times, frequencies) % 1.0
         response = np.exp(-2j * np.pi * cycles) @ (window * h) / window.sum()
-        axes.plot(1e9 * times, _amplitude_levels(response), lw=1.0, label="impulse response")
+        axes.plot(1e9 * times, _decibels(response), lw=1.0, label="impulse response")
     for number in np.flatnonzero(exists):
-        delay, level, ink = (
-            1e9 * delays[number],
-            _amplitude_levels(amplitudes[number]),
-            f"C{number + 1}",
-        )
+        delay, level, ink = 1e9 * delays[number], _decibels(amplitudes[number]), f"C{number + 1}"
         axes.plot(delay, level, "o", ms=4, color=ink, label=names[number])
         axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
     axes.legend(frameon=False, fontsize=7, loc="upper right")
