@@ -23,7 +23,7 @@ LAMP = pw.PointSource((0.3e-3, 0.1e-3, -0.11))
 
 # Default tolerance relative to the largest free field.
 TOLERANCE = 1e-6
-# Rounding at a distance of 1e-8 from points in a narrow gap.
+# Angles are evaluated 1e-8 of the distance off each point, relative to a narrow gap.
 TOUCHING = 1e-6
 
 
