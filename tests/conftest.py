@@ -1,6 +1,7 @@
 """Fixtures and markers of all tests. LLVM is prepared before Dr.Jit is imported.
 
-Tests that a machine cannot run are skipped, counted, and listed at the end of the run."""
+Tests that a machine cannot run are skipped, counted, and listed at the end of the run.
+"""
 
 from __future__ import annotations
 
@@ -41,9 +42,7 @@ cli_propagate exact_fields beams scatterers received_power cli_radar scene_store
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # background jobs of a shell ignore SIGINT
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore it
     config.stash[_LEFT_OUT] = Counter()
     for name, meaning in _MARKERS.items():
         config.addinivalue_line("markers", f"{name}: {meaning}")
@@ -99,7 +98,8 @@ def plain() -> None:
 def few_rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Trace 64 rays along each path unless the test also uses ``many_rays``.
 
-    Scalar variants trace single rays. A few rays suffice if no obstacle blocks part of a path."""
+    Scalar variants trace single rays. A few rays suffice if no obstacle blocks part of a path.
+    """
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
     if "many_rays" not in request.fixturenames:

@@ -1,7 +1,8 @@
 """Sources of every kind and exact values of their transforms, for `test_laws`.
 
 ``oracles.exact`` cuts outlines in rational arithmetic and transforms slices with 25 digits.
-``oracles/generate.py exact_slices`` stores the values."""
+``oracles/generate.py exact_slices`` stores the values.
+"""
 
 from __future__ import annotations
 
@@ -199,7 +200,8 @@ class Points:
 def hard_points(name: str) -> Points:
     """Return points at coincident corners of the copies, some an ulp off, and random points.
 
-    Frequencies are zero, tiny, some cycles over an element, and those of its waves."""
+    Frequencies are zero, tiny, some cycles over an element, and those of its waves.
+    """
     rng = np.random.default_rng(crc32(name.encode()))
     elements = elements_of(name)
     # Rational arithmetic is slow for many pairs of elements and waves.

@@ -1,7 +1,8 @@
 """Positions and lags at which edges of the two copies coincide, nearly coincide, or touch.
 
 Values must be continuous for any rounding. References are exact clipping of 28 shapes and of
-random outlines (``oracles/generate.py``, ``oracles.degenerate``)."""
+random outlines (``oracles/generate.py``, ``oracles.degenerate``).
+"""
 
 from collections.abc import Callable
 from functools import lru_cache

@@ -213,9 +213,7 @@ def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> No
         other = pw.fit_pattern(
             table, OUTLINE, polarisation="45 deg", method="rayleigh-sommerfeld-1"
         )
-    assert other.residual == pytest.approx(
-        math.sqrt(0.5), rel=1e-2
-    )  # half of the power has the other polarisation
+    assert other.residual == pytest.approx(math.sqrt(0.5), rel=1e-2)  # half of the power
 
 
 @pytest.mark.parametrize(

@@ -37,10 +37,7 @@ def test_results_have_the_shape_of_the_points_and_the_type_of_the_precision(
 
     double, single = (np.complex128, np.complex64) if is_complex else (np.float64, np.float32)
     assert type(call([0.9, 0.6])) is double
-    for given in (
-        np.float32,
-        np.float64,
-    ):  # NumPy arrays are computed in double precision by default
+    for given in (np.float32, np.float64):  # double precision by default
         assert call(_points(3).astype(given)).dtype == double
     assert call(_points(3), precision="single").dtype == single
     assert call(np.empty((3, 0, 2))).shape == (3, 0)

@@ -1,6 +1,7 @@
 """Exact fields by integrals along edges, against integrals over the opening and physics.
 
-Lengths are in wavelengths."""
+Lengths are in wavelengths.
+"""
 
 import math
 from typing import Any

@@ -1,6 +1,7 @@
 """Far-field files of other programs: units, angles and frequencies.
 
-The reference is a sum of few multipoles, whose power is a sum of squares of coefficients."""
+The reference is a sum of few multipoles, whose power is a sum of squares of coefficients.
+"""
 
 from __future__ import annotations
 

@@ -51,8 +51,7 @@ def test_fields_of_a_rectangle_are_products_of_fresnel_integrals(kappa, engine):
 
 
 def test_the_intensity_is_the_wigner_function_along_parallel_rays():
-    """|U|^2 = integral of W(x, (x' - x)/(lambda z))
-    (lambda z)^2 over the automean."""
+    """|U|^2 (lambda z)^2 is the integral of W(x, (x' - x)/(lambda z)) over the automean."""
     triangle = pw.Aperture([(-1.0, -0.8), (1.3, -0.5), (-0.2, 1.1)])
     a, b, c = triangle.rings[0]
     middles = np.array([(a + b) / 2, (b + c) / 2, (c + a) / 2])

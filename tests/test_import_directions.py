@@ -1,7 +1,8 @@
 """Imports between subpackages, and the subpackages that import Dr.Jit and Mitsuba.
 
 Imports inside functions count, and so do ``from polywigner import name``, ``pw.name`` and
-``importlib.import_module("...")``."""
+``importlib.import_module("...")``.
+"""
 
 import ast
 import sys
@@ -68,7 +69,8 @@ def imports_of(text: str, package: str, at_run_time: bool = False) -> Iterator[s
     """Yield the absolute dotted names of all imports of a module.
 
     ``package`` is the module's package, for relative imports. ``at_run_time`` excludes imports for
-    type checkers."""
+    type checkers.
+    """
     aliases, nodes = {"polywigner"}, nodes_of(text, at_run_time)
     for node in nodes:
         if isinstance(node, ast.Import):
@@ -140,9 +142,7 @@ def room_imported(name):
     parts = name.split(".")
     if parts[0] != "polywigner" or len(parts) < 2:
         return None
-    public = polywigner._HOMES.get(
-        parts[1]
-    )  # `from polywigner import wigner` counts as an import of transforms
+    public = polywigner._HOMES.get(parts[1])  # `from polywigner import wigner`
     return public.split(".")[1] if public and "." in public else parts[1]
 
 
@@ -196,7 +196,8 @@ def graph_of(texts):
     """Return the imported modules of each module, from {path in the package: source text}.
 
     Importing ``a.b.c`` also runs ``a/__init__.py`` and ``a/b/__init__.py``, unless they contain the
-    importing module."""
+    importing module.
+    """
     names = {
         path: ".".join(["polywigner", *path.removesuffix(".py").split("/")]).removesuffix(
             ".__init__"

@@ -156,7 +156,8 @@ def test_moving_turning_and_scaling_a_source_only_change_coordinates(name):
 @pytest.mark.parametrize("defocus", [0.0, 0.75])
 def test_transfer_functions_have_the_properties_of_images_of_points(name, defocus):
     """1 at zero lag, Hermitian, and zero beyond the pupil. In focus, the lag marginal over int
-    |u|^2. The conjugate field has the conjugate OTF at the opposite defocus."""
+    |u|^2. The conjugate field has the conjugate OTF at the opposite defocus.
+    """
     source, xi = laws.source_of(name), laws.hard_points(name).xi
     d = xi.shape[1]
     otf = pw.otf(source, xi, defocus)

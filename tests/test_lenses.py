@@ -34,7 +34,8 @@ def test_its_fourier_transform_is_the_transfer_function(defocus):
     """The OTF vanishes beyond lags of 10 mm, so sums over a lattice are exact.
 
     The truncation error decreases as the third power of the lattice size for a pupil that vanishes
-    at its edges."""
+    at its edges.
+    """
     pupil = pw.shapes.square(4e-3)
     # cos x + 0.4 sin 2x, times cos y: without symmetry in the sign of the defocus.
     waves = [(s * (1 + n), t) for n in (0, 1) for s in (-1, 1) for t in (-1, 1)]

@@ -1,6 +1,7 @@
 """Bodies from STL, PLY and OBJ files: closed surfaces, concave faces and rounded corners.
 
-Reference areas and volumes are computed with the shoelace formula."""
+Reference areas and volumes are computed with the shoelace formula.
+"""
 
 from __future__ import annotations
 

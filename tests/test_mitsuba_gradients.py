@@ -59,7 +59,8 @@ def test_gradients_at_a_fixed_radiated_power_are_those_of_differences(
 ):
     """The derivative includes the radiated power N of the unscaled field.
 
-    Other outlines draw other samples, so that their differences are noisy."""
+    Other outlines draw other samples, so that their differences are noisy.
+    """
     mi = use("llvm_ad_mono")
     scene, params = _scene(source, integrator, **how)
     key, seeds, step = f"aperture.emitter.{name}", 4, STEPS[name]

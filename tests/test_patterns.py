@@ -23,7 +23,8 @@ def _pattern(source=SQUARE, theta=0.0, phi=0.0, **how):
 )
 def test_a_boundary_condition_radiates_its_share_of_the_power(obliquity, share):
     """int g |F|^2/lambda^2 dOmega over the area of a 10 mm square at 94 GHz, by an independent
-    quadrature to three digits."""
+    quadrature to three digits.
+    """
     power = _pattern(obliquity=obliquity).attrs["radiated_power"]
     assert power / SQUARE.area == pytest.approx(share, abs=6e-4)
     if obliquity == "paper":
@@ -47,7 +48,8 @@ def test_a_uniform_array_of_32_x_32_has_the_directivity_of_theory():
     """Small elements at half a wavelength: a double sum of the array factor over lags.
 
     With |F|^2 = const and g = cos^2, the power is a sum over pairs of
-    int cos^2 exp(i k d.s) dOmega = 2 pi (sin z/z^3 - cos z/z^2), z = k |d|."""
+    int cos^2 exp(i k d.s) dOmega = 2 pi (sin z/z^3 - cos z/z^2), z = k |d|.
+    """
     n, pitch = 32, WAVELENGTH / 2
     speck = pw.shapes.square(1e-3 * WAVELENGTH)
     array = pw.phased_array(speck, pw.arrays.grid_positions(n, n, pitch, pitch))

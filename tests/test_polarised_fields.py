@@ -1,6 +1,7 @@
 """Electric fields of polarised sources: Maxwell's equations, sums of dipoles and far fields.
 
-Lengths are in wavelengths."""
+Lengths are in wavelengths.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +84,8 @@ def test_a_near_field_is_the_sum_of_its_dipoles(name: str, model: Any) -> None:
 def test_power_through_a_near_hemisphere_is_the_radiated_power(model: Any) -> None:
     """Poynting vector of near fields at a wavelength, against the pattern.
 
-    Some power of Huygens currents leaves through the plane next to the source."""
+    Some power of Huygens currents leaves through the plane next to the source.
+    """
     patch = pw.shapes.rectangle(0.5, 0.3)
     node, weight = np.polynomial.legendre.leggauss(24)
     polar, azimuth = np.meshgrid((node + 1) / 2, np.arange(16) * math.pi / 8, indexing="ij")

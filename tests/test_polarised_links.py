@@ -1,6 +1,7 @@
 """Couplings of polarised sources: reciprocity, Friis' formula with mismatch, and near fields.
 
-Lengths are in wavelengths."""
+Lengths are in wavelengths.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ def test_links_are_the_same_both_ways(model: Any, pair: Any) -> None:
 @models
 def test_a_receiver_weighs_the_near_fields_that_arrive(model: Any) -> None:
     """The receiver's electric currents in E and magnetic currents in H of the transmitter, at Gauss
-    nodes; H is E of the dual currents."""
+    nodes; H is E of the dual currents.
+    """
     at, sent, taken = pose(0.3, 0.0, 1.2, 0.2, 0.4), np.array([0.6, 0.8j]), np.array([0.8, -0.6])
     node, weight = np.polynomial.legendre.leggauss(20)
     x, y = np.meshgrid(node * 0.45, node * 0.75, indexing="ij")
@@ -54,9 +56,7 @@ def test_a_receiver_weighs_the_near_fields_that_arrive(model: Any) -> None:
     )
     share = {"huygens": (0.5, 0.5), "magnetic": (1.0, 0.0), "electric": (0.0, 1.0)}[model]
     expected = share[1] * of_electric + share[0] * of_magnetic
-    expected /= math.sqrt(
-        1.3 * 0.9 / 2 * TAKER.area
-    )  # int |u|^2 of the cosine taper is half of the area
+    expected /= math.sqrt(1.3 * 0.9 / 2 * TAKER.area)  # int |u|^2 of the taper
     result = link(at, sent, taken, method=model, tolerance=TIGHT, normalise="aperture")
     assert result == pytest.approx(expected, abs=TIGHT)
 

@@ -37,7 +37,8 @@ def decibels(field: Any) -> np.ndarray:
 
 def test_a_half_wave_dipole_and_slot_have_their_textbook_patterns() -> None:
     """cos(pi/2 cos psi)/sin psi with psi from the dipole; the directivity of 2.151 dBi increases by
-    3.010 dB in a half space."""
+    3.010 dB in a half space.
+    """
     thin = pw.shapes.rectangle(0.5, SMALL).with_illumination(pw.cosine_taper(0.5))
     along = decibels(np.cos(math.pi / 2 * np.sin(THETA)) / np.cos(THETA))
     for jones, method, planes in (("x", "electric", (0, 1)), ("y", "magnetic", (0, 1))):
@@ -74,7 +75,8 @@ def test_a_patch_has_its_textbook_cuts() -> None:
 
 def test_the_scalar_conditions_are_cuts_of_the_vector_patterns() -> None:
     """RS-II and RS-I are the E- and H-plane of the magnetic model, and the H- and E-plane of the
-    electric model; Kirchhoff equals Huygens."""
+    electric model; Kirchhoff equals Huygens.
+    """
     source = pw.shapes.rectangle(1.3, 0.8)
     scalar = {
         n: pattern(source, obliquity=f"rayleigh-sommerfeld-{n}")["field"].values for n in (1, 2)
@@ -93,7 +95,8 @@ def test_the_scalar_conditions_are_cuts_of_the_vector_patterns() -> None:
 def test_a_linear_polarisation_crosses_between_the_principal_planes() -> None:
     """Magnetic currents: E_theta ~ cos(phi), E_phi ~ cos(theta) sin(phi). On the diagonal, the
     ratio of co- to cross-polar fields is (1 + cos)/(1 - cos). Huygens sources have no cross-polar
-    field."""
+    field.
+    """
     theta, diagonal = np.radians([10.0, 35.0, 70.0]), math.pi / 4
     c = np.cos(theta)
     for method in ("magnetic", "electric"):

@@ -1,7 +1,8 @@
 """Power balances of emitters and receivers: detector spheres, furnaces and reciprocity.
 
 An emitter of 1 W sends 1 W into a closed sphere. A receiver in a furnace of radiance L receives
-lambda^2 L. The power through a scene is equal in both directions."""
+lambda^2 L. The power through a scene is equal in both directions.
+"""
 
 from typing import Any
 

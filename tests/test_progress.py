@@ -22,7 +22,8 @@ class Terminal(io.StringIO):
 def terminal(monkeypatch):
     """Replace stderr by a terminal, and let calls draw a bar at once.
 
-    Not a fixture, because pytest replaces stderr between set-up and test."""
+    Not a fixture, because pytest replaces stderr between set-up and test.
+    """
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setattr(progress, "_PATIENCE", 0.0)

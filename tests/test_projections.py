@@ -17,7 +17,8 @@ def _fejer(width, count):
     """Return frequencies and weights that sum a band-limited function with an error of 1/count.
 
     Steps below 1/width are exact for a support of ``width`` in the conjugate coordinate; the
-    triangular weights ensure convergence."""
+    triangular weights ensure convergence.
+    """
     k = np.arange(-count, count + 1)
     step = 0.49 / width
     return k * step, step * (1 - np.abs(k) / (count + 1))
@@ -30,7 +31,8 @@ BRUTE_TWICE = 0.15  # two sums over few frequencies smooth the step of |u|^2
 def _rule(source, kind, name, twice):
     """Return nodes and weights of an integral over one coordinate.
 
-    ``twice``: fewer nodes, because the integral is over another frequency as well."""
+    ``twice``: fewer nodes, because the integral is over another frequency as well.
+    """
     low, high = _extents(source).get(name, (0.0, 0.0))
     if low < high:
         count = 1000 if kind == "autocorrelation" else 120

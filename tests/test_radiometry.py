@@ -119,7 +119,8 @@ def _flux_from_the_lag_slice(aperture: pw.Aperture, x: Any, kappa: Any) -> np.nd
     """Return J of exp(2 pi i kappa.x) on an aperture, from kernels over the lag slice.
 
     int s exp(-2 pi i nu.xi) dOmega/lambda^2 = J1(k rho)/(lambda rho) along z, and along the plane
-    i/lambda grad sin(k rho)/(k rho)."""
+    i/lambda grad sin(k rho)/(k rho).
+    """
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(pw.lag_slice(aperture, x)))
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     xi, weight = triangle_nodes(corners, 40)

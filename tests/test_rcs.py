@@ -99,7 +99,8 @@ def test_plates_seen_at_right_angles_have_the_stated_sections(
 def section_of_sphere(ka: float) -> float:
     """Return pi |1 - (1 - exp(-2i ka))/(2i ka)|^2 in m^2, physical optics of a unit sphere.
 
-    This is the integral of n.s exp(-2i ka n.s) over the illuminated half."""
+    This is the integral of n.s exp(-2i ka n.s) over the illuminated half.
+    """
     turn = 2j * ka
     return math.pi * abs(np.exp(-turn) - (1 - np.exp(-turn)) / turn) ** 2
 
@@ -338,11 +339,7 @@ def test_wrong_arguments_are_refused(arguments: Any, message: str) -> None:
         (WALL, towards(60, 180), True),  # from behind
         (WALL, towards(60, 90), False),
         ([SLAB, moved(FIN, 0, 0, -0.01)], towards(60, 0), True),  # its edge is inside the slab
-        (
-            joined([SLAB, moved(FIN, 0, 0, 0.3)]),
-            towards(60, 40),
-            True,
-        ),  # above the slab, in the same mesh
+        (joined([SLAB, moved(FIN, 0, 0, 0.3)]), towards(60, 40), True),  # above it, in one mesh
         ([SLAB, FIN], towards(180, 0), False),  # hidden by the slab
         (TRIHEDRAL, -INWARDS, False),  # outside
         (TRIHEDRAL, np.eye(3)[2], False),  # along two of its plates
@@ -352,11 +349,7 @@ def test_wrong_arguments_are_refused(arguments: Any, message: str) -> None:
         (torus(40, 20), DIRECTIONS, False),  # smooth
         ([PLATE, PLATE.placed(at(0, 0, 0.5))], DIRECTIONS, False),
         ([PLATE, PLATE.placed(at(1, 0, 0))], DIRECTIONS, False),  # coplanar plates
-        (
-            [block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)],
-            DIRECTIONS,
-            False,
-        ),  # two halves of a box
+        ([block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)], DIRECTIONS, False),  # halves of a box
         (joined([block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)]), DIRECTIONS, False),
         (SINGLE, DIRECTIONS, False),
     ],

@@ -114,11 +114,7 @@ TILTED[:3, 3] = 0.5, 0.0, 1.5
 
 
 RAY_CASES: dict[str, Any] = {
-    "behind": (
-        trihedral(SQUARE),
-        towards(120, 60),
-        towards(40, 60),
-    ),  # the receiver is behind the plate
+    "behind": (trihedral(SQUARE), towards(120, 60), towards(40, 60)),  # received behind it
     "40 degrees": (dihedral(40), towards(60, 80), None),
     "60 degrees": (dihedral(60), towards(20, 80), towards(70, 85)),
     "stairs": (STEPS, towards(60, 80), towards(70, 15)),

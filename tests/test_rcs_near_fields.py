@@ -45,7 +45,8 @@ def field_and_slope(
     """Return the first Rayleigh-Sommerfeld integral of a rectangle per root of int |u|^2.
 
     At points (n, 3), which ``pose`` maps to the frame of the rectangle; and its derivative along a
-    normal over ik."""
+    normal over ik.
+    """
     k = 2 * np.pi / WAVELENGTH
     places, areas = grid(width, height, 10)
     at, along = points @ pose[:3, :3].T + pose[:3, 3], pose[:3, :3] @ normal
@@ -138,7 +139,8 @@ def test_an_antenna_with_a_null_at_the_body_has_a_power_alone() -> None:
 def test_the_radar_equation_has_its_decibels() -> None:
     """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz without losses: -81.089 dBm.
 
-    The gain of an antenna is the directivity of its pattern."""
+    The gain of an antenna is the directivity of its pattern.
+    """
     wavelength = pw.SPEED_OF_LIGHT / 24.125e9
     patch = pw.shapes.square(0.4 * wavelength)
     gain = pw.radiation_pattern(patch, wavelength, 0.0, 0.0).attrs["largest_directivity"]

@@ -196,9 +196,8 @@ def test_merged_walls_without_a_bounding_box_are_aimed_at_without_warnings() -> 
         warnings.simplefilter("error")
         merged = pm.received_power(mi.load_dict({"type": "scene", **ends, **small}), spp=512)
     apart = pm.received_power(pm.load_scene({"type": "scene", **ends, **small}), spp=512)
-    assert (
-        merged.standard_error < 0.2 * merged.scattered
-    )  # without importance sampling, 16 batches miss the plate
+    # Without importance sampling, 16 batches miss the plate.
+    assert merged.standard_error < 0.2 * merged.scattered
     assert merged.scattered == pytest.approx(apart.scattered, rel=0.3)
 
 

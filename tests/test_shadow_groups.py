@@ -1,7 +1,8 @@
 """Shadows of bodies in contact, and of separate bodies.
 
 References are Kirchhoff's integrals over the visible surfaces of the same solid, as one body or as
-bodies without common volume (oracles.shadow_quadrature). The wavelength is 1."""
+bodies without common volume (oracles.shadow_quadrature). The wavelength is 1.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Accuracy of shadows by silhouettes for real bodies (docs/shadows.md).
 
 References are partial waves for spheres, FDTD for boxes and plates, and Kirchhoff's integral for
-two edges."""
+two edges.
+"""
 
 from __future__ import annotations
 
@@ -104,7 +105,8 @@ def test_two_edges_in_a_row_pass_what_millington_says() -> None:
     """At grazing incidence, the field is 1/4 + arcsin(sqrt(b/(a + b)))/(2 pi); a single edge gives
     1/2.
 
-    Source: Millington, Hewitt and Immirzi, Proc. IEE 109 C, 419 (1962), for a distant source."""
+    Source: Millington, Hewitt and Immirzi, Proc. IEE 109 C, 419 (1962), for a distant source.
+    """
     apart = behind = 100.0
     x, z = np.zeros(1), np.array([apart + behind])
     result = np.abs(double_edges.cascade(0.0, apart, x, z))[0]

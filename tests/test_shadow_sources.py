@@ -127,7 +127,8 @@ def paraxial_over_a_half_plane(side: float, x: Any, edge: float, z: float, end: 
     """Return Fresnel's field along x of a square with a half plane at z.
 
     Each point of the square has the closed form of a half plane; the sum over points is a Gauss
-    rule."""
+    rule.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(1000)
     nodes, weights = nodes * side / 2, weights * side / 2
 
@@ -135,9 +136,7 @@ def paraxial_over_a_half_plane(side: float, x: Any, edge: float, z: float, end: 
         return np.exp(1j * math.pi * (x[:, None] - nodes) ** 2 / end) / np.sqrt(1j * end)
 
     rest = end - z
-    cross = (
-        nodes + (x[:, None] - nodes) * z / end
-    )  # intersections of the straight paths with the plane
+    cross = nodes + (x[:, None] - nodes) * z / end  # at the plane z
     s, c = fresnel((edge - cross) * math.sqrt(2.0 * end / (z * rest)))
     open_part = 0.5 * (1.0 + (1.0 - 1j) * (c + 1j * s))
     return ((free(x) * open_part) @ weights) * (free(np.zeros(1)) @ weights)

@@ -23,7 +23,7 @@ LAMP = pw.PointSource((0.3e-3, 0.1e-3, -0.11))
 
 # Default tolerance relative to the largest free field.
 TOLERANCE = 1e-6
-# Rounding at a distance of 1e-8 from points in a narrow gap.
+# Angles are evaluated 1e-8 of the distance off each point, relative to a narrow gap.
 TOUCHING = 1e-6
 
 
@@ -90,9 +90,7 @@ def test_two_slits_in_a_wall_interfere_as_two_apertures_do() -> None:
         # The edge of the wall contributes a tenth, with and without slits.
         assert np.abs(cut - solid - expected).max() < TOLERANCE * np.abs(expected).max()
     far = pw.amplitude(slits, points, WAVELENGTH, "kirchhoff")
-    assert (
-        np.abs(cut - solid - far).max() < 2e-3 * np.abs(far).max()
-    )  # a distant point instead of a plane wave
+    assert np.abs(cut - solid - far).max() < 2e-3 * np.abs(far).max()  # a distant point
 
 
 def test_spot_of_arago_is_as_bright_behind_a_ball_as_behind_its_disc() -> None:

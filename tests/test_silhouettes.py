@@ -1,7 +1,8 @@
 """Silhouettes of concave, touching, crossing and surrounding bodies, and sequential shadows.
 
 References are Kirchhoff's integral over visible surfaces for one body, and sequential Kirchhoff
-integrals for two bodies (oracles.shadow_quadrature)."""
+integrals for two bodies (oracles.shadow_quadrature).
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Optical fields by steepest descent against integrals along edges with 25 digits.
 
-The reference (`oracles.edge_integrals`) shares only the phases with the kernels."""
+The reference (`oracles.edge_integrals`) shares only the phases with the kernels.
+"""
 
 import math
 from typing import Any

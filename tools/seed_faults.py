@@ -1,4 +1,4 @@
-"""Seed faults into the code, one at a time, and count those which the quick tests catch.
+"""Seed faults into the code, one at a time, and count the faults that quick tests detect.
 
     tools/seed_faults.py --area geometry --count 20
 
@@ -6,8 +6,8 @@ A fault is a changed comparison, sign, constant or logical operator, a dropped t
 arguments. The same seed selects the same faults as long as the code does not change. Tests run
 against a copy of the code until the first failure; tests that take more CPU time than --seconds
 count as "too long". The option --lines names a table (JSON such as {"geometry/io/svg.py:17":
-["tests/...", ...]}) of the tests that run each line; without it, the test files of the area run, as
-AREAS defines them.
+["tests/...", ...]}) of the tests that run each line. Without the table, the test files of the area
+run (AREAS).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-AREAS = {  # subpackages of an area, and words in the names of its test files
+AREAS = {  # subpackages of an area, and parts of the names of its test files
     "geometry": (
         "geometry",
         "geometry automean readers shapes svg dxf gds gerber mesh set_op curves slits polyhedra "
@@ -59,7 +59,7 @@ AREAS = {  # subpackages of an area, and words in the names of its test files
     "llvm": ("llvm interruption", "llvm doctor interruptions"),
     "interface": ("cli figures quantities", "cli figures doctor quantities mistakes lenses"),
 }
-# Imported once, for all processes that are forked; not Dr.Jit, which has threads.
+# Imported once for all forked processes, except Dr.Jit, whose threads do not survive a fork.
 LIBRARIES = ("hypothesis", "matplotlib.pyplot", "mpmath", "pytest", "scipy", "shapely", "xarray")
 Table = dict[str, list[str]]
 
@@ -70,7 +70,7 @@ _SILENT = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert)
 
 
 def changes(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield what could stand in the place of an expression."""
+    """Yield faulty variants of an expression."""
     if isinstance(node, ast.Compare) and len(node.ops) == 1:
         if name := _COMPARED.get(type(node.ops[0]).__name__):
             yield ast.Compare(node.left, [getattr(ast, name)()], node.comparators)
@@ -94,7 +94,7 @@ def changes(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def expressions(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the expressions that are computed: no annotations, messages or docstrings."""
+    """Yield the expressions that run, without annotations, messages and docstrings."""
     if isinstance(node, _SILENT):
         return
     if isinstance(node, ast.expr):
@@ -107,7 +107,7 @@ def expressions(node: ast.AST) -> Iterator[ast.expr]:
 
 
 def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
-    """Yield for each possible fault its line, the bytes in whose place it stands, and itself."""
+    """Yield line, byte range and changed expression of each possible fault."""
     starts = [0]
     for line in raw.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -119,7 +119,7 @@ def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
 
 
 def drawn(area: str, count: int, seed: int, table: Table | None) -> Iterator[tuple[Any, bytes]]:
-    """Yield faults, one a line, as (path, line, before, after), and the source with the fault."""
+    """Yield faults as (path, line, before, after), at most one per line, and the faulty source."""
     rng, package = random.Random(f"{area} {seed}"), ROOT / "src/polywigner"
     rooms = AREAS[area][0].split()
     files = [
@@ -138,11 +138,11 @@ def drawn(area: str, count: int, seed: int, table: Table | None) -> Iterator[tup
 
 
 def apart(call: Callable[[], int], seconds: int) -> int:
-    """Return the exit status of a call in a forked process, of so many seconds of CPU time."""
+    """Return the exit status of a call in a forked process with a limit of CPU time."""
     child = os.fork()
     if child == 0:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-        signal.alarm(20 * seconds)  # of what waits for nothing
+        signal.alarm(20 * seconds)  # for processes that wait without CPU time
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1), os.dup2(null, 2)
         status = 1
@@ -154,13 +154,13 @@ def apart(call: Callable[[], int], seconds: int) -> int:
 
 
 def tried(module: Path, source: bytes, chosen: list[str], seconds: int) -> str:
-    """Say what tests make of a module with a fault; the module is as before afterwards."""
+    """Return the result of tests with a faulty module, and restore the module."""
     import pytest
 
     arguments = ["-xq", "-m", "not slow", "-p", "no:cacheprovider", *chosen]
     kept, compiled = module.read_bytes(), Path(cache_from_source(str(module)))
     module.write_bytes(source)
-    compiled.unlink(missing_ok=True)  # Python's check of times and sizes is too coarse here
+    compiled.unlink(missing_ok=True)  # Python compares times and sizes too coarsely here
     status = apart(lambda: int(pytest.main(arguments)), seconds) if chosen else 5
     module.write_bytes(kept)
     compiled.unlink(missing_ok=True)
@@ -183,7 +183,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     for library in LIBRARIES:
-        importlib.import_module(library)  # The import happens once, for all forked processes.
+        importlib.import_module(library)
     table = json.loads(options.lines.read_text()) if options.lines else None
     tests = options.tests.resolve()
     with tempfile.TemporaryDirectory() as folder:

@@ -26,7 +26,8 @@ def scattered_field(
 
     Rays start in a raster across the direction t to the transmitter, with the field p. Each hit
     counts if the receiver at s sees it. ``corners`` of triangles (n, 3, 3); ``meet``: as
-    :func:`first_met`."""
+    :func:`first_met`.
+    """
     meet = meet or partial(first_met, corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -68,7 +69,8 @@ def _raster(points: np.ndarray, t: Any, across: int) -> tuple[np.ndarray, float]
 def first_met(corners: np.ndarray, start: np.ndarray, along: np.ndarray, last: Any) -> Any:
     """Return the first triangles hit by rays (n, 3), -1 for none, and their distances.
 
-    Rays do not hit the planes of the triangles ``last`` from which they start."""
+    Rays do not hit the planes of the triangles ``last`` from which they start.
+    """
     nearest, number = np.full(len(start), np.inf), np.full(len(start), -1)
     for j, (a, b, c) in enumerate(corners):
         normal = np.cross(b - a, c - a)

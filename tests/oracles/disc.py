@@ -1,7 +1,8 @@
 """Transforms of a disc, and polygons that converge to the disc.
 
 F and W at the centre are Bessel functions. Elsewhere slices are intersections of two discs, whose
-transform is one smooth integral."""
+transform is one smooth integral.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def lens(radius: float, offset: Array, nu: Array) -> Array:
     2).
 
     Chords along the offset have half-length sqrt(R^2 - t^2) - |offset|; with t = T sin(phi) the
-    integrand is smooth."""
+    integrand is smooth.
+    """
     size = np.linalg.norm(offset, axis=1)
     along = offset / size[:, None]
     nu_s = (nu * along).sum(axis=1)

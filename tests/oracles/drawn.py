@@ -1,7 +1,8 @@
 """Random apertures for hypothesis: convex, concave, holed, disjoint, thin, with coincident edges.
 
 Tiles and lattice polygons have many parallel, collinear and coincident edges. Half of them are
-rotated, and some are jittered by 1e-16 to 1e-4."""
+rotated, and some are jittered by 1e-16 to 1e-4.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ _sizes = st.floats(0.2, 1.0)
 def _round_ring(draw: st.DrawFn, convex: bool) -> np.ndarray:
     """Draw a star-shaped ring around the origin, on an ellipse if ``convex``."""
     count = draw(st.integers(3, 9))
-    # Angular steps of 0.6 to 1 leave no gap of half a circle, so that the origin is inside.
+    # Relative steps from 0.6 to 1 leave no gap of half a circle, so that the origin is inside.
     gaps = np.array(draw(st.lists(st.floats(0.6, 1), min_size=count, max_size=count)))
     angle = 2 * math.pi * np.cumsum(gaps / gaps.sum())
     radius = np.ones(count)

@@ -3,7 +3,8 @@
 Every float is an exact rational number. A slice is cut by horizontal lines through all vertices and
 all crossings of edges. Between two neighbouring lines no edges cross, so each strip is a row of
 trapezoids, even if edges coincide, touch or are nearly parallel. Nothing is rounded until mpmath
-evaluates the phases 2 pi nu.V."""
+evaluates the phases 2 pi nu.V.
+"""
 
 from __future__ import annotations
 
@@ -252,7 +253,8 @@ def _log10(value: Any) -> float:
 def sum_over_simplices(terms: Sequence[tuple[Any, tuple[Node, ...]]], digits: int) -> Any:
     """Return the sum of weights times divided differences, as an mpmath number.
 
-    A difference of order d loses up to d digits per decade of its smallest distance."""
+    A difference of order d loses up to d digits per decade of its smallest distance.
+    """
     smallest, order = 0.0, 1
     for _, nodes in terms:
         order = len(nodes) - 1

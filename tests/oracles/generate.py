@@ -1,6 +1,7 @@
 """Generate reference data in tests/data: ``PYTHONPATH=src:tests python -m oracles.generate NAME``.
 
-NAME is one of the functions at the end of this module."""
+NAME is one of the functions at the end of this module.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ def coincident_edges() -> None:
     """Write W and A by :mod:`oracles.exact` of the outlines in the file, at hard points.
 
     Takes a minute on one core with gmpy2, and a few minutes without. An outline is stored as rings
-    (stacked, with lengths and roles), positions and lags with the index of their frequency."""
+    (stacked, with lengths and roles), positions and lags with the index of their frequency.
+    """
     arrays = {}
     for number, name in enumerate(awkward_names()):
         rng = np.random.default_rng([COINCIDENT, number])

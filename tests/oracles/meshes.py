@@ -13,7 +13,8 @@ import polywigner as pw
 def prism(ring: Any, low: float, high: float) -> pw.Polyhedron:
     """Return a prism over a counter-clockwise ring (n, 2), with the ring as bottom and top faces.
 
-    The ring must be star-shaped about its first vertex."""
+    The ring must be star-shaped about its first vertex.
+    """
     points, n = np.asarray(ring, dtype=float), len(ring)
     levels = [np.column_stack([points, np.full(n, z)]) for z in (low, high)]
     sides = [(k, (k + 1) % n, (k + 1) % n + n, k + n) for k in range(n)]

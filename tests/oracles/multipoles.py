@@ -13,7 +13,8 @@ def field(theta: Any, phi: Any) -> tuple[Any, Any]:
     """Return rE_theta and rE_phi in V of two electric dipoles, a magnetic dipole and a quadrupole.
 
     With exp(+j omega t). For negative theta, the unit vectors of (-theta, phi) are minus those of
-    (theta, phi + pi)."""
+    (theta, phi + pi).
+    """
     polar = np.cos(theta) * np.cos(phi) + 0.5j * np.sin(phi) + 0.3 * np.sin(2 * theta)
     azimuthal = -np.sin(phi) + 0.5j * np.cos(theta) * np.cos(phi) + 0.2 * np.sin(theta)
     return polar, azimuthal

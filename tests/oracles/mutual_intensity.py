@@ -1,6 +1,7 @@
 """Irradiance of partially coherent light as a double integral of the mutual intensity.
 
-The quadrature sums over all pairs of nodes with the degree of coherence exp(-xi^2/(2 width^2))."""
+The quadrature sums over all pairs of nodes with the degree of coherence exp(-xi^2/(2 width^2)).
+"""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ def irradiance_of_tilts(
 
     The kernel is a times the first plus b times the second kernel. ``waves``: weights (n,) times
     the field of each plane wave, and its spatial frequency (2,). The normal derivative of a wave of
-    frequency t is ik p_z(t) times its field."""
+    frequency t is ik p_z(t) times its field.
+    """
     reach = 6.5 / (2 * np.pi * width)
     t = np.linspace(-reach, reach, 81)
     tilts = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)

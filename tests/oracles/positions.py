@@ -2,7 +2,8 @@
 
 A reflection at x maps an edge onto its line if x is on that line, and onto a parallel edge if x is
 midway between both lines. A shift by xi does so for xi along an edge, or between two such
-points."""
+points.
+"""
 
 from __future__ import annotations
 

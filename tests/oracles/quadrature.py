@@ -33,7 +33,8 @@ def graded(triangles: np.ndarray, near: Any, longest: float) -> tuple[np.ndarray
     original.
 
     Small: no corner is more than ``longest`` from the centroid, nor more than 0.6 of the distance
-    between the centroid and any of the points ``near`` (m, 3)."""
+    between the centroid and any of the points ``near`` (m, 3).
+    """
     done, origins = [triangles[:0]], [np.arange(0)]
     todo, origin = triangles, np.arange(len(triangles))
     while len(todo):

@@ -43,7 +43,8 @@ def numpy_and_few(
 
     ``rest``: a mark for the other cases on NumPy. ``slow``: further cases for the other engines in
     the slow tests. Compiled engines run the operations of NumPy, but a kernel takes half a second
-    to compile."""
+    to compile.
+    """
     every, some, late = (
         [c if isinstance(c, tuple) else (c,) for c in of] for of in (all_cases, few, slow)
     )

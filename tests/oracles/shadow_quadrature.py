@@ -92,7 +92,8 @@ def aperture_radiators(
     """Return Huygens sources of an aperture in the plane z = 0 with phases from ``field``.
 
     RS-I: -(1/2 pi) u dG/dz, RS-II: (1/i lambda) u G of waves at normal incidence, Kirchhoff:
-    mean."""
+    mean.
+    """
     nodes, weights = triangle_nodes(graded_in_plane(outline, (), 0.58 * longest), order)
     u = weights * (1.0 if field is None else field(nodes))
     share = {"rayleigh-sommerfeld-1": 1.0, "rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5}[
@@ -154,7 +155,8 @@ def _triangulated(corners: Floats) -> Floats:
 def lit_regions(surfaces: Sequence[Surface], source: Any) -> tuple[Floats, Floats]:
     """Return triangles (t, 3, 3) visible from a point, and their normals (t, 3) away from it.
 
-    Bodies have one visible side, and plates have two."""
+    Bodies have one visible side, and plates have two.
+    """
     source = np.asarray(source, float)
     everything = np.concatenate([surface.triangles for surface in surfaces]) - source
     regions, normals = [], []
@@ -231,7 +233,8 @@ def taken_by(
 ) -> Radiators:
     """Return the radiators whose field regions (t, 3, 3) remove from the incident field.
 
-    ``near``: points (n, 3) towards which the triangles become smaller."""
+    ``near``: points (n, 3) towards which the triangles become smaller.
+    """
     triangles, origin = graded(regions, near, 0.58 * longest)
     nodes, weights = _space_nodes(triangles, order)
     places = nodes.reshape(-1, 3)
@@ -257,7 +260,8 @@ def shadowed_field(
     regions.
 
     With ``share_regions``, all radiators of the source use the regions of the first one, which is
-    exact for a plate and for bodies of which all radiators see the same faces."""
+    exact for a plate and for bodies of which all radiators see the same faces.
+    """
     points = np.reshape(points, (-1, 3)).astype(float)
     surfaces = [body if isinstance(body, Surface) else surface_of(body) for body in bodies]
     total = source.field(points)
@@ -281,7 +285,8 @@ def sequential_field(
     """Return U at points behind bodies, in the order in which the field reaches them.
 
     The visible side of each body removes the field that earlier bodies have left. ``source``: one
-    point."""
+    point.
+    """
     points = np.reshape(points, (-1, 3)).astype(float)
     surfaces = [body if isinstance(body, Surface) else surface_of(body) for body in bodies]
     (position,) = source.positions

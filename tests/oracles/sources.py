@@ -1,7 +1,8 @@
 """Sources of every class for Fourier transforms, and frequencies that are numerically difficult.
 
 Frequencies along and across edges and faces, up to a small angle, make terms of closed forms 0/0 or
-cause cancellation. Sizes cover all decades of |nu| times diameter."""
+cause cancellation. Sizes cover all decades of |nu| times diameter.
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 The integrands are those of Rayleigh and Sommerfeld, independent of the integrals along edges.
 Triangles are halved until each is smaller than its distance from the point and than about a
-wavelength of its phase, so that Gauss-Legendre rules converge."""
+wavelength of its phase, so that Gauss-Legendre rules converge.
+"""
 
 from __future__ import annotations
 

@@ -41,22 +41,21 @@ def doctor(
     """
     if install_llvm:
         llvm.install_llvm()
-    transforms, status, gpu = _transforms(), prepare(), _gpu()
+    transforms, status, gpu = _numpy_row(), prepare(), _gpu_row()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
     rows = [
         transforms,
-        _llvm(status),
+        _llvm_row(status),
         gpu,
         python,
-        *map(_library, _core()),
-        _rendering(status, gpu),
+        *map(_library_row, _required_libraries()),
+        _rendering_row(status, gpu),
     ]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
 
-def _transforms() -> Row:
-    """Test the NumPy engine with the area of a square, F(0)."""
+def _numpy_row() -> Row:
     try:
         import polywigner as pw
 
@@ -70,7 +69,7 @@ def _transforms() -> Row:
     return Row("engine numpy", _BAD, problem, f"Run {install_command()}.")
 
 
-def _llvm(status: LLVMStatus) -> Row:
+def _llvm_row(status: LLVMStatus) -> Row:
     refused = [f"refused {path}: {reason}" for path, reason in status.refused]
     head = f"LLVM {status.version} at {status.path}" if status.usable else "no usable library"
     lines = [head, *refused] if status.usable or refused else [status.problem or ""]
@@ -78,7 +77,7 @@ def _llvm(status: LLVMStatus) -> Row:
     return Row("engine llvm", works, "\n".join(lines), status.remedy or "")
 
 
-def _gpu() -> Row:
+def _gpu_row() -> Row:
     """Run a kernel in a child process, because a faulty driver can crash the process."""
     child = run_in_child(_GPU_KERNEL)
     if child.returncode == 0:
@@ -90,8 +89,7 @@ def _gpu() -> Row:
     return Row("engine cuda", _BAD, problem, "Install an NVIDIA driver 535 or newer.")
 
 
-def _rendering(llvm: LLVMStatus, gpu: Row) -> Row:
-    """Return the Mitsuba variants that this machine can run."""
+def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
     # Importing Mitsuba can crash the process if the version of Dr.Jit does not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
@@ -110,14 +108,13 @@ def _last_line(text: str) -> str:
     return (text.strip().splitlines() or ["no message"])[-1].strip()
 
 
-def _core() -> list[str]:
-    """Return the names of the required libraries, with Dr.Jit, which Mitsuba requires."""
+def _required_libraries() -> list[str]:
     lines = importlib.metadata.requires("polywigner") or []
     names = [re.split(r"[^\w.-]", line)[0] for line in lines if ";" not in line]
     return sorted({*names, "drjit"})
 
 
-def _library(name: str) -> Row:
+def _library_row(name: str) -> Row:
     version = _version(name)
     if version is None:
         return Row(name, _BAD, "not installed", f"Run `pip install '{_requirement(name)}'`.")
@@ -125,7 +122,6 @@ def _library(name: str) -> Row:
 
 
 def _extras() -> list[Row]:
-    """Return a row for each extra of the installed package."""
     members: dict[str, list[str]] = {}
     for line in importlib.metadata.requires("polywigner") or []:
         match = re.fullmatch(r"([\w.-]+).*;.*extra == ['\"](\w+)['\"].*", line)

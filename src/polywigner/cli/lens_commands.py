@@ -33,8 +33,6 @@ Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each 
 
 @dataclass(frozen=True, kw_only=True)
 class LensOptions(SourceOptions):
-    """Options of a lens and of the source in its pupil."""
-
     focal_length: Annotated[Text, "Focal length, or image distance, such as '100 mm'."] = None
     numerical_aperture: Annotated[
         float | None,
@@ -74,14 +72,12 @@ class LensOptions(SourceOptions):
         aberration = None
         if self.zernike is not None:
             mean = sum(lengths) / len(lengths)
-            waves = parse_coefficients("--zernike", self.zernike)
+            waves = parse_coefficients(self.zernike)
             aberration = pw.zernike({j: mean * value for j, value in waves.items()}, radius)
         return Lens(pupil, lengths, distance, radius, aberration)
 
 
 class Lens(NamedTuple):
-    """A lens with its pupil; lengths are in m."""
-
     pupil: Aperture | ApertureArray
     wavelengths: list[float]
     distance: float
@@ -89,7 +85,6 @@ class Lens(NamedTuple):
     aberration: Aberration | None
 
     def settings(self, options: LensOptions) -> dict[str, Any]:
-        """Return the attributes of a dataset."""
         about: dict[str, Any] = {"source": Path(options.source).name}
         about |= {"wavelengths": self.wavelengths, "focal_length": self.distance}
         return about if options.zernike is None else {**about, "zernike": options.zernike}

@@ -76,7 +76,7 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
     raise QuantityError(f"{option}: expected numbers such as {example!r}, got {value_text(text)}")
 
 
-def parse_coefficients(option: str, text: str) -> dict[int, float]:
+def parse_coefficients(text: str) -> dict[int, float]:
     """Return coefficients by index from a string such as "4: 0.05, 11: 0.1"."""
     try:
         pairs = [part.split(":") for part in text.split(",")]
@@ -86,7 +86,7 @@ def parse_coefficients(option: str, text: str) -> dict[int, float]:
     except ValueError:
         pass
     raise QuantityError(
-        f"{option}: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
+        "--zernike: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
         f"{value_text(text)}"
     )
 
@@ -122,7 +122,6 @@ _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """Return a parameter whose help text is the string in its annotation."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -140,7 +139,6 @@ _KNOWN_SUFFIXES = (
 
 
 def output_stem(out: str | None, name: str) -> Path:
-    """Return the path of the output files without suffix."""
     if out is None:
         return Path(name)
     path = Path(out)
@@ -324,7 +322,6 @@ class SceneOptions:
             shutil.rmtree(store, ignore_errors=True)
 
     def record(self, variant: str) -> dict[str, Any]:
-        """Return the options, the variant and the versions of the libraries."""
         from importlib.metadata import version
 
         from polywigner.llvm import prepare

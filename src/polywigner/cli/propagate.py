@@ -45,8 +45,6 @@ Methods: TypeAlias = dict[str, dict[str, str | None]]
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions(FieldSourceOptions):
-    """Options for a field: source, obstacles, methods and files."""
-
     method: Annotated[
         Texts,
         f"{options.METHOD_HELP}; 'wigner paper' selects an obliquity (repeatable; default: "
@@ -90,7 +88,6 @@ class FieldOptions(FieldSourceOptions):
         return methods, (exact or list(methods))[-1]
 
     def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
-        """Return the arguments of :func:`polywigner.irradiance` that all methods share."""
         return {
             "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
             "tolerance": self.accuracy,

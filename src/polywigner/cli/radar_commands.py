@@ -85,10 +85,10 @@ def rcs(
     metal = reading.read_body(body, open_mesh)
     pattern_of = partial(Pattern, metal, length, polarisation=polarisation, bounces=bounces)
     lobe = math.degrees(length / (2 * facets_of(metal).size))
-    degrees, fine = _steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
+    degrees, fine = _angular_steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
     count = round(90.0 / degrees)
-    _warn_of_lobes("the map", 90.0 / count, lobe, "--step")
-    _warn_of_lobes("the cuts", fine, lobe, "--cut-step")
+    _warn_if_coarse("the map", 90.0 / count, lobe, "--step")
+    _warn_if_coarse("the cuts", fine, lobe, "--cut-step")
     azimuth = np.radians(np.arange(-2 * count, 2 * count + 1) * 90.0 / count)
     elevation = np.radians(np.arange(-count, count + 1) * 90.0 / count)
     around = np.linspace(-np.pi, np.pi, round(360.0 / fine) + 1)
@@ -107,7 +107,7 @@ def rcs(
     options.write(files, contents, _summary([pattern, *cuts], floor_db))
 
 
-def _steps(
+def _angular_steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
     """Return the steps of map and cuts in degrees; timed calls determine the defaults."""
@@ -152,8 +152,7 @@ def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
     )
 
 
-def _warn_of_lobes(name: str, step: float, lobe: float, option: str) -> None:
-    """Warn if a step in degrees exceeds the width of a lobe in degrees."""
+def _warn_if_coarse(name: str, step: float, lobe: float, option: str) -> None:
     if step > lobe:
         warnings.warn(
             f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees in {name}; specify "

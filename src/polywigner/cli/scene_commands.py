@@ -77,7 +77,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     with settings.running(variant, files[0]) as store:
         file = SceneFile(Path(settings.scene), variant, diffraction=settings.diffraction)
         scene = file.load()
-        specs = _checked_specs(scene, settings.scene)
+        specs = _emitter_parameters(scene, settings.scene)
         samples = settings.spp or default_spp(scene)
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
@@ -120,7 +120,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             "floor_db": floor,
         }
         record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
-        _warn_of_darkness(radiance)
+        _warn_if_mostly_dark(radiance)
         if receives:
             figure = figures.draw_arrivals(radiance, (), floor, title)
         else:
@@ -135,8 +135,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         options.write(files, contents)
 
 
-def _checked_specs(scene: Any, name: str) -> list[Any]:
-    """Return the parameters of all Wigner emitters after a check of their wavelengths."""
+def _emitter_parameters(scene: Any, name: str) -> list[Any]:
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -148,8 +147,7 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
     return specs
 
 
-def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
-    """Warn if more than half of the pixels are negative or zero."""
+def _warn_if_mostly_dark(radiance: NDArray[np.float64]) -> None:
     negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
@@ -262,11 +260,11 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         record["settings"]["defined"] = defined
         record["seconds"] = round(time.perf_counter() - start, 3)
         floor, summary = settings.floor_db, "\n\n".join(map(str, received))
-        contents: list[Any] = [record, _figure(received, maps, names, titles, floor)]
+        contents: list[Any] = [record, _draw_receivers(received, maps, names, titles, floor)]
         if profile is not None:
             by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
             contents += [profile, _draw_ranges(profile, titles, floor)]
-            summary += f"\n{_ranges_text(by_receiver, received)}"
+            summary += f"\n{_range_summary(by_receiver, received)}"
         if response is not None:
             title = f"{short_name(settings.scene)}, {len(band)} frequencies"
             figure = draw_channel(response, floor_db=floor, title=title)
@@ -302,14 +300,13 @@ def parse_band(text: str | None) -> list[float]:
     return [low + (high - low) * k / (count - 1) for k in range(count)]
 
 
-def _figure(
+def _draw_receivers(
     received: Sequence[ReceivedPower],
     maps: Sequence[NDArray[np.float64]],
     names: Sequence[Any],
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
-    """Draw scattered power over direction cosines, with one panel for each receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text
@@ -336,8 +333,7 @@ def _figure(
     return figure
 
 
-def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
-    """Describe the strongest bin of each receiver and the power outside all bins."""
+def _range_summary(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
     from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values

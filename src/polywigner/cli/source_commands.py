@@ -54,14 +54,14 @@ def transform(
 
     radiator, length = source.read()
     name = short_name(source.source)
-    count, zoomed = _samples(samples, radiator, length)
+    count, zoomed = _sample_count(samples, radiator, length)
     slices = transform_slices(radiator, position, lag, length, count, zoomed)
     title = name if length is None else f"{name}, {frequency_text(length)}"
     figure = draw_transforms(slices, floor_db, title=title)
     write(files, [figure, partial(_write_values, slices)])
 
 
-def _samples(
+def _sample_count(
     requested: int | None, source: Aperture | ApertureArray, wavelength: float | None
 ) -> tuple[int, bool]:
     """Return the number of samples along an axis, and whether the frequency axes are cropped."""
@@ -165,7 +165,7 @@ def pattern(
 
     radiator, length = source.read_with_wavelength()
     wavelengths = outline_of(radiator).diameter / length
-    quarter = round(90.0 / (degrees or _degrees(wavelengths)))
+    quarter = round(90.0 / (degrees or _default_step(wavelengths)))
     # HFSS requires all directions, although the field behind the source is zero.
     theta_steps = 2 * quarter if ".ffd" in suffixes else quarter
     theta = np.radians(np.arange(theta_steps + 1) * 90.0 / quarter)
@@ -190,7 +190,7 @@ def pattern(
     write(files, [figure, *(export for _ in suffixes)], str(metrics))
 
 
-def _degrees(wavelengths: float) -> float:
+def _default_step(wavelengths: float) -> float:
     """Return the default step in degrees; warn if lobes are narrower than the finest step."""
     needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:

@@ -44,8 +44,6 @@ _LARGEST_RATIO = 1e12
 
 @dataclass(frozen=True, kw_only=True)
 class WaveOptions:
-    """Options for a frequency or a wavelength."""
-
     frequency: Annotated[Text, "Frequency, such as '94 GHz'."] = None
     wavelength: Annotated[Text, "Wavelength, such as '3.19 mm'."] = None
 
@@ -71,8 +69,6 @@ def required_wavelength(wavelength: float | None) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """Options for reading an aperture file."""
-
     unit: Annotated[Text, "Unit of files that specify none (default: mm)."] = None
     tolerance: Annotated[Text, "Distance of chords from curves: '1 um' (default: by size)."] = None
     layer: Annotated[Texts, "Layer of a drawing to read (repeatable; default: all)."] = None
@@ -115,7 +111,6 @@ class Reading:
         return pw.read_sheets(path, unit) if as_plates else pw.read_polyhedron(path, unit)
 
     def reading_arguments(self) -> dict[str, Any]:
-        """Return the arguments of :func:`polywigner.read_aperture`."""
         tolerance = None if self.tolerance is None else parse_length(self.tolerance)
         unit = self.unit or "mm"
         return {"unit": unit, "tolerance": tolerance, "layer": self.layer, "union": self.union}
@@ -151,7 +146,7 @@ class SourceOptions(Reading, WaveOptions):
             self.check_unused(names, "a source file; write it into the file")
             source, designed, _ = read_content(self.source, self.allow_outside)
             if wavelength is not None and designed is not None:
-                self._compare(wavelength, designed)
+                self._warn_of_design_wavelength(wavelength, designed)
             wavelength = designed if wavelength is None else wavelength
         else:
             source = self.read_file(self.source)
@@ -162,8 +157,7 @@ class SourceOptions(Reading, WaveOptions):
             check_wavelength(wavelength, outline_of(source).diameter)
         return source, wavelength
 
-    def _compare(self, wavelength: float, designed: float) -> None:
-        """Warn if the wavelength differs from the design wavelength of the source file."""
+    def _warn_of_design_wavelength(self, wavelength: float, designed: float) -> None:
         if abs(wavelength - designed) > _SAME_WAVELENGTH * designed:
             warnings.warn(
                 f"the phases in {Path(self.source).name} were designed for a wavelength of "
@@ -250,7 +244,7 @@ class FieldSourceOptions(SourceOptions):
     def check(self) -> None:
         super().check()
         for text in self.obstacle or ():
-            Reading().check_file(_placed_file(text)[0])
+            Reading().check_file(_parse_obstacle(text)[0])
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
             if not self.obstacle:
@@ -260,9 +254,9 @@ class FieldSourceOptions(SourceOptions):
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
         with at_key("--obstacle"):
-            return [self._placed(*_placed_file(text)) for text in self.obstacle or ()]
+            return [self._placed_obstacle(*_parse_obstacle(text)) for text in self.obstacle or ()]
 
-    def _placed(
+    def _placed_obstacle(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
         """Return an obstacle with its z axis rotated to theta, phi, then moved to ``origin``."""
@@ -283,7 +277,7 @@ class FieldSourceOptions(SourceOptions):
         return placed
 
 
-def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
+def _parse_obstacle(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
     """Parse "FILE at X, Y, Z towards THETA, PHI" to the file, a point in m and angles in rad."""
     path, at, placement = text.rpartition(" at ")
     if not at:

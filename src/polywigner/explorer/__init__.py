@@ -40,7 +40,6 @@ def start_state(
 
 
 def serve(state: State, port: int, browser: bool) -> None:
-    """Serve the page until Ctrl-C."""
     server = _new_server(state, port)
     print(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.", flush=True)
     if browser:
@@ -51,7 +50,6 @@ def serve(state: State, port: int, browser: bool) -> None:
 
 
 def _new_server(state: State, port: int) -> Server:
-    """Return a server on 127.0.0.1; raise ArgumentError if the port cannot be used."""
     pn = require("panel", "explorer", "serves the page")
 
     from polywigner.explorer.page import TITLE, Explorer

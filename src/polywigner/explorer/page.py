@@ -89,7 +89,7 @@ class Explorer:
         self._plots = {name: Plot(name, taps.get(name)) for name in VIEWS}
         self._controls: dict[str, Widget] = {}
         self.layout = self._new_layout()
-        self._follow()
+        self._show_state()
 
     def page(self) -> pn.Template:
         """Return the template of the current Bokeh document."""
@@ -120,11 +120,11 @@ class Explorer:
             self._say(str(error))
             self._show_controls()
         else:
-            self._follow(is_dragging=gesture == "drag")
+            self._show_state(is_dragging=gesture == "drag")
 
     def _move(self, steps: int) -> None:
         self.history.move(steps)
-        self._follow()
+        self._show_state()
 
     def _outline_edited(self, rings: states.Rings, is_final: bool) -> None:
         self.edit("drag", rings=rings)
@@ -165,8 +165,7 @@ class Explorer:
         elif self._editor.sketch is not None:
             self._editor.finish_sketch()
 
-    def _follow(self, is_dragging: bool = False) -> None:
-        """Show the state in the editor and the controls, and start to compute its views."""
+    def _show_state(self, is_dragging: bool = False) -> None:
         state = self.state
         self._errors.clear()
         self._editor.show(state, keep_handles=is_dragging)

@@ -92,7 +92,6 @@ class Editor:
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
-        """Draw the outlines and the position of a state."""
         if not keep_handles:
             self._rings = state.rings
             points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
@@ -121,7 +120,6 @@ class Editor:
         self._show_sketch()
 
     def finish_sketch(self) -> None:
-        """Add the new outline if it has at least three corners."""
         ring, self.sketch = tuple(self.sketch or ()), None
         self._show_sketch()
         if len(ring) >= 3:
@@ -264,7 +262,6 @@ class Plot:
         self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
-        """Replace the figure by an error message."""
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 

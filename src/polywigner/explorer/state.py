@@ -162,7 +162,6 @@ class History:
 
 
 def with_vertex(rings: Rings, point: Point) -> Rings:
-    """Insert a vertex into the edge nearest to a point."""
     edges = [(k, j) for k, ring in enumerate(rings) for j in range(len(ring))]
     if not edges:
         return rings
@@ -193,7 +192,6 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
 
 
 def geojson(state: State) -> str:
-    """Return the outline as a GeoJSON Feature in mm."""
     polygons = aperture_of(state.rings, state.per_metre).polygons
     in_mm = shapely.transform(polygons, lambda metres: np.round(metres * UNITS["mm"], 12))
     properties = {"unit": "mm", "wave": state.wave}
@@ -250,7 +248,6 @@ def source_code(state: State) -> str:
 
 
 def run(code: str, **names: Any) -> dict[str, Any]:
-    """Run Python code, and return its variables."""
     variables = {"np": np, "shapely": shapely, "pw": pw, **names}
     exec(code, variables)
     return variables

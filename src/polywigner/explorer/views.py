@@ -123,7 +123,6 @@ class View:
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
-    """Compute a view; raise PolywignerError if this is not possible."""
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
@@ -189,7 +188,6 @@ def support_of(state: State) -> list[Polygon]:
 
 
 def npz(picture: View) -> bytes:
-    """Return the values and axes of a view in SI units as an .npz file."""
     buffer, labels = io.BytesIO(), {"title": picture.title, "quantity": picture.quantity}
     np.savez_compressed(buffer, **picture.arrays, **labels)  # type: ignore[arg-type]
     return buffer.getvalue()

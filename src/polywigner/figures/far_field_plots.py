@@ -97,7 +97,7 @@ def draw_pattern(
             f"expected metrics as the result of beam_metrics, got {type(metrics).__name__}"
         )
     theta, phi, levels, _ = checked_pattern(pattern)
-    chosen = _chosen(panels, len(phi))
+    chosen = _panel_names(panels, len(phi))
     lines, beam = _drawn_cuts(pattern, cuts, metrics)
     theta, levels = front_of(theta, levels)
     low, high = beam.directivity + floor_db, beam.directivity
@@ -120,8 +120,7 @@ def draw_pattern(
     return figure
 
 
-def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
-    """Return the names of the panels for a pattern with a number of angles phi."""
+def _panel_names(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
     if isinstance(panels, str) or not isinstance(panels, Sequence):
@@ -153,13 +152,13 @@ def _drawn_cuts(
                 "expected either great circles of beam_cuts or meridians of patterns in cuts, "
                 "got both kinds; draw them separately"
             )
-        return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
+        return lines, _with_drawn_cuts(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
         checked_choice(cuts, "cuts", get_args(PatternCuts))
     beam = beam_metrics(pattern) if metrics is None else metrics
     circles = [] if cuts == "principal" else circles_through_beam(pattern)
     if circles:
-        return circles, _of_lines(beam, circles)
+        return circles, _with_drawn_cuts(beam, circles)
     if cuts == "beam":
         raise ArgumentError(
             "cuts through the beam require a pattern over phi around the full circle, got "
@@ -170,17 +169,16 @@ def _drawn_cuts(
         min(meridians, key=lambda cut: angle_between(cut.phi, angle)) for angle in (0, math.pi / 2)
     )
     lines = [first] if first is second else [first, second]
-    return lines, _of_lines(beam, lines)
+    return lines, _with_drawn_cuts(beam, lines)
 
 
-def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """Return the metrics with their cuts replaced by the drawn cuts."""
+def _with_drawn_cuts(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
 
 
-def _label(cut: Cut) -> str:
+def _cut_name(cut: Cut) -> str:
     return "across it" if cut.kind == "across" else f"$\\phi$ = {style.degrees_text(cut.phi)}"
 
 
@@ -190,13 +188,13 @@ def _draw_cuts(
     from matplotlib.ticker import MultipleLocator
 
     for number, cut in enumerate(cuts):
-        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_label(cut))
+        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_cut_name(cut))
     for number, cut in enumerate(cuts):
         if cut.cross_levels is not None and cut.cross_levels.max() > low:
             angles = np.degrees(cut.angles)
             label = "its cross-polar part" if len(cuts) > 1 else "cross-polar part"
             _plot(axes, number, angles, cut.cross_levels, low - 100, label=label, ls=":")
-    reach = _reach(cuts)
+    reach = _largest_angle(cuts)
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     entries = len(axes.get_legend_handles_labels()[0])
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
@@ -224,15 +222,14 @@ def _plot(axes: Axes, number: int, angles: Floats, levels: Floats, low: float, *
     axes.plot(angles, np.maximum(levels, low), **(default | line))
 
 
-def _reach(cuts: Sequence[Cut]) -> float:
-    """Return the largest angle of the cuts in degrees."""
+def _largest_angle(cuts: Sequence[Cut]) -> float:
     return max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
 
 
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
     for number, cut in enumerate(cuts):
         _plot(axes, number, cut.angles, cut.levels, low)
-    edge = min(180, max(90, 30 * math.ceil(_reach(cuts) / 30 - 1e-9)))
+    edge = min(180, max(90, 30 * math.ceil(_largest_angle(cuts) / 30 - 1e-9)))
     step = 10.0 if high - low > 25 else 5.0
     axes.set(
         theta_zero_location="N", theta_direction=-1, thetamin=-edge, thetamax=edge,
@@ -243,7 +240,7 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.4, lw=0.5)
     over = "$\\theta$" if cuts[0].kind == "theta" else "the angle from the beam"
-    planes = ", ".join(_label(cut) for cut in cuts)
+    planes = ", ".join(_cut_name(cut) for cut in cuts)
     axes.set_title(f"directivity (dBi) over {over}, {planes}", fontsize=8)
 
 
@@ -398,12 +395,12 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
         polar.set_xlabel(text, fontsize=7, color=style.RED)
     polar.tick_params(labelsize=7)
     polar.grid(alpha=0.4, lw=0.5)
-    polar.set_rlabel_position(_clear_angle(angles, levels))
+    polar.set_rlabel_position(_label_angle(angles, levels))
     for label in polar.get_yticklabels():
         label.set_bbox({"facecolor": "w", "edgecolor": "none", "alpha": 0.7, "pad": 0.5})
 
 
-def _clear_angle(angles: Floats, levels: Floats) -> float:
+def _label_angle(angles: Floats, levels: Floats) -> float:
     """Return the angle between angle labels, in degrees, at which a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))

@@ -68,8 +68,7 @@ class Comparison:
     def of(dataset: Any, against: str | None) -> Comparison:
         """Read the variables of a dataset; the default reference is the last variable."""
         arrays = {
-            str(name): array.squeeze()
-            for name, array in checked_dataset(dataset, "dataset").data_vars.items()
+            str(name): array.squeeze() for name, array in checked_dataset(dataset).data_vars.items()
         }
         if not arrays:
             raise ArgumentError(
@@ -102,7 +101,6 @@ class Comparison:
         return style.quantity_text(self.zero, self.unit)
 
     def level_text(self, floor_db: float) -> str:
-        """Return the label of a colour bar."""
         return f"{self.quantity}, dB relative to {self.zero_text}\n{style.floor_text(floor_db)}"
 
     def default_floor_db(self) -> float:
@@ -165,7 +163,7 @@ def draw_lines(
         len(ratios), len(fields), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
     for column, (name, dataset), part in zip(panels.T, columns.items(), fields, strict=True):
-        _draw_column(column, part, _axis(dataset, part.dims))
+        _draw_column(column, part, _line_axis(dataset, part.dims))
         text = f"0 dB: {part.zero_text}"
         if name:
             text = f"{name}; {text}"
@@ -210,7 +208,7 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
         ticks.set_minor_formatter(lambda *_: "")
 
 
-def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
+def _line_axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
     """Return positions, the label of their axis, and whether the axis is logarithmic."""
     if len(dims) != 1:
         raise ArgumentError(
@@ -234,7 +232,6 @@ def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
-    """Return line styles by method; the reference is a broad grey line."""
     if len(methods) == 1:
         return {against: {"color": _COLOURS[1], "lw": 1.2}}
     others = (method for method in methods if method != against)
@@ -308,8 +305,8 @@ def draw_planes(
     """
     fields = Comparison.of(dataset, against)
     floor_db = fields.default_floor_db() if floor_db is None else check_floor(floor_db)
-    across, up = _axes(dataset, fields.dims)
-    cuts = _cuts(dataset, fields.dims, obstacles)
+    across, up = _plane_axes(dataset, fields.dims)
+    cuts = _obstacle_sections(dataset, fields.dims, obstacles)
     extents = [np.ptp(axis) + axis[1] - axis[0] for _, axis in (across, up)]
     rows = 2 if fields.is_field or len(fields.powers) > 1 else 1
     ratio = float(np.clip(extents[1] / extents[0], 0.4, 2.0))
@@ -319,7 +316,7 @@ def draw_planes(
     figure = style.figure_on(figure, *size, title, is_compressed=True)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
-        levels = _upright(level_db(power, fields.zero, floor_db), fields)
+        levels = _as_image(level_db(power, fields.zero, floor_db), fields)
         shown = style.draw_levels(axes, levels, across[1], up[1], low=floor_db)
         axes.set_title(fields.labels[method])
     style.colour_bar(panels[0], shown, fields.level_text(floor_db))
@@ -335,7 +332,7 @@ def draw_planes(
     return figure
 
 
-def _axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
+def _plane_axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
     """Return the horizontal and the vertical axis; z is horizontal."""
     if len(dims) != 2:
         raise ArgumentError(f"expected fields over two axes, got fields over {', '.join(dims)}")
@@ -345,7 +342,7 @@ def _axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
     return (second, first) if dims[1] == "z" else (first, second)
 
 
-def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
+def _obstacle_sections(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
     """Return the intersections (n, 2, 2) of obstacles with the plane, in the unit of its axes."""
     bodies = bodies_if_any(obstacles)
     if not bodies:
@@ -365,7 +362,7 @@ def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
     return [line[..., ::-1] if dims[1] == "z" else line for line in lines]
 
 
-def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
+def _as_image(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
     """Return values with the axes (vertical, horizontal)."""
     return values if fields.dims[1] == "z" else values.T
 
@@ -379,11 +376,11 @@ def _draw_phases(
     for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
         # Phases are noise close to nulls.
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
-        phases = _upright(np.degrees(np.angle(field)), fields)
+        phases = _as_image(np.degrees(np.angle(field)), fields)
         shown: Any = style.draw_map(
             axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180
         )
-        shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
+        shown.set_alpha(_as_image(np.clip(3 * strength, 0, 1), fields))
     # A colour bar of the translucent images would be translucent.
     opaque = ScalarMappable(Normalize(-180, 180), style.PHASE_MAP)
     style.colour_bar(panels, opaque, "phase (degrees)").set_ticks([-180, -90, 0, 90, 180])
@@ -398,7 +395,7 @@ def _draw_differences(panels: Any, fields: Comparison, across: Floats, up: Float
         if method == fields.against:
             axes.set_visible(False)
             continue
-        shown = style.draw_signed(axes, _upright(difference, fields), across, up, bound=bound)
+        shown = style.draw_signed(axes, _as_image(difference, fields), across, up, bound=bound)
         axes.set_facecolor("0.85")
         axes.set_title(f"minus {fields.labels[fields.against]}", fontsize=8)
     text = f"difference (dB)\ngrey: below {style.number_text(COMPARED_DB)} dB"
@@ -442,7 +439,7 @@ def draw_hemispheres(
         If the quantity or method is missing, the axes are others, or ``figure`` has another type.
     """
     check_floor(floor_db)
-    if "directivity" in checked_dataset(dataset, "dataset"):
+    if "directivity" in checked_dataset(dataset):
         raise ArgumentError(
             "expected fields on a hemisphere, got a radiation pattern with a directivity in dBi; "
             "use draw_pattern"

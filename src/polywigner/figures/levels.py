@@ -39,7 +39,6 @@ _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 
 def check_floor(floor_db: float) -> float:
-    """Return a level below 0 dB; raise ArgumentError for other values."""
     meaning = f"a level below 0 dB and at least {_LOWEST_DB:g} dB"
     return checked_number(floor_db, "floor_db", meaning, lambda level: _LOWEST_DB <= level < 0)
 
@@ -110,11 +109,11 @@ def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
         return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
 
-def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
+def checked_dataset(dataset: Any) -> xarray.Dataset:
     import xarray
 
     if not isinstance(dataset, xarray.Dataset):
-        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(dataset).__name__}")
+        raise ArgumentError(f"expected dataset as an xarray.Dataset, got {type(dataset).__name__}")
     return dataset
 
 
@@ -172,7 +171,6 @@ def even_axis(name: str, values: Floats) -> Floats:
 
 
 def peak_of(values: NDArray[Any], name: str) -> float:
-    """Return the largest value; raise ArgumentError if it is not above zero."""
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
         raise ArgumentError(f"expected values of {name} above zero, got at most {peak:g}")

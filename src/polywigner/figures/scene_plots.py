@@ -329,7 +329,7 @@ def draw_arrivals(
     )  # fmt: skip
     shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
     style.draw_circles(axes, above=False)
-    labels = _mark(axes, direct)
+    labels = _mark_paths(axes, direct)
     for name, cosines in (names or {}).items():
         label = axes.annotate(
             name, cosines, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
@@ -337,7 +337,7 @@ def draw_arrivals(
         )  # fmt: skip
         label.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
         labels.append(label)
-    low, high = _view(levels > floor_db, [arrival.direction_cosines for arrival in direct])
+    low, high = _view_limits(levels > floor_db, [arrival.direction_cosines for arrival in direct])
     axes.set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), xlabel=r"$s_x$", ylabel=r"$s_y$")
     axes.set_title(title, fontsize=8)
     rows, columns = values.shape
@@ -352,7 +352,7 @@ def draw_arrivals(
 _MARGIN, _LEAST_HALF = 0.05, 0.1
 
 
-def _view(
+def _view_limits(
     bright: NDArray[np.bool_], directions: Sequence[tuple[float, float]]
 ) -> tuple[Floats, Floats]:
     """Return the lowest and the highest corner of a square around bright pixels and directions."""
@@ -369,8 +369,7 @@ def _view(
     return centre - half, centre + half
 
 
-def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
-    """Mark direct paths, and return their labels."""
+def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
             f"expected direct as a sequence of DirectArrival objects, got {value_text(direct)}"
@@ -447,19 +446,19 @@ def draw_channel(
     line = "-" if len(frequencies) > 1 else "o"
     for (left, right), (k, j) in zip(panels, pairs, strict=True):
         response, paths = h[:, k, j], amplitude[:, k, j]
-        left.plot(frequencies / scale, _levels(response), line, lw=1.0)
+        left.plot(frequencies / scale, _decibels(response), line, lw=1.0)
         left.set(xlabel=f"frequency ({unit})", ylabel="|h|², received over sent (dB)")
         left.set_title(f"{receivers[k]} from {emitters[j]}", fontsize=8)
         _draw_response(right, frequencies, response, paths[len(frequencies) // 2], delay[k, j],
                        [str(name) or "direct" for name in mirrors])  # fmt: skip
         for axes, values in ((left, response), (right, paths)):
-            top = float(_levels(np.abs(values).max(initial=0.0)))
-            low = float(_levels(values).min()) - _MARGIN_DB if axes is left else -math.inf
+            top = float(_decibels(np.abs(values).max(initial=0.0)))
+            low = float(_decibels(values).min()) - _MARGIN_DB if axes is left else -math.inf
             style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
     return drawn
 
 
-def _levels(amplitudes: Any) -> Floats:
+def _decibels(amplitudes: Any) -> Floats:
     """Convert amplitudes to dB; zero becomes -3000 dB, below any floor."""
     return np.asarray(20 * np.log10(np.maximum(np.abs(amplitudes), 1e-150)))
 
@@ -467,7 +466,6 @@ def _levels(amplitudes: Any) -> Floats:
 def _draw_response(
     axes: Axes, frequencies: Floats, h: Any, amplitudes: Any, delays: Floats, names: list[str]
 ) -> None:
-    """Draw the impulse response of a channel h over frequency, with paths as stems."""
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")
@@ -480,9 +478,9 @@ def _draw_response(
         window = np.hanning(len(frequencies) + 2)[1:-1]
         cycles = np.outer(times, frequencies) % 1.0
         response = np.exp(-2j * np.pi * cycles) @ (window * h) / window.sum()
-        axes.plot(1e9 * times, _levels(response), lw=1.0, label="impulse response")
+        axes.plot(1e9 * times, _decibels(response), lw=1.0, label="impulse response")
     for number in np.flatnonzero(exists):
-        delay, level, ink = 1e9 * delays[number], _levels(amplitudes[number]), f"C{number + 1}"
+        delay, level, ink = 1e9 * delays[number], _decibels(amplitudes[number]), f"C{number + 1}"
         axes.plot(delay, level, "o", ms=4, color=ink, label=names[number])
         axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
     axes.legend(frameon=False, fontsize=7, loc="upper right")

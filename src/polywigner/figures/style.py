@@ -233,7 +233,6 @@ def set_ticks(axis: Any, values: Any) -> None:
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> None:
-    """Draw a shapely polygon or multipolygon in metres on axes with a unit of length."""
     rings = [ring for polygon in polygons_in(shape) for ring in rings_of_polygon(polygon)]
     if rings:
         draw_rings(axes, rings, unit.metres, **options)
@@ -335,7 +334,6 @@ def is_spectral(name: str) -> bool:
 
 
 def latex(name: str) -> str:
-    """Return the LaTeX form of a coordinate name."""
     return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
 
 

@@ -188,7 +188,6 @@ def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Poin
 
 
 def _default_lag(aperture: pw.Aperture) -> Point:
-    """Return a lag at which the aperture overlaps its shifted copy."""
     xmin, ymin, xmax, ymax = aperture.bounds
     width, height = xmax - xmin, ymax - ymin
     for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
@@ -419,7 +418,7 @@ def draw_projections(
         if position not in cells:
             axes.set_axis_off()
             continue
-        _draw(axes, dataset, cells[position], unit, floor_db)
+        _draw_tile(axes, dataset, cells[position], unit, floor_db)
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(style.axis_label(cells[position][1], unit))
         if position[1] == 0:
@@ -432,7 +431,7 @@ Cells = dict[tuple[int, ...], tuple[str, str, str]]
 
 
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
-    names = list(checked_dataset(dataset, "dataset").data_vars)
+    names = list(checked_dataset(dataset).data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
         # Slits have a single tile.
         return {(0, 0): (names[0], *dataset[names[0]].dims)}
@@ -451,7 +450,7 @@ def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
     return {cell: (named[frozenset(pair)], *pair) for cell, pair in pairs.items()}
 
 
-def _draw(
+def _draw_tile(
     axes: Axes, data: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
 ) -> None:
     name, across, up = cell
@@ -480,11 +479,10 @@ def _draw(
     else:
         options |= {"low": 0.0, "high": None, "label": printed}
         style.draw_levels(axes, values / scale, *grid, **options)
-    axes.set_title(_integral(data.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
+    axes.set_title(_tile_title(data.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 
-def _integral(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
-    """Return the title of a tile: the integral over its remaining variables."""
+def _tile_title(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
     letter = _LETTERS[kind]
     integrated = [name for name in _COORDINATES[kind] if name not in dims]
     real = r"\mathrm{Re}\," if is_complex else ""

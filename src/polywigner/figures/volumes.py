@@ -135,7 +135,7 @@ def draw_volume(
             'figure.add_subplot(projection="3d")')  # fmt: skip
     _draw_box(axes, front / unit.metres, upper, unit.name)
     count = len(shells)
-    shades = _map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count))
+    shades = _colour_map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count))
     colours: Floats = np.array(shades)[:, :3]  # RGB, lowest level first
     with np.errstate(divide="ignore"):
         levels = 10 * np.log10(np.maximum(volume.values, 0) / zero)
@@ -155,9 +155,9 @@ def draw_volume(
         lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
         style.draw_cut(axes, np.concatenate(lines), _INKS, 30)
     for body in bodies_if_any(obstacles):
-        style.draw_cut(axes, obstacle_of(body).outline(_viewer()) / unit.metres, _INKS, 30)
+        style.draw_cut(axes, obstacle_of(body).outline(_view_direction()) / unit.metres, _INKS, 30)
     extend = "max" if np.max(volume.values) > zero else "neither"
-    walls = ScalarMappable(Normalize(floor_db, 0.0), _map(_WALL_COLOURS))
+    walls = ScalarMappable(Normalize(floor_db, 0.0), _colour_map(_WALL_COLOURS))
     bar = axes.figure.colorbar(walls, extend=extend, **bar_options)
     bar.outline.set_linewidth(0.6)
     bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
@@ -190,8 +190,6 @@ def check_volume_options(
 
 
 class _Volume(NamedTuple):
-    """Real samples on evenly spaced axes x, y and z."""
-
     label: str
     unit: str
     values: Floats  # shape (nx, ny, nz)
@@ -201,7 +199,7 @@ class _Volume(NamedTuple):
 
 def _samples(dataset: Any, name: str | None) -> _Volume:
     """Return the samples of a real variable, at most 128 along each axis."""
-    variables = checked_dataset(dataset, "dataset").data_vars
+    variables = checked_dataset(dataset).data_vars
     if name is None and len(variables) == 1:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:
@@ -228,8 +226,7 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
     return _Volume(quantity_of(array), printed_unit(array), values.astype(np.float64), *ends)
 
 
-def _viewer() -> Floats:
-    """Return the unit vector towards the viewer."""
+def _view_direction() -> Floats:
     elevation, azimuth = np.radians([_ELEVATION, _AZIMUTH])
     across = np.cos(elevation) * np.array([np.sin(azimuth), np.cos(azimuth)])
     return np.array([across[0], np.sin(elevation), across[1]])
@@ -254,7 +251,7 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     for corner, axis in product(product((0, 1), repeat=3), range(3)):
         start, end = list(corner), list(corner)
         end[axis] = 1
-        fronts = sum((_viewer()[k] > 0) == start[k] for k in range(3) if k != axis)
+        fronts = sum((_view_direction()[k] > 0) == start[k] for k in range(3) if k != axis)
         if start[axis] == 0 and fronts < 2:
             line = [[ends[k][start[k]], ends[k][end[k]]] for k in range(3)]
             axes.plot(*line, color="0.25", lw=0.7, zorder=2)
@@ -264,16 +261,15 @@ def _draw_wall(
     axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
     contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
-    """Draw projected levels and contours on the back wall normal to an axis."""
     lower, upper = volume.lower, volume.upper
-    position = (lower if _viewer()[axis] > 0 else upper)[axis]
+    position = (lower if _view_direction()[axis] > 0 else upper)[axis]
     shape = volume.values.shape
     along = [np.linspace(lower[k], upper[k], shape[k]) for k in range(3) if k != axis]
     arguments = list(np.meshgrid(*along, indexing="ij"))
     arguments.insert(axis, wall)
     at = {"zdir": "xyz"[axis], "offset": position}
     shades = np.linspace(floor_db, 0.0, _WALL_LEVELS + 1)
-    axes.contourf(*arguments, shades, cmap=_map(_WALL_COLOURS), extend="max", zorder=0, **at)
+    axes.contourf(*arguments, shades, cmap=_colour_map(_WALL_COLOURS), extend="max", zorder=0, **at)
     if wall.min() < max(contours) and wall.max() > min(contours):
         axes.contour(*arguments, contours, colors=colours, linewidths=0.7, zorder=1, **at)
 
@@ -300,7 +296,7 @@ def _draw_surface(
     vertices = np.clip(lower + (vertices - 1) * spacing, lower, upper)
     across = normals[faces].mean(axis=1) / spacing
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    shade = _AMBIENT + _DIFFUSE * np.abs(across @ _viewer())
+    shade = _AMBIENT + _DIFFUSE * np.abs(across @ _view_direction())
     colours = colour * shade[:, None]
     drawn = Poly3DCollection(
         vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=zorder
@@ -310,7 +306,7 @@ def _draw_surface(
     axes.add_collection3d(drawn, autolim=False)
 
 
-def _map(colours: tuple[str, ...]) -> Colormap:
+def _colour_map(colours: tuple[str, ...]) -> Colormap:
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("polywigner", colours)
