@@ -140,14 +140,14 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
     slits between bodies have no contours. Raises ArgumentError if too many triangles overlap in
     projection.
     """
-    figures = _figures(surface, observer)
+    figures = _projections(surface, observer)
     parts = [
         _contours_in(figure, clipped, closed) for figure, clipped in figures if len(clipped.faces)
     ]
     return Silhouette.of([_NO_EDGES, *parts])
 
 
-def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
+def _projections(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
     """Yield projections of a surface onto one plane, or onto the six faces of a cube."""
     if not len(surface.faces):
         return
@@ -342,7 +342,7 @@ class _Pairing:
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
         rows, behind = (np.array([piece[k] for piece in pieces], np.intp) for k in (0, 3))
-        ends = [self._lifted(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
+        ends = [self._in_space(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
         faces = np.where(behind >= 0, self.surface.faces[s.triangle[behind]], -1)
         edges = np.stack(ends, axis=1)
         return Silhouette(edges, s.edge[rows], bodies[s.triangle[rows]], faces, frozenset(touching))
@@ -417,7 +417,7 @@ class _Pairing:
         slope = self.figure.subset(np.array([t])).slopes[0]
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
-    def _lifted(self, rows: Indices, at: Floats) -> Floats:
+    def _in_space(self, rows: Indices, at: Floats) -> Floats:
         s = self.segments.subset(rows)
         points = s.begin + at[:, None] * s.unit
         corners, k = self.figure.points[s.triangle], np.maximum(s.side, 0)

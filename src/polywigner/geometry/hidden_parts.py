@@ -155,15 +155,15 @@ def _cut(points: Floats, ahead: Floats) -> Shapes:
 def less_shadows(
     projected: Projected,
     polygons: Shapes,
-    lit: Shapes,
+    illuminated: Shapes,
     boxes: Shapes | None = None,
     grid: float | None = None,
 ) -> tuple[Indices, Shapes]:
     """Subtract from each illuminated part of a triangle the parts that other triangles hide.
 
-    ``polygons`` (n,): the triangles in the projection plane. ``lit`` (n,): illuminated part of each
-    triangle. ``boxes`` (n,): only triangles with overlapping boxes hide each other. ``grid``: grid
-    spacing, needed if edges of ``lit`` coincide with shadow edges up to rounding.
+    ``polygons`` (n,): the triangles in the projection plane. ``illuminated`` (n,): the illuminated
+    part of each triangle. ``boxes`` (n,): only triangles with overlapping boxes hide each other.
+    ``grid``: grid spacing, needed if illuminated parts have edges along shadows, up to rounding.
 
     Returns the numbers (m,) of the partly hidden triangles and their visible parts (m,). Of two
     triangles that coincide, the first one hides the second one. Raises ArgumentError if too many
@@ -181,7 +181,7 @@ def less_shadows(
     shadows = unions(
         shadows[order], numbers, max(projected.size, float(abs(projected.points).max()))
     )
-    return touched, differences(lit[touched], shadows, grid)
+    return touched, differences(illuminated[touched], shadows, grid)
 
 
 def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
@@ -257,7 +257,7 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
         result[some] = shapely.union_all(groups[some], grid_size=GRID * extent, axis=1)
     except GEOSException:
         every = groups[:, 0]
-        result = [_alone(partial(shapely.union_all, group), group) for group in every]
+        result = [_retried(partial(shapely.union_all, group), group) for group in every]
     return polygonal(result)
 
 
@@ -302,10 +302,10 @@ def _overlay(
     # GEOS does not report which pair of polygons fails.
     except GEOSException:
         pairs = zip(mended(one), mended(other), strict=True)
-        return polygonal([_alone(partial(operation, *pair), pair, grid) for pair in pairs])
+        return polygonal([_retried(partial(operation, *pair), pair, grid) for pair in pairs])
 
 
-def _alone(
+def _retried(
     compute: Callable[..., BaseGeometry],
     shapes: BaseGeometry | Sequence[BaseGeometry],
     first: float | None = None,

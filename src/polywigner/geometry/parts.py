@@ -56,7 +56,7 @@ def shifted(polygons: NDArray[Any], shifts: Ring) -> NDArray[Any]:
     return moved
 
 
-def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
+def snapped(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
     """Move vertices to the nearest `originals` (n, 2) within `reach`, if the result is valid."""
     tree = shapely.STRtree(shapely.points(originals))
 
@@ -143,7 +143,7 @@ def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
         polygons.append(shapely.Polygon(polygon.exterior, holes))
     wide = [polygon for polygon in polygons if not _is_hairline(polygon, grid)] or polygons
     joined = wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
-    return straightened(restored(joined, points, grid), grid)
+    return straightened(snapped(joined, points, grid), grid)
 
 
 def _joined_vertices(points: Ring, reach: float) -> Ring:

@@ -252,7 +252,7 @@ class Obstacles:
 
     def silhouette(self, source: Floats) -> Silhouette:
         """Return the edges of the shadows of all bodies for a point source at a position (3,)."""
-        alone = self._alone(source)
+        alone = self._hide_nothing(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
             parts.append(
@@ -271,7 +271,7 @@ class Obstacles:
         bodies, behind = np.full(len(ends), number), np.full(len(ends), -1)
         return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), bodies, behind)
 
-    def _alone(self, source: Floats) -> NDArray[np.bool_]:
+    def _hide_nothing(self, source: Floats) -> NDArray[np.bool_]:
         """Return a mask of the bodies that hide no part of themselves or of another body."""
         cones = [_cone(body.vertices - source) for body in self.bodies]
         axes = np.array([axis for axis, _ in cones])
@@ -299,10 +299,10 @@ class Obstacles:
         # A body with a vertex inside another body is in contact with it.
         corners = np.array([body.vertices[0] for body in self.bodies])
         numbers = range(len(self.bodies))
-        alone = np.array([self._turns(corners[[k]], [k])[0] for k in numbers])
-        (inner,) = np.nonzero(self._turns(corners, numbers) - alone > _IN)
+        alone = np.array([self._winding_numbers(corners[[k]], [k])[0] for k in numbers])
+        (inner,) = np.nonzero(self._winding_numbers(corners, numbers) - alone > _IN)
         for k in numbers if len(inner) else ():
-            within = inner[self._turns(corners[inner], [k]) > _IN].tolist()
+            within = inner[self._winding_numbers(corners[inner], [k]) > _IN].tolist()
             pairs += [(k, number) for number in within if number != k]
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
@@ -413,9 +413,9 @@ class Obstacles:
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
         """Return a mask of points (n, 3) inside a body, without points on surfaces."""
-        return self._turns(points, range(len(self.bodies))) > _IN
+        return self._winding_numbers(points, range(len(self.bodies))) > _IN
 
-    def _turns(self, points: Floats, numbers: Iterable[int]) -> Floats:
+    def _winding_numbers(self, points: Floats, numbers: Iterable[int]) -> Floats:
         """Return the winding numbers (n,) of some bodies about points (n, 3)."""
         turns = np.zeros(len(points))
         for body in (self.bodies[number] for number in numbers):

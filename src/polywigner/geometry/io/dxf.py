@@ -77,7 +77,7 @@ class _Shape:
         return replace(self, boundaries=images)
 
 
-def _rough(path: Path) -> Points:
+def _sample_points(path: Path) -> Points:
     return np.concatenate([sampled(curve, 8) for curve in path])
 
 
@@ -257,7 +257,7 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
             "the model space contains no outlines; draw closed polylines, circles or hatches "
             "on a layer that is on"
         )
-    points = np.concatenate([_rough(path) for path in paths])
+    points = np.concatenate([_sample_points(path) for path in paths])
     check_coordinates(points)
     heights = points[:, 2]
     if np.ptp(heights) > _FLAT * (extent(points) + np.abs(points).max()):
@@ -298,7 +298,7 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
     # Paths shorter than the gap count as points.
-    paths = [path for path in paths if extent(_rough(path)) > gap]
+    paths = [path for path in paths if extent(_sample_points(path)) > gap]
     is_open = [extent(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
     loose = list(compress(paths, is_open))

@@ -24,7 +24,7 @@ _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
-def _chosen(library: Any, name: str | None) -> gdstk.Cell:
+def _requested_cell(library: Any, name: str | None) -> gdstk.Cell:
     cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
     top = [cell.name for cell in library.top_level() if cell.name in cells]
     if name is None and len(top) == 1:
@@ -112,7 +112,7 @@ def load_gds(file: File) -> Drawing:
         raise FileFormatError(
             f"expected a database unit above zero, got {metres:g} m; export the layout again"
         )
-    cell: Any = _chosen(library, cells[0] if cells else None)
+    cell: Any = _requested_cell(library, cells[0] if cells else None)
     _check_cycles(library.cells)
     members = [cell, *cell.dependencies(True)]
     _check_references(members)

@@ -89,8 +89,8 @@ class Arc:
         """
         if not self.is_closed:
             steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
-            return sampled(self, _counted(abs(self.sweep) * steps))
-        n = 4 * max(2, _counted(1.04 * math.pi * math.sqrt(self.stretch / (3 * reach)) / 4))
+            return sampled(self, _chord_count(abs(self.sweep) * steps))
+        n = 4 * max(2, _chord_count(1.04 * math.pi * math.sqrt(self.stretch / (3 * reach)) / 4))
         x = 2 * math.pi / n
         grown = math.sqrt(x / math.sin(x))
         sweep = math.copysign(2 * math.pi, self.sweep)
@@ -120,7 +120,7 @@ class Bezier:
         """Return vertices (n, d) at equal steps; the second derivative gives their number."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
-        return sampled(self, _counted(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
+        return sampled(self, _chord_count(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class Spline:
             if (off <= reach).all():
                 return points
             t = np.union1d(t, midpoints[off > reach])
-            _counted(len(t))
+            _chord_count(len(t))
 
 
 Curve = Points | Arc | Bezier | Spline
@@ -208,7 +208,7 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
     ]
 
 
-def _counted(steps: float) -> int:
+def _chord_count(steps: float) -> int:
     if not steps <= MOST_VERTICES:
         raise FileFormatError(
             f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
@@ -294,13 +294,13 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     lines = shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in clean])
     if not shapely.is_simple(lines):
         if union:
-            clean = _joined(clean)
+            clean = _join_overlapping(clean)
         else:
             _check_overlaps(clean)
     return _by_nesting(clean)
 
 
-def _joined(rings: Sequence[Ring]) -> list[Ring]:
+def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]
