@@ -195,6 +195,12 @@ def test_obj_corners_count_back_and_carry_textures_and_normals(written) -> None:
     assert sum(s.aperture.area for s in pw.read_sheets(path)) == pytest.approx(6e-6)
 
 
+def test_obj_files_with_free_form_surfaces_are_refused(written) -> None:
+    text = b"v 0 0 0\nv 3 0 0\nv 3 2 0\nf 1 2 3\nsurf 0 1 0 1 1 2 3\n"
+    with pytest.raises(FileFormatError, match="free-form curves or surfaces"):
+        pw.read_sheets(written("a.obj", text))
+
+
 def test_a_face_that_is_not_planar_is_warned_of_and_stays_closed(written) -> None:
     points, faces = prism([(0, 0), (3, 0), (3, 2), (0, 2)], 1)
     points[6, 2] = 1.25

@@ -171,6 +171,11 @@ def _obj(content: bytes) -> Mesh:
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError
+        elif word in (b"curv", b"curv2", b"surf"):
+            raise FileFormatError(
+                "expected an OBJ file with polygons, got free-form curves or surfaces; "
+                "export a mesh"
+            )
     return Mesh(np.array(vertices, dtype=np.float64).reshape(-1, 3), faces, _DOUBLE)
 
 
