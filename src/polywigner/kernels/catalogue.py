@@ -64,10 +64,6 @@ with four tilts for each coherence width."""
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
-def _widths_in(source: Wavefront) -> float:
-    return math.prod((1.0 + sides_of(source.bounds) / source.coherence_width).tolist())
-
-
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
     """Return the kernel of W in partially coherent light, or None if W is an average over tilts.
 
@@ -78,7 +74,8 @@ def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))
     if kernel is not None:
         return kernel
-    most = _MOST_ELEMENTS if _widths_in(source) > MOST_WIDTHS else _FEW_ELEMENTS
+    widths = 1.0 + sides_of(source.bounds) / source.coherence_width
+    most = _MOST_ELEMENTS if math.prod(widths.tolist()) > MOST_WIDTHS else _FEW_ELEMENTS
     if len(flat.elements_in_plane) > most:
         return None
     return partly_coherent.WIGNER if source.dimension == 2 else partly_coherent.WIGNER_OF_SLITS

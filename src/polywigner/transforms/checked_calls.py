@@ -138,7 +138,7 @@ def checked_points(
     Raises ArgumentError if this is impossible. With ``keep_single``, float32 arrays are returned
     unchanged, because a float64 copy may not fit into memory.
     """
-    if isinstance(value, np.ndarray) and not np.ma.is_masked(value):
+    if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray):
         is_kept = value.dtype == np.float64 or (keep_single and value.dtype == np.float32)
         if is_kept and value.shape[-1:] == (dimension,):
             return np.asarray(value)

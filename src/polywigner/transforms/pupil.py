@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -307,9 +306,13 @@ def checked_waves(defocus: float) -> float:
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
     """Return the radius of a pupil, by default the largest distance of a vertex from the origin."""
-    if given is None:
-        return max(float(np.linalg.norm(points, axis=1).max()) for points in _vertices(source))
-    return checked_length(given, "pupil_radius")
+    if given is not None:
+        return checked_length(given, "pupil_radius")
+    points: list[Floats] = []
+    for element in flat_source(source).elements_in_plane:
+        is_slits = isinstance(element, Slits)
+        points += [element.intervals.reshape(-1, 1)] if is_slits else element.rings
+    return max(float(np.linalg.norm(part, axis=1).max()) for part in points)
 
 
 def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
@@ -331,15 +334,6 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
             "divide it and the wavelength by the refractive index"
         )
     return radius / sine
-
-
-def _vertices(source: PhaseSpaceSource) -> Iterator[Floats]:
-    flat: Any = flat_source(source)
-    for element in flat.elements_in_plane:
-        if isinstance(element, Slits):
-            yield element.intervals.reshape(-1, 1)
-        else:
-            yield from element.rings
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:
