@@ -462,7 +462,7 @@ class Blocker:
 
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
     """Return the detour of the shortest path over an edge, and the amplitude of its wave."""
-    detour, cosine, _ = path_over(ops, source, point, start, end)
+    detour, cosine, *_ = path_over(ops, source, point, start, end)
     # Cosine of half the angle by which the path bends, as in Kirchhoff's obliquity.
     share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
     return detour, share * ops.exp(detour * (-1.0 / _SECOND))
