@@ -426,7 +426,7 @@ class Blocker:
 
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
     """Return the length of the detour over an edge, and the amplitude of its wave."""
-    detour, cosine, _ = path_over(ops, source, point, start, end)
+    detour, cosine, *_ = path_over(ops, source, point, start, end)
     # Kirchhoff's obliquity: cosine of half the bending angle.
     share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
     return detour, share * ops.exp(detour * (-1.0 / _SECOND))

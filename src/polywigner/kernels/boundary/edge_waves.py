@@ -488,11 +488,12 @@ def edge_wave_and_rate(
 
 def path_over(
     ops: Any, source: Point, point: Point, start: Point, end: Point
-) -> tuple[Any, Any, Any]:
+) -> tuple[Any, Any, Any, Any]:
     """Return the shortest path from a source over a straight edge to a point.
 
-    The results are the detour, the cosine of the deflection at the edge, and the position of the
-    bend as a fraction of the edge.
+    The path is returned as its detour, the cosine of its deflection at the edge, the position of
+    the bend as a fraction of the edge, and its excess over the shortest path over the line of the
+    edge.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -513,7 +514,9 @@ def path_over(
     # ``bent`` is product - ahead, in a form that is accurate for almost straight paths.
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
-    return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot
+    excess = rho + radius - ops.sqrt((t - s) * (t - s) + (h + g) * (h + g))
+    detour = 2.0 * bent / (rho + radius + distance)
+    return detour, ahead / ops.maximum(product, 1e-30), foot, excess
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:

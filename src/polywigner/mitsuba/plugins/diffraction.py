@@ -40,12 +40,20 @@ from polywigner.mitsuba.scenes import surfaces
 from polywigner.numerics.jets import Jet, flattened, rebuilt
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation import equivalent_points, shadows
-from polywigner.propagation.source_nodes import SourceNodes, all_points, nodes_for
+from polywigner.propagation.source_nodes import (
+    EDGE_AMPLITUDE,
+    SourceNodes,
+    all_points,
+    nodes_for,
+)
 
 Floats = NDArray[np.float64]
+Values = tuple[Drjit, ...]
 Point = tuple[Drjit, Drjit, Drjit]
 Field = tuple[Drjit, Drjit]
 """Real and imaginary part of a field."""
+NodeWave = Callable[[Drjit], Values]
+"""Wave of a node at a point, for the number of the node."""
 
 # Allowed error of |F|^2 relative to its peak; the error of single diffraction is larger.
 _ERROR = 3e-4
@@ -161,17 +169,19 @@ class Shadows:
             name: ops.on_device(table.astype(np.float32))
             for name, table in zip(names, every, strict=True)
         }
-        counts = len(nodes.positions), len(tables.groups)
+        counts = len(nodes.positions), len(tables.groups), len(nodes.points)
         self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
+        self._few_nodes = len(nodes.positions) if nodes.is_reduced else 0
         self._inverse_peak = opaque(m, 1.0 / nodes.peak)
         self._has_edges = len(tables.edges) > 0  # A body around the source has no silhouette.
 
     def _field(self, at: Point) -> Field:
         m, ops = self._m, self._ops
+        wave_of = self._waves_of_nodes(at)
 
         def add_node(number: Drjit, real: Drjit, imag: Drjit, *free: Drjit) -> tuple[Drjit, ...]:
             row = ops.gather(self._tables["nodes"], number)
-            parts = self._node_wave(row, at)
+            parts = wave_of(number)
             hidden = self._hidden(row, self._path(row, at)[0])
             return (
                 real + dr.select(hidden, 0.0, parts[0]),
@@ -195,14 +205,16 @@ class Shadows:
             def add_edge(number: Drjit, real: Drjit, imag: Drjit) -> Field:
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
-                detour, _, foot = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
+                detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
+                # The wave of an end is EDGE_AMPLITUDE/sqrt(excess) of the wave of a long edge.
+                least = faint * detour * ops.maximum(excess * EDGE_AMPLITUDE**-2, 1.0)
                 edge = _Edge(row, detour, foot)
 
                 def add_waves(real: Drjit, imag: Drjit) -> Field:
-                    change = self._edge_change(edge, at) * weight
+                    change = self._edge_change(edge, at, wave_of) * weight
                     return real + change.real, imag + change.imag
 
-                return self._if(row[18] > faint * detour, add_waves, (real, imag))
+                return self._if(row[18] > least, add_waves, (real, imag))
 
             first, end = m.UInt32(group[7]), m.UInt32(group[8])
             end = dr.select(weight.norm() > _OPAQUE**2, end, first)
@@ -210,11 +222,14 @@ class Shadows:
 
         return ops.fold(0, self._counts[1], field, add_group)
 
-    def _node_wave(self, node: Drjit, at: Point) -> tuple[Drjit, ...]:
-        """Return the wave of a node at a point, and the contribution of its dipoles if any."""
-        m, ops = self._m, self._ops
+    def _waves_of_nodes(self, at: Point) -> NodeWave:
+        """Return a function that returns the wave of a node at a point, given the node's index.
 
-        def add_point(number: Drjit, *sums: Drjit) -> tuple[Drjit, ...]:
+        The wave has a real and an imaginary part, followed by those of its dipoles, if any.
+        """
+        m, ops, count = self._m, self._ops, self._few_nodes
+
+        def radiated(number: Drjit) -> tuple[Values, Values]:
             row = ops.gather(self._tables["points"], number)
             ahead, turns = self._path(row, at)
             wave = equivalent_points.wave_ahead(ops, ahead, row[3:5], row[5:7], turns)
@@ -222,13 +237,30 @@ class Shadows:
             if self._is_oblique:
                 dipole = equivalent_points.spherical_wave(ops, ahead, turns) * Pair(*row[3:5])
                 parts += [dipole.real, dipole.imag]
-            return tuple(a + b for a, b in zip(sums, parts, strict=True))
+            return tuple(parts), row[8 : 8 + count]
 
-        span = m.UInt32(node[2]), m.UInt32(node[3])
-        return ops.fold(*span, (m.Float(0.0),) * (4 if self._is_oblique else 2), add_point)
+        if not count:
+            return lambda number: radiated(number)[0]
+        width = 4 if self._is_oblique else 2
 
-    def _edge_change(self, edge: _Edge, at: Point) -> Pair:
-        """Return the change of the field by an edge.
+        def add_point(number: Drjit, *sums: Drjit) -> Values:
+            parts, fractions = radiated(number)
+            products = (part * fraction for fraction in fractions for part in parts)
+            return tuple(a + b for a, b in zip(sums, products, strict=True))
+
+        sums = ops.fold(0, self._counts[2], (m.Float(0.0),) * (width * count), add_point)
+        waves = [sums[start : start + width] for start in range(0, len(sums), width)]
+
+        def wave_of(number: Drjit) -> Values:
+            chosen = waves[0]
+            for k, wave in enumerate(waves[1:], 1):
+                chosen = tuple(map(partial(dr.select, number == k), wave, chosen))
+            return chosen
+
+        return wave_of
+
+    def _edge_change(self, edge: _Edge, at: Point, wave_of: NodeWave) -> Pair:
+        """Return the change of the field that an edge causes.
 
         The weights of the boundary waves are the nodes' waves at the point near a shadow boundary,
         and the nodes' waves at the edge elsewhere.
@@ -237,7 +269,7 @@ class Shadows:
         span = m.UInt32(row[10]), m.UInt32(row[11])
 
         def near(real: Drjit, imag: Drjit) -> Field:
-            return self._summed(span, self._change_at, edge, at, (real, imag))
+            return self._summed(span, partial(self._change_at, wave_of), edge, at, (real, imag))
 
         def far(real: Drjit, imag: Drjit) -> Field:
             by_centre = edge.detour > row[17]
@@ -264,12 +296,12 @@ class Shadows:
         total: Field = self._ops.fold(*span, start, add)
         return total
 
-    def _change_at(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change of a node's wave by an edge, with the wave at the point as weight."""
+    def _change_at(self, wave_of: NodeWave, number: Drjit, edge: _Edge, at: Point) -> Pair:
+        """Return the change that an edge causes to the wave of a node at the point."""
         ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
-        parts = self._node_wave(node, at)
-        wave = Pair(*parts[:2])
+        real, imag, *dipole = wave_of(number)
+        wave = Pair(real, imag)
         if not self._is_oblique:
             boundary = Pair(
                 *edge_waves.edge_wave(
@@ -281,7 +313,7 @@ class Shadows:
             ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
         )
         # The factor (SB5) is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
-        bend = (Pair(*parts[2:]) * rate).scaled(0.25 / math.pi**2)
+        bend = (Pair(*dipole) * rate).scaled(0.25 / math.pi**2)
         return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:

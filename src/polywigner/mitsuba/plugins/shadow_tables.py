@@ -36,9 +36,13 @@ class NodeTables(NamedTuple):
     """Nodes of a source and their radiating points."""
 
     nodes: Floats
-    """Rows (k + 1, 4) of the nodes and the centre: x, y, first and end row in ``points``."""
+    """Rows (k + 1, 4) of the nodes, then of the centre: x, y, and two zeros."""
     points: Floats
-    """Rows (r, 8) of the radiating points: x, y, z, both weights (4 numbers), and 0."""
+    """Rows (n, 8) of the radiating points: x, y, z, both weights (4 numbers), and 0.
+
+    If there are fewer nodes than points, the fractions of the point that the nodes represent
+    follow, and zeros up to a multiple of four columns.
+    """
 
 
 class EdgeTables(NamedTuple):
@@ -78,14 +82,13 @@ class EdgeTables(NamedTuple):
 
 
 def node_tables(nodes: SourceNodes) -> NodeTables:
-    """Return the tables of the nodes of a source."""
+    """Return the nodes of a source, with the points that contribute to their waves."""
+    positions = np.concatenate([nodes.positions, nodes.centre[None]])
     points = np.array([[*point.row, 0.0] for point in nodes.points])
-    owner, which = np.nonzero(nodes.fractions)
-    rows = points[which]
-    rows[:, 3:] *= nodes.fractions[owner, which][:, None]
-    ends = np.cumsum(np.bincount(owner))
-    table = np.column_stack([nodes.positions[:, :2], np.append(0, ends[:-1]), ends])
-    return NodeTables(np.concatenate([table, [[*nodes.centre[:2], 0, 0]]]), rows)
+    if nodes.is_reduced:
+        points = np.column_stack([points, nodes.fractions.T])
+        points = np.pad(points, ((0, 0), (0, -points.shape[1] % 4)))
+    return NodeTables(np.pad(positions[:, :2], ((0, 0), (0, 2))), points)
 
 
 def edge_tables(
