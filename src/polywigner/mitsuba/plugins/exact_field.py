@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 import operator
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial, reduce
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -56,53 +56,14 @@ wavelengths.
 _ERROR = 1.5e-5
 
 
-@dataclass(frozen=True)
-class EquivalentSources:
-    """Grid of equivalent point sources in the plane of a source."""
-
-    half: tuple[float, ...]
-    """Half the width and height of the bounding box in wavelengths."""
-    along: tuple[float, ...]
-    """Positions of the points along a grid line, relative to half its length."""
-    lines: tuple[tuple[float, ...], ...]
-    """Position of each grid line, followed by the weights of its points.
-
-    Each point has a weight for the field, for the normal derivative, or both. A weight is a real
-    and an imaginary part.
-    """
-    has_field: bool
-    is_swapped: bool
-    """Whether grid lines are parallel to x instead of y."""
-
-    def field(self, ops: Any, half: Any, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the field at a point, without the phase of the distance from the centre."""
-        distance = ops.sqrt(x * x + (y * y + z * z))
-        length = half[0] if self.is_swapped else half[1]
-        aside, along = (y, x) if self.is_swapped else (x, y)
-        nodes = [length * position for position in self.along]
-        none = (0.0, 0.0)
-
-        def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
-            step = len(weights) // len(nodes)
-            total = Pair(0.0, 0.0)
-            for k, node in enumerate(nodes):
-                ahead = aside - at, along - node, z
-                radius = ops.sqrt(sum(c * c for c in ahead))
-                excess = at * (at - 2.0 * aside) + node * (node - 2.0 * along)
-                of_node = weights[k * step : (k + 1) * step]
-                field = of_node[:2] if self.has_field else none
-                slope = of_node[-2:] if step > 2 * self.has_field else none
-                total = total + wave_ahead(ops, ahead, field, slope, excess / (radius + distance))
-            return total.real, total.imag
-
-        real, imag = ops.sum_over(self.lines, line, 2, like=x, unroll=False)
-        return real, imag
-
-
-def equivalent_sources(
+def field_of_points(
     source: SceneSource, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
-) -> EquivalentSources | None:
-    """Return equivalent points of a source, or None if a sum over panels is faster."""
+) -> tuple[Floats, Callable[..., tuple[Drjit, Drjit]]] | None:
+    """Return half the sides of a source in wavelengths, and the field of equivalent points.
+
+    The field is a function of operations, half the sides, and a point. It omits the phase of the
+    distance from the centre. The result is None if a sum over panels is faster.
+    """
 
     def pays(counts: Sequence[int]) -> bool:
         return min(counts) <= _MOST_POINTS and math.prod(counts) <= _POINTS_PER_PANEL * panels
@@ -111,19 +72,37 @@ def equivalent_sources(
     if grid is None:
         return None
     # Code size is proportional to the number of points on a line, so lines follow the shorter side.
-    half, nodes, table = grid.half, grid.nodes, np.stack(grid.weights, axis=-1)
-    is_swapped = len(nodes[0]) < len(nodes[1])
-    across, along = (1, 0) if is_swapped else (0, 1)
-    table = np.swapaxes(table, 0, 1) if is_swapped else table
+    is_swapped = len(grid.nodes[0]) < len(grid.nodes[1])
+    (half, _), (positions, nodes) = grid.half, grid.nodes
+    table = np.stack(grid.weights, axis=-1)
+    if is_swapped:
+        (_, half), (nodes, positions), table = grid.half, grid.nodes, np.swapaxes(table, 0, 1)
     parts = np.stack([table.real, table.imag], axis=-1)
-    rows = np.column_stack([half[across] * nodes[across], parts.reshape(len(parts), -1)])
-    return EquivalentSources(
-        tuple(half.tolist()),
-        tuple(nodes[along].tolist()),
-        tuple(map(tuple, rows.tolist())),
-        bool(condition.field),
-        is_swapped,
-    )
+    lines = np.column_stack([half * positions, parts.reshape(len(parts), -1)]).tolist()
+    has_field, none = bool(condition.field), (0.0, 0.0)
+
+    def field(ops: Any, half: Sequence[Drjit], x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
+        distance = ops.sqrt(x * x + (y * y + z * z))
+        length, aside, along = (half[0], y, x) if is_swapped else (half[1], x, y)
+
+        def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
+            step = len(weights) // len(nodes)
+            total = Pair(0.0, 0.0)
+            for k, node in enumerate(length * position for position in nodes.tolist()):
+                ahead = aside - at, along - node, z
+                radius = ops.sqrt(sum(c * c for c in ahead))
+                excess = at * (at - 2.0 * aside) + node * (node - 2.0 * along)
+                of_node = weights[k * step : (k + 1) * step]
+                of_field = of_node[:2] if has_field else none
+                of_slope = of_node[-2:] if step > 2 * has_field else none
+                turns = excess / (radius + distance)
+                total = total + wave_ahead(ops, ahead, of_field, of_slope, turns)
+            return total.real, total.imag
+
+        real, imag = ops.sum_over(lines, line, 2, like=x, unroll=False)
+        return real, imag
+
+    return grid.half, field
 
 
 FIXED = (
@@ -247,9 +226,9 @@ class ExactField:
         self._centre = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = opaque(m, 1 / wavelength)
         panels = len(self._tables.edges)
-        self._points = equivalent_sources(source, radiator, wavelength, condition, panels)
+        self._points = field_of_points(source, radiator, wavelength, condition, panels)
         if self._points is not None:
-            self._half = [opaque(m, half) for half in self._points.half]
+            self._half = [opaque(m, half) for half in self._points[0].tolist()]
 
     def intensity(self, point: mi.Point3f, unit: float) -> Drjit:
         """Return the exact irradiance |U|^2 at a point, for a source with |u|^2 = 1.
@@ -272,7 +251,7 @@ class ExactField:
             return self._near(x, y, z)
         half_x, half_y = self._half
         away = (z > AWAY) | (abs(x) > half_x + AWAY) | (abs(y) > half_y + AWAY)
-        points = partial(self._points.field, self._ops, self._half)
+        points = partial(self._points[1], self._ops, self._half)
         if self._jit:
             return dr.if_stmt((x, y, z), away, points, self._near, mode="symbolic")
         return (points if away[0] else self._near)(x, y, z)
