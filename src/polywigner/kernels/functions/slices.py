@@ -258,7 +258,8 @@ class SliceSum:
         for group, other, views, pairs in self.pairings(tables):
             is_even = other == group and not tables.phased
             for view, side in views:
-                grid = pairs_of(tables, (view, group, other), True, _SAMPLES).on_host
+                key = view, group, other
+                grid = pairs_of(tables, key, True, _SAMPLES, is_compiled=False).on_host
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
