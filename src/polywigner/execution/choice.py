@@ -34,9 +34,10 @@ _LEAST_SAMPLES = 1000
 # Smallest number of terms for which a kernel that is compiled for one source is faster than NumPy.
 # The number of terms is the product of the numbers of samples, edges, waves and copies.
 _LEAST_TERMS = 1 << 18
-# Smallest number of samples for which code that contains the edges as constants is faster than code
-# that reads the edges from memory.
-_LEAST_SAMPLES_AS_CODE = 1 << 18
+# Smallest number of samples, for F and for each cut edge of W and A, for which code that contains
+# the edges as constants is faster than code that reads the edges from memory. Code with many edges
+# takes longer to compile.
+_LEAST_SAMPLES_AS_CODE, _LEAST_SAMPLES_PER_EDGE = 1 << 18, 1 << 14
 # Smallest number of frequencies per position, and smallest number of edges, for which compiled code
 # reads the cut edges of slices from lists. With fewer edges, cutting them again is as fast as
 # reading the list.
@@ -150,7 +151,7 @@ def planned(
             return Plan(LISTED, actual, *sizes, detail)
     if actual == "numpy":
         return Plan(PAIRS, actual, *sizes)
-    is_code = tables.fits_code and samples >= _LEAST_SAMPLES_AS_CODE
+    is_code = tables.fits_code and samples >= _LEAST_SAMPLES_PER_EDGE * len(tables.edges)
     return Plan(CODE if is_code else DATA, actual, *sizes)
 
 

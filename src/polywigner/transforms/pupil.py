@@ -155,10 +155,10 @@ def _otf_jets(
     if aberration is None and not numbers.arrays:
         # In focus the OTF is the ratio of two areas, which needs no sines.
         if bend == 0.0:
-            values = lag_marginal(source, lags, **how) + 0j
+            values = lag_marginal(source, lags, **how)
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        return np.reshape(values / checked_energy(source), (-1, 1))
+        return np.reshape(values / checked_energy(source) + 0j, (-1, 1))
     length = 1.0
     if aberration is not None:
         length = checked_aberration(aberration, wavelength, has_gradients=True)
