@@ -34,8 +34,9 @@ _LEAST_SAMPLES = 1000
 # Number of terms (samples × edges × waves × copies) from which a kernel compiled for one source is
 # faster than NumPy.
 _LEAST_TERMS = 1 << 18
-# Number of samples from which edges as constants are faster than edges in memory.
-_LEAST_SAMPLES_AS_CODE = 1 << 18
+# Number of samples, for F and per clipped edge for W and A, from which edges as constants are
+# faster than edges in memory. Code with many edges takes longer to compile.
+_LEAST_SAMPLES_AS_CODE, _LEAST_SAMPLES_PER_EDGE = 1 << 18, 1 << 14
 # Numbers of frequencies per position and of edges from which compiled code reads listed slices.
 # With fewer edges, clipping again is as fast.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
@@ -127,7 +128,7 @@ def planned(
             return Plan(LISTED, actual, *sizes, detail)
     if actual == "numpy":
         return Plan(PAIRS, actual, *sizes)
-    is_code = tables.fits_code and samples >= _LEAST_SAMPLES_AS_CODE
+    is_code = tables.fits_code and samples >= _LEAST_SAMPLES_PER_EDGE * len(tables.edges)
     return Plan(CODE if is_code else DATA, actual, *sizes)
 
 

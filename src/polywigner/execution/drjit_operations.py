@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Hashable, Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ from polywigner.execution.operations import (
     unrolled_sum,
 )
 
+LANE = 4
+"""Number of samples in the same cell that a lane of a vector computes together."""
 MOST_TERMS_AS_CODE = 12
 """Largest number of terms of an unrolled sum. Each term takes about 20 ms to compile."""
 # Largest number of clipped edges in an unrolled `sum_large_terms`. Code with 256 clipped edges
@@ -45,7 +48,7 @@ class DrjitOperations(RowByRow):
 
         self._dr = drjit
         self.target, self.most_as_code = target, 0 if target == "data" else most_as_code
-        self.float_type = float_type
+        self.float_type = self.value_type = float_type
         self.key: Hashable = float_type
         self.double = drjit.itemsize_v(float_type) == 8
         self._numbers = drjit.uint32_array_t(float_type)
@@ -87,6 +90,24 @@ class DrjitOperations(RowByRow):
 
     def needs_gradient(self, *values: Any) -> bool:
         return any(self._dr.grad_enabled(value) for value in values)
+
+    def for_lanes(self, *values: Any) -> DrjitOperations:
+        """Return operations for the samples ``values``, each of which may be an array of four.
+
+        A lane then computes four samples, and reads each row of a table only once.
+        """
+        ops = copy(self)
+        ops.value_type = max(map(type, values), key=self._dr.depth_v)
+        return ops
+
+    def in_lanes(self, values: Table) -> Drjit:
+        """Return samples of shape (n,), or of shape (4, m) with four samples for each lane."""
+        if values.ndim < 2:
+            return array_of(self.float_type, values)
+        return four_of(self.float_type)(*(array_of(self.float_type, row) for row in values))
+
+    def first(self, value: Any) -> Drjit:
+        return value[0] if self._dr.depth_v(value) > 1 else value
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
         """Return table[index] for valid indices, which may be floats."""
@@ -151,8 +172,8 @@ class DrjitOperations(RowByRow):
         kind = type(flat)
         if width % 4:
             return tuple(self._dr.gather(kind, flat, width * row + k) for k in range(width))
-        four, packets = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__]), width // 4
-        loaded = (self._dr.gather(four, flat, packets * row + k) for k in range(packets))
+        packets = width // 4
+        loaded = (self._dr.gather(four_of(kind), flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in loaded for entry in packet)
 
     def truncated(self, value: Any) -> Drjit:
@@ -172,7 +193,7 @@ class DrjitOperations(RowByRow):
         return tuple(result)
 
     def _initial(self, value: Any) -> Drjit:
-        kinds = {float: self.float_type, int: self._numbers}
+        kinds = {float: self.value_type, int: self._numbers}
         return kinds[type(value)](value) if type(value) in kinds else value
 
     def _rounded_off(self, a: Any, b: Any) -> Drjit:
@@ -191,8 +212,10 @@ class DrjitOperations(RowByRow):
         )
 
 
-# Dr.Jit's packet types by type of entry. One instruction loads a packet of four entries.
-_PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
+def four_of(kind: type) -> Any:
+    """Return Dr.Jit's type of arrays of four. A single load instruction reads all four entries."""
+    names = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
+    return getattr(sys.modules[kind.__module__], names[kind.__name__])
 
 
 def ops_for(float_type: type) -> Any:

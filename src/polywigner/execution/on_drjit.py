@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from types import EllipsisType, SimpleNamespace
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import drjit_float
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results
-from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
+from polywigner.execution.drjit_operations import LANE, MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import PairGrid, cells_at
@@ -34,9 +34,9 @@ from polywigner.numerics import phases
 # Limits of the cached recordings, and of the recordings of each function. Arguments with a single
 # entry need a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples per chunk for outlines as code and as data. Launching a kernel takes little time compared
-# with such a chunk. The arguments of a chunk take some 10 MB.
-_CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
+# Samples per chunk. Launching a kernel takes little time compared with such a chunk. The arguments
+# of a chunk take some 10 MB.
+CHUNK = 1 << 18
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
@@ -149,7 +149,7 @@ class OnDrjit:
         run: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not is_recording(kind):
             run = frozen(self._traced, (self.kernel, self.tables), kind)
-        for arguments, targets in parts_of_results(components, results, _CHUNK):
+        for arguments, targets in parts_of_results(components, results, CHUNK):
             yield (
                 targets,
                 ...,
@@ -243,6 +243,8 @@ def row_sums(
 
 # Number of edges from which samples are sorted by cell (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
+# Samples per cell from which a lane of a vector computes several samples.
+_LEAST_PER_CELL = 8
 # Dr.Jit records a function again if equally sized arguments become different in size, or the
 # reverse. The size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have
 # equal sizes.
@@ -265,14 +267,14 @@ class OnDrjitData:
         self.host, self.dtype = NumpyOperations(), np.float64 if double else np.float32
         self.source: _Slices | _Edges
         if isinstance(tables, Tables):
-            self.source = _Slices(kernel, tables, double, samples)
+            self.source = _Slices(kernel, tables, double, samples, engine)
         else:
             self.source = _Edges(kernel, tables)
         self.state = self.source.state(self.ops, self._sent)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Yield results chunk by chunk; the components broadcast to the shape of the results."""
-        for arguments, targets in parts_of_results(components, results, _CHUNK_OF_DATA):
+        for arguments, targets in parts_of_results(components, results, CHUNK):
             yield targets, *self._begun(arguments)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
@@ -283,17 +285,17 @@ class OnDrjitData:
             entered = self.kernel.enter(self.host, self.frame, *arguments)
             inner = [np.asarray(a, self.dtype) for a in entered]
             order = source.order(inner)
-        inner = [a if a.ndim == 0 else a[order] for a in inner]
+        inner = [a if a.ndim == 0 or order is ... else a.take(order) for a in inner]
 
         def summed(*arrays: Any) -> Values:
-            tables = iter(arrays[: len(source.numbers)])
-            values = arrays[len(source.numbers) :]
-            return source.summed(ops, lambda table: (table.shape[1], next(tables)), *values)
+            tables, values = iter(arrays[: len(source.numbers)]), arrays[len(source.numbers) :]
+            lanes = ops.for_lanes(*values)
+            return source.summed(lanes, lambda table: (table.shape[1], next(tables)), *values)
 
         run: Any = summed
         if source.is_recorded:
-            run = frozen(summed, source.owners, kind)
-        sums = run(*self.state, *(array_of(kind, a) for a in inner))
+            run = frozen(summed, source.owners, kind, *source.forms)
+        sums = run(*self.state, *(ops.in_lanes(a) for a in inner))
         drjit.eval(sums)
 
         def fetch() -> tuple[Array, ...]:
@@ -313,9 +315,12 @@ class OnDrjitData:
 class _Slices:
     """Edge pairs of a source as data, for Wigner and ambiguity functions."""
 
-    def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
+    def __init__(
+        self, kernel: Kernel, tables: Tables, double: bool, samples: int, engine: str
+    ) -> None:
         assert kernel.slices is not None
         self.slices, self.tables = kernel.slices, tables
+        self.is_on_cpu = engine == "llvm"
         self.sorts = len(tables.edges) >= _LEAST_EDGES_SORTED
         self.pairs = {
             key: pairs_of(tables, key, double, samples) for key in self.slices.passes(tables)
@@ -323,6 +328,7 @@ class _Slices:
         self.numbers = [
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
+        self.forms = list(map(type, self.pairs.values()))
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
         # Quadrature nodes and tables of waves are other memory.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
@@ -342,24 +348,53 @@ class _Slices:
         if not self.sorts:
             return ...
         key, grid = next(iter(self.pairs.items()))
-        return order_by_cell(self.slices, key, grid, inner)
+        samples = max(a.size for a in inner)
+        is_grouped = self.is_on_cpu and fills_lanes(self.tables, self.pairs.values(), samples)
+        return order_by_cell(self.slices, key, grid, inner, is_grouped=is_grouped)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
 
-def order_by_cell(slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[Array]) -> Array:
-    """Return indices that sort samples by the cell that contains their offset."""
+def fills_lanes(tables: Tables, grids: Iterable[PairGrid], samples: int) -> bool:
+    """Return whether each lane of a CPU's vector should compute several samples in the same cell.
+
+    Samples in the same cell of one grid may lie in different cells of another grid. Terms for
+    partly coherent light are not written for several samples.
+    """
+    first, *others = grids
+    is_single = tables.coherence is None and not others
+    return is_single and samples >= _LEAST_PER_CELL * len(first.cells)
+
+
+def order_by_cell(
+    slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[Array], *, is_grouped: bool
+) -> Array:
+    """Return indices that sort samples by the cell that contains their offset.
+
+    If ``is_grouped`` is true, the result has the shape (4, m), and each column contains samples of
+    the same cell. The last sample of a cell is repeated to fill its last column.
+    """
     x, y = inner[slices.position]
-    scale = key[0].side * slices.scale
-    cell = cells_at(grid.on_host, scale * x, scale * y)
+    host, scale = grid.on_host, key[0].side * slices.scale
+    # The kernel rounds offsets to the grid in the same way.
+    tx, ty = (host.step * np.rint((scale / host.step) * c) for c in (x, y))
     # A grid has fewer than 2^16 cells, and NumPy sorts 16-bit integers in linear time.
-    return np.argsort(cell.astype(np.uint16), kind="stable")
+    cell = cells_at(host, tx, ty).astype(np.uint16)
+    order = np.argsort(cell, kind="stable")
+    if not is_grouped:
+        return order
+    counts = np.bincount(cell)
+    columns = -(-counts // LANE)
+    owner, last = np.arange(len(counts)).repeat(columns), counts.cumsum() - 1
+    column = np.arange(len(owner)) - (columns.cumsum() - columns)[owner]
+    first = (last - counts + 1)[owner] + LANE * column
+    return order.take(np.minimum(first + np.arange(LANE)[:, None], last[owner]))
 
 
 class _Edges:
-    is_recorded = True
+    is_recorded, forms = True, ()
 
     def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
         self.kernel, self.tables, self.owners = kernel, tables, (kernel,)

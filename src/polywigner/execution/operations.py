@@ -62,6 +62,10 @@ class Operations:
     def needs_gradient(self, *values: Any) -> bool:
         return False
 
+    def first(self, value: Any) -> Any:
+        """Return the first of the samples that are computed together."""
+        return value
+
 
 class _Unfused(Operations):
     double = True

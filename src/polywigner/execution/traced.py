@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.execution.chunks import array_of
-from polywigner.execution.drjit_operations import DrjitOperations
+from polywigner.execution.drjit_operations import DrjitOperations, four_of
 from polywigner.execution.on_drjit import (
+    CHUNK,
+    fills_lanes,
     is_code,
     is_recording,
     order_by_cell,
@@ -191,23 +193,29 @@ def evaluate_traced(
     # For many samples, edges as code are up to four times as fast. A function that the caller
     # freezes must not contain cached memory, so its edges must be code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
-    order = _order(kernel, ops, tables, components)
+    order = _order(kernel, ops, tables, components, (traced.vertices, traced.weights))
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
         ops, tables = DrjitOperations(ops.float_type, "data"), with_frame_as_data(ops, tables)
+    given = components
     if order is not None:
         components = [_taken(c, order) for c in components]
+        ops = ops.for_lanes(*components)
     results = kernel_with_derivatives(kernel, ops, tables, components, traced)
     if order is not None:
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        results = tuple(_taken(result, place) for result in results)
+        place = np.empty(max(map(drjit.width, given)), np.intp)
+        place[order.T.ravel()] = np.arange(order.size)
+        results = tuple(_taken(drjit.ravel(result), place) for result in results)
     return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
 
 
 def _order(
-    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Drjit]
+    kernel: Kernel,
+    ops: DrjitOperations,
+    tables: Any,
+    components: Sequence[Drjit],
+    numbers: Sequence[Any],
 ) -> NDArray[np.intp] | None:
-    """Return indices that sort samples by cell, or None if sorting saves no time."""
+    """Return the indices of :func:`order_by_cell`, or None if sorting saves no time."""
     import drjit
 
     slices, count = kernel.slices, max(map(drjit.width, components))
@@ -215,10 +223,20 @@ def _order(
         return None
     if is_recording(ops.float_type):
         return None
-    arrays = (np.broadcast_to(drjit.detach(c).numpy(), count) for c in components)
-    inner = kernel.enter(NumpyOperations(), tables.frame, *arrays)
-    key = slices.passes(tables)[0]
-    return order_by_cell(slices, key, pairs_of(tables, key, ops.double), inner)
+    arrays = [np.broadcast_to(drjit.detach(c).numpy(), count) for c in components]
+    keys = slices.passes(tables)
+    grids = [pairs_of(tables, key, ops.double) for key in keys]
+    starts = range(0, count, CHUNK)
+    is_grouped = fills_lanes(tables, grids, count // len(starts))
+    is_grouped &= not drjit.grad_enabled((*components, *numbers))
+    parts = []
+    # Samples are sorted chunk by chunk, so that the samples of a vector are close in memory.
+    for start in starts:
+        chunk = [a[start : start + CHUNK] for a in arrays]
+        inner = kernel.enter(NumpyOperations(), tables.frame, *chunk)
+        order = order_by_cell(slices, keys[0], grids[0], inner, is_grouped=is_grouped)
+        parts.append(start + order)
+    return np.concatenate(parts, axis=-1)
 
 
 def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
@@ -227,8 +245,10 @@ def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
 
     if drjit.width(values) == 1:
         return values
-    number = drjit.uint32_array_t(values)
-    return drjit.gather(type(values), values, array_of(number, index.astype(np.uint32)))
+    kind, number = type(values), drjit.uint32_array_t(values)
+    if index.ndim > 1:
+        return four_of(kind)(*(_taken(values, row) for row in index))
+    return drjit.gather(kind, values, array_of(number, index))
 
 
 def _in_memory(component: Drjit) -> Drjit:

@@ -33,6 +33,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     )
     for name in names
 } | {
+    ("lag_marginal", Aperture): plane.LAG_MARGINAL,
     ("fourier", Slits): line.FOURIER,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,

@@ -30,7 +30,7 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import PhaseSpaceSource, checked_points
-from polywigner.transforms.public_transforms import ambiguity, energy_of
+from polywigner.transforms.public_transforms import ambiguity, energy_of, lag_marginal
 from polywigner.transforms.pupil_gradients import (
     Jets,
     PupilNumbers,
@@ -151,8 +151,12 @@ def _otf_jets(
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
-        values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        return np.reshape(values / checked_energy(source), (-1, 1))
+        # In focus the OTF is the ratio of two areas, which needs no sines.
+        if bend == 0.0:
+            values = lag_marginal(source, lags, **how)
+        else:
+            values = ambiguity(source, -2.0 * bend * lags, lags, **how)
+        return np.reshape(values / checked_energy(source) + 0j, (-1, 1))
     length = 1.0
     if aberration is not None:
         length = checked_aberration(aberration, wavelength, has_gradients=True)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.kernels.cut.pair_grid import (
+    CLIPPED,
     CROSSING,
     INSIDE,
     LEAD,
@@ -23,9 +24,11 @@ from polywigner.kernels.cut.pair_grid import (
     START,
     WHOLE,
     Array,
+    ClipGrid,
     Outline,
     PairGrid,
     crossing,
+    limit_of,
 )
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
@@ -109,25 +112,36 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
     return across
 
 
-def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
+def pair_grid(
+    first: Outline, second: Outline, across: int, *, is_clipped: bool = False
+) -> PairGrid:
     """Return the edges and edge pairs of all cells for two outlines.
 
-    The second outline is mirrored: the offset T maps a point p to T - p. Pass the same outline
-    twice for the Wigner function, and an outline and its rotated copy for the ambiguity function.
+    If ``is_clipped`` is true, the result is a :class:`ClipGrid`, and the second outline must be
+    convex. The second outline is mirrored: the offset T maps a point p to T - p. Pass the same
+    outline twice for the Wigner function, and an outline and its rotated copy for the ambiguity
+    function.
     """
     cells = _Cells.of(_reach(first, second), across)
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
-    blocks = list(_rows_of_cells(first, cells, edges, others))
+    rings = None
+    if is_clipped:
+        rings = np.repeat(np.arange(len(second.starts) - 1), np.diff(second.starts))
+    blocks = list(_rows_of_cells(first, cells, edges, others, rings))
     cell, table, level = (
-        np.concatenate([part[k] for block in blocks for part in block]) for k in range(3)
+        np.concatenate([part[k] for block in blocks for part in block[:2]]) for k in range(3)
     )
     inside = np.bincount(cell[table[:, 2] == INSIDE], minlength=cells.count)
     # Stable sorting keeps the edges inside the other copy first in each cell.
     order = np.argsort(cell, kind="stable")
     rows, level = table[order], level[order]
     rows[:, 3], levels = _numbered(level, abs(others[:, 5] + 1j * others[:, 6]).max(initial=0.0))
+    if is_clipped:
+        sides_of = np.where(rows[:, 2] == CLIPPED, rows[:, 1], 0)
+        rows[:, 2] = np.cumsum(sides_of)
+        rows[:, 1] = rows[:, 2] - sides_of
     ends = np.zeros((cells.count + 1, 4), np.uint32)
     counts = np.bincount(cell, minlength=cells.count)
     ends[:-1, 2] = np.cumsum(counts)
@@ -141,7 +155,9 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     for ends_of in (edges, others):
         ends_of[:, 2:4] -= ends_of[:, :2]
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
-    return PairGrid(numbers, ends, rows, edges, others, names, levels)
+    sides = np.concatenate([sides for *_, sides in blocks]).astype(np.uint32)[:, None]
+    kind = ClipGrid if is_clipped else PairGrid
+    return kind(numbers, ends, rows, edges, others, names, levels, sides)
 
 
 def _reach(first: Outline, second: Outline) -> Array:
@@ -162,12 +178,18 @@ def _leads(outline: Outline, far: float) -> Array:
 
 
 def _rows_of_cells(
-    outline: Outline, cells: _Cells, edges: Array, others: Array
-) -> Iterator[tuple[tuple[Array, ...], ...]]:
+    outline: Outline,
+    cells: _Cells,
+    edges: Array,
+    others: Array,
+    rings: Array | None,
+) -> Iterator[tuple[tuple[Array, ...], tuple[Array, ...], Array]]:
     """Yield (cell, row, level) of edges inside the other copy, and of all other rows, in blocks.
 
-    The level holds for the centre of the cell. The level at the start of an edge can change within
-    a cell only if this edge and the preceding edge both cross edges of the other copy in this cell.
+    For a `ClipGrid`, ``rings`` contains the ring of each edge of the other copy, and the third
+    array of a block contains the sides. The level holds for the centre of the cell. The level at
+    the start of an edge can change within a cell only if this edge and the preceding edge both
+    cross edges of the other copy in this cell.
     """
     count, null = len(outline.vertices), len(others)
     weights: Array = others[:, 5]
@@ -189,7 +211,7 @@ def _rows_of_cells(
         begin, end = np.searchsorted(cell, (low, low + size))
         at, i, j = (part[begin:end] for part in (cell, edge, other))
         centre, vectors = cells.centre(at), (_vectors(edges, i), _vectors(others, j))
-        meets, enters, *_ = crossing(_Exact, *vectors, *centre)
+        meets, enters, start, _ = crossing(_Exact, *vectors, *centre)
         shape, key = (size, len(edges)), (at - low) * len(edges) + i
 
         def summed(values: Array, shape: tuple[int, int] = shape, key: Array = key) -> Array:
@@ -203,13 +225,44 @@ def _rows_of_cells(
         jumps = jumps[:, :count]
         before = np.cumsum(jumps, axis=1) - jumps
         level = before + (first - before[:, starts])[:, ring_of]
-        has_pairs = summed(np.ones(len(at)))[:, :count] > 0.0
-        changes = (summed(_touches(cells, *vectors, *centre))[:, :count] > 0.0) & has_pairs
-        changes &= has_pairs[:, preceding]
-        at_inside, inside = np.nonzero(~changes & (abs(level) > _NO_WEIGHT * unit))
-        rows = _table(inside, null, INSIDE), level[at_inside, inside]
-        at, *other_rows = _other_rows((at - low, i, j), starts, changes, level, null)
-        yield (at_inside + low, *rows), (at + low, *other_rows)
+        pairs = at - low, i, j
+        if rings is None:
+            has_pairs = summed(np.ones(len(at)))[:, :count] > 0.0
+            changes = (summed(_touches(cells, *vectors, *centre))[:, :count] > 0.0) & has_pairs
+            changes &= has_pairs[:, preceding]
+            level_of_inside, sides = np.where(changes, 0.0, level), i[:0]
+            at, *other_rows = _other_rows(pairs, starts, changes, level, null)
+        else:
+            *_, fx, fy = vectors[1]
+            is_left = start > limit_of(_Exact, fx, fy, 1.0)
+            (at, *other_rows), sides = _clipped_rows(pairs, is_left, rings, weights, level)
+            level_of_inside = level
+        at_inside, inside = np.nonzero(abs(level_of_inside) > _NO_WEIGHT * unit)
+        rows = _table(inside, null, INSIDE), level_of_inside[at_inside, inside]
+        yield (at_inside + low, *rows), (at + low, *other_rows), sides
+
+
+def _clipped_rows(
+    pairs: tuple[Array, Array, Array], is_left: Array, rings: Array, weights: Array, level: Array
+) -> tuple[tuple[Array, Array, Array], Array]:
+    """Return the list entries of edges that cross a convex ring, and the sides that they cross.
+
+    ``is_left`` states whether an edge starts to the left of the other edge at the centre of the
+    cell, and ``rings`` contains the ring of each other edge. The second column of the entries
+    contains the number of sides. The weight of each ring with such an entry is subtracted from
+    ``level`` if the edge starts inside this ring.
+    """
+    is_edge = pairs[1] < level.shape[1]
+    at, i, j, is_left = (part[is_edge] for part in (*pairs, is_left))
+    pieces = (at * level.shape[1] + i) * (rings.max() + 1) + rings[j]
+    first = np.flatnonzero(np.diff(pieces, prepend=-1))
+    counts = np.diff(np.append(first, len(pieces)))
+    # An edge that crosses sides of a convex ring starts inside the ring if it starts to the left of
+    # these sides.
+    is_inside = np.add.reduceat(is_left, first, dtype=int) == counts if len(first) else first
+    at, i, weight = at[first], i[first], weights[j[first]]
+    np.subtract.at(level, (at, i), weight * is_inside)
+    return (at, _table(i, counts, CLIPPED), weight), j
 
 
 def _other_rows(
@@ -299,7 +352,7 @@ def _meeting(
 def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
     """Return whether two edges can cross for an offset in a cell."""
     e, f, centre = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
-    half = 0.5 * cells.size
+    half = 0.5 * cells.size + _MARGIN
     x, y = np.subtract(cells.centre(cell), centre.take(pair, axis=0).T)
     area = 0.5 * abs(e[..., 0] * f[:, 1] - e[..., 1] * f[:, 0])
     meets = np.ones(len(cell), bool)
@@ -307,7 +360,7 @@ def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, ce
         u, v = (np.broadcast_to(vector[..., k], area.shape).ravel() for k in range(2))
         size = half * (abs(u) + abs(v))
         level = abs(u.take(pair) * y - v.take(pair) * x)
-        meets &= level <= (area.ravel() + size + _MARGIN).take(pair)
+        meets &= level <= (area.ravel() + size).take(pair)
     return meets
 
 

@@ -21,8 +21,9 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # Kinds of rows. CROSSING: two edges that cross. START: a crossing before which the winding number
 # is set. WHOLE: an unclipped edge. INSIDE: an edge inside the other copy (START and WHOLE). LEAD: a
-# crossing with the line from outside to the first vertex of a ring. START is bit 0, WHOLE bit 1.
-CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
+# crossing with the line from outside to the first vertex of a ring. CLIPPED: an edge that crosses
+# sides of a convex ring. START is bit 0, WHOLE bit 1.
+CROSSING, START, WHOLE, INSIDE, LEAD, CLIPPED = range(6)
 # Bound on the rounding error of a cross product of vectors in the frame.
 ROUNDED = 1e-13
 # A normal number below all nonzero cross products on the grid, which are at least 2^-106 in double
@@ -62,6 +63,17 @@ class Outline:
         following = np.arange(1, len(self.edges) + 1)
         following[self.starts[1:] - 1] = self.starts[:-1]
         return following
+
+    @cached_property
+    def is_convex(self) -> bool:
+        """Whether each ring is a convex polygon without holes."""
+        vectors = self.edges[:, 2:4] - self.vertices
+        (ex, ey), (fx, fy) = vectors.T, vectors[self.following].T
+        turns = accurate_cross(ex, ey, fx, fy)
+        angles = np.arctan2(turns, ex * fx + ey * fy)
+        # The edges of a convex polygon turn to the left, once around the ring.
+        once = np.add.reduceat(angles, self.starts[:-1]) < 3.0 * np.pi
+        return bool((turns >= 0.0).all() and once.all())
 
     @cached_property
     def rotated(self) -> Outline:
@@ -109,6 +121,9 @@ class PairGrid:
     levels: Any
     """Real and imaginary part of each weighted winding number, and two zeros. Shape (k, 4)."""
 
+    sides: Any
+    """Empty, except for a :class:`ClipGrid`."""
+
     @cached_property
     def copies(self) -> dict[Hashable, Any]:
         """Copies of the tables on devices, by engine."""
@@ -150,6 +165,16 @@ class PairGrid:
 
 
 _NONE = np.zeros((1, 4), np.uint32)
+
+
+class ClipGrid(PairGrid):
+    """Lists of edges to clip, if each ring of the second outline is convex.
+
+    Each row of ``rows`` is a part of an edge inside one ring: the edge, the first row and the end
+    of the rows of ``sides``, and the index of the weight of the ring. The part lies to the left of
+    all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
+    that is inside for all offsets in the cell has no sides. Its level is a sum over rings.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,12 +318,12 @@ def crossing(
     before = ops.cross(ex, ey, px, py)
     end_level = ops.cross(ex, ey, px - fx, py - fy)
     start, end = ops.cross(fx, fy, px, py), ops.cross(fx, fy, px - ex, py - ey)
-    limit, other_limit = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
+    limit, other_limit = limit_of(ops, ex, ey, side), limit_of(ops, fx, fy, side)
     at_start, at_end = start > other_limit, end > other_limit
     return ((before > limit) ^ (end_level > limit)) & (at_start ^ at_end), at_end, start, end
 
 
-def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:
+def limit_of(ops: Any, ex: Any, ey: Any, side: float) -> Number:
     """Return the cross product above which a vertex lies to the left of an edge: 0 or just below 0.
 
     Ties are decided as if the offset were displaced by ``side`` (eps, -eps^2), with infinitesimal

@@ -1,6 +1,7 @@
 """Edge sums over the overlap of two copies of an outline, for compiled kernels.
 
-The winding number of the other copy is updated at each crossing while a loop follows the ring, (K1)
+If all rings of the other copy are convex, each edge is clipped by the sides of each ring. Otherwise
+the winding number of the other copy is updated at each crossing while a loop follows the ring, (K1)
 of docs/theory/edges.md. Outlines are passed as data, so one compiled kernel handles any outline.
 """
 
@@ -13,7 +14,16 @@ from typing import Any
 
 from polywigner.kernels.cut.cell_lists import cells_across, pair_grid
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
-from polywigner.kernels.cut.pair_grid import LEAD, START, WHOLE, PairGrid, crossing, outline_of
+from polywigner.kernels.cut.pair_grid import (
+    LEAD,
+    START,
+    WHOLE,
+    ClipGrid,
+    PairGrid,
+    crossing,
+    limit_of,
+    outline_of,
+)
 from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 
@@ -27,19 +37,26 @@ Level = tuple[Any, ...]
 _MANY = 1 << 20
 # Limit of the cached edge pairs of all sources in bytes. Copies on devices are not counted.
 _MOST_BYTES = 1 << 27
+# Stands for infinity. Its product with a frequency is finite.
+_FAR = 1e9
 
 
-def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
+def pairs_of(
+    tables: Tables, key: Pass, double: bool, samples: int = 0, *, is_compiled: bool = True
+) -> PairGrid:
     """Return the edge pairs that can cross, from the cache if possible."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
     # AHEAD and BEHIND share their edge pairs.
-    name = view.point, group, other, double, across
+    is_clipped = is_compiled and second.is_convex
+    name = view.point, group, other, double, across, is_clipped
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
-        grid = tables.pairs.setdefault(name, pair_grid(first, second, across))
+        grid = tables.pairs.setdefault(
+            name, pair_grid(first, second, across, is_clipped=is_clipped)
+        )
         with _cache_lock:
             _cached.append((tables.pairs, name, grid.nbytes))
             while sum(size for *_, size in _cached) > _MOST_BYTES and len(_cached) > 1:
@@ -120,18 +137,24 @@ class PairClipper(Clipper):
         def level_of(number: Any) -> Level:
             return tuple(ops.gather(grid.levels, number)[:count])
 
-        def last_part(number: Any, edge: Any, fraction: Any, level: Level) -> Level:
+        def part(number: Any, edge: Any, ends_sum: Any, extent: Any, level: Level) -> Level:
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
-            self._current = view, (2.0 - fraction, fraction, weight, phase)
+            self._current = view, (ends_sum, extent, weight, phase)
             # The edge vector serves as the direction, with a length of 1.
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:
             number, _, _, level = ops.gather(grid.rows, row)
-            return last_part(number, None, 1.0, level_of(level))
+            return part(number, None, 1.0, 1.0, level_of(level))
+
+        def of_clipped(row: Any) -> Level:
+            number, begin, end, level = ops.gather(grid.rows, row)
+            edge = ops.gather(grid.first, number)
+            low, high = self._clipped(grid, edge, (begin, end), tx, ty, view.side)
+            return part(number, edge, low + high, ops.maximum(high - low, 0.0), level_of(level))
 
         def visit(row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
             number, other, kind, level = ops.gather(grid.rows, row)
@@ -147,10 +170,40 @@ class PairClipper(Clipper):
                     ops.select(kind == WHOLE, before, ops.select(kind == LEAD, 0.0, by))
                     for before, by in zip(level, jump, strict=True)
                 )
-                return last_part(number, edge, fraction, tuple(weights))
+                return part(number, edge, 2.0 - fraction, fraction, tuple(weights))
 
             return kind == START, level_of(level), jump, of_level
 
-        inside, row, end, _ = ops.gather(grid.cells, cell_of(ops, grid, tx, ty))
+        cell = cell_of(ops, grid, ops.first(tx), ops.first(ty))
+        inside, row, end, _ = ops.gather(grid.cells, cell)
         yield ops.sum_over_range(inside, row, of_inside, values)
+        if isinstance(grid, ClipGrid):
+            yield ops.sum_over_range(row, end, of_clipped, values)
+            return
         yield ops.sum_over_rows(row, end, visit, values, count)
+
+    def _clipped(
+        self, grid: PairGrid, edge: Any, rows: tuple[Any, Any], tx: Any, ty: Any, side: float
+    ) -> tuple[Any, Any]:
+        """Return the part of an edge to the left of all sides in a range of rows.
+
+        The part runs from ``low`` to ``high``, which are fractions of the edge. It is empty if
+        ``high`` is less than ``low``.
+        """
+        ops = self.ops
+        ax, ay, ex, ey = edge[:4]
+
+        def step(row: Any, low: Any, high: Any) -> tuple[Any, Any]:
+            (number,) = ops.gather(grid.sides, row)
+            cx, cy, fx, fy = ops.gather(grid.second, number)[:4]
+            slope = ops.cross(fx, fy, ex, ey)
+            level = ops.cross(fx, fy, tx - (cx + ax), ty - (cy + ay))
+            is_parallel = slope == 0.0
+            bound = level * (1.0 / ops.select(is_parallel, 1.0, slope))
+            is_left = level > limit_of(ops, fx, fy, side)
+            bound = ops.select(is_parallel, ops.select(is_left, _FAR, -_FAR), bound)
+            begins, ends = (slope < 0.0) & (bound > low), (slope >= 0.0) & (bound < high)
+            return ops.select(begins, bound, low), ops.select(ends, bound, high)
+
+        low, high = ops.fold(*rows, (0.0, 1.0), step)
+        return low, high

@@ -186,6 +186,21 @@ class WaveTerms(EdgeTerms):
         return tuple(value * scale for value in sums)
 
 
+class AreaTerms(EdgeTerms):
+    """Terms of the area of a slice, which is the integral of cross(x, dx)/2 along its boundary."""
+
+    values, by_part = 1, True
+
+    def __init__(self, ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> None:
+        self.ops, self.nu = ops, nu
+
+    def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
+        return (scaled(real, 0.5 * self.ops.fma(x, dy, y * -dx)),)
+
+    def total(self, sums: Values) -> Values:
+        return sums
+
+
 def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
     """Return the terms of the Wigner function at a frequency.
 

@@ -20,7 +20,7 @@ from polywigner.kernels.functions.fourier import (
     grid_tables,
     outline_tables,
 )
-from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
+from polywigner.kernels.functions.slices import AMBIGUITY_SUM, AREA_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline import Tables, build_tables, enter_position_and_frequency, frame_of
 from polywigner.kernels.wave_pairs import field_of
@@ -172,3 +172,12 @@ FOURIER = Kernel(
 )
 FOURIER_PLACED = Kernel("fourier in space", 3, _placed_tables, enter_frequency, fan_sum, leave_wave)
 AMBIGUITY = Kernel("ambiguity", 2, tables_of, _enter_shift, AMBIGUITY_SUM, leave_wave)
+LAG_MARGINAL = Kernel(
+    "lag_marginal",
+    2,
+    tables_of,
+    lambda ops, frame, *xi: frame.vector(ops, *xi),
+    AREA_SUM,
+    leave_real,
+)
+"""Area of the position slice, which is the lag marginal of a uniform aperture."""

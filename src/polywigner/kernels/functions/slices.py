@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Cuts, Edge, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
 from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
-from polywigner.kernels.functions.edge_terms import EdgeTerms, ambiguity_terms, scaled, wigner_terms
+from polywigner.kernels.functions.edge_terms import (
+    AreaTerms,
+    EdgeTerms,
+    ambiguity_terms,
+    scaled,
+    wigner_terms,
+)
 from polywigner.kernels.outline import Tables
 from polywigner.kernels.wave_pairs import (
     WavePair,
@@ -235,7 +241,8 @@ class SliceSum:
         for group, other, views, pairs in self.pairings(tables):
             is_even = other == group and not tables.phased
             for view, side in views:
-                grid = pairs_of(tables, (view, group, other), True, _SAMPLES).on_host
+                key = view, group, other
+                grid = pairs_of(tables, key, True, _SAMPLES, is_compiled=False).on_host
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
@@ -459,4 +466,13 @@ AMBIGUITY_SUM = SliceSum(
     terms=ambiguity_terms,
     values=2,
     arguments=slice(2, 4),
+)
+# The terms of an area need no frequency. The lag stands for the frequency.
+AREA_SUM = replace(
+    AMBIGUITY_SUM,
+    position=slice(0, 2),
+    frequency=slice(0, 2),
+    terms=AreaTerms,
+    values=1,
+    arguments=None,
 )
