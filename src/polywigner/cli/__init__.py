@@ -1,7 +1,7 @@
 """The command line ``polywigner``.
 
-Commands check their options before they import large libraries, so that ``--help`` and errors are
-quick.
+Commands check their options before they import large libraries, so that ``--help`` and errors
+appear quickly.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str or None
-        The words after ``polywigner``; None: the words of the process.
+        Arguments after ``polywigner``. None selects the arguments of the process.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def _from_exception(error: BaseException) -> int:
     if isinstance(error, MemoryError):
         return _say(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
     if isinstance(error, BrokenPipeError):
-        # The exit of Python flushes stdout, which would raise BrokenPipeError again.
+        # At exit, Python flushes stdout, which would raise BrokenPipeError again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
     # Typer contains a private copy of click, so its errors are recognised by name.
@@ -110,7 +110,7 @@ app = typer.Typer(
     add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    # Without rich, --help starts in half the time.
+    # Without rich, --help appears in half the time.
     rich_markup_mode=None,
 )
 
@@ -147,7 +147,7 @@ def explore(
     """
     if aperture is not None:
         reading.check_file(aperture)
-    wave.length()  # Raise its errors before the slow import.
+    wave.length()  # Raise errors in the options before the slow import.
     from polywigner.explorer import serve, start_state
 
     state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())

@@ -64,7 +64,7 @@ def _numpy_row() -> Row:
             version = importlib.metadata.version("numpy")
             return Row("engine numpy", _GOOD, f"NumPy {version}; no other requirements")
         problem = f"a square of area 4 transforms to {area}"
-    except Exception as error:  # The report must contain its other rows.
+    except Exception as error:  # The report must still contain the other rows.
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return Row("engine numpy", _BAD, problem, f"Run {install_command()}.")
 

@@ -53,7 +53,7 @@ Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://
 
 
 def parse_step(text: str, largest: float, most: int) -> float:
-    """Return a step in degrees for at most ``most`` directions in a hemisphere."""
+    """Parse a step in degrees that gives at most ``most`` directions in a hemisphere."""
     step = math.degrees(parse_angle(text))
     if not 0 < step <= largest:
         raise ArgumentError(
@@ -264,7 +264,7 @@ def warnings_of_mitsuba() -> Iterator[None]:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """Options of commands on scenes; None selects the setting of the scene."""
+    """Options of commands that read scenes; None selects the setting of the scene."""
 
     scene: Annotated[str, typer.Argument(help="Mitsuba XML file of a scene with a Wigner source.")]
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0
@@ -316,7 +316,7 @@ class SceneOptions:
         with warnings_of_mitsuba():
             if self.range_text is not None:
                 required("h5netcdf", "dask")
-                require_transients(variant)  # The scene may use the registered integrators.
+                require_transients(variant)  # Registers integrators that the scene may use.
             yield store
         if store is not None:
             shutil.rmtree(store, ignore_errors=True)

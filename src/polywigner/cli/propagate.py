@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 _Projection = Literal["maximum", "mean"]
 
-_WIDEST = math.radians(80.0)  # default of the largest angle on an arc [rad]
+_WIDEST = math.radians(80.0)  # default largest angle on an arc [rad]
 # Largest angle on a hemisphere [rad], the limit of suggest_sampling.
 _GRAZING = math.radians(89.5)
-_MOST_POINTS = 1 << 26  # 0.5 GB per method
+_MOST_POINTS = 1 << 26  # largest number of points: 0.5 GB per method
 # Smallest default numbers of samples, for smooth figures.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
 # Largest default numbers of samples.
@@ -40,7 +40,7 @@ _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 
 
 Methods: TypeAlias = dict[str, dict[str, str | None]]
-"""Arguments of the methods of a run, by names such as "wigner-paper"."""
+"""Arguments of each method of a run, by names such as "wigner-paper"."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,7 +267,7 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Return the requested numbers of samples, or those that the field needs, within limits."""
+    """Return the requested numbers of samples, or the required numbers within limits."""
     import polywigner as pw
 
     if region.shape:
@@ -289,7 +289,7 @@ def samples_of_region(
 def samples_of_box(
     source: Aperture | ApertureArray, corners: tuple[Point, Point], wavelength: float
 ) -> tuple[int, ...]:
-    """Return the numbers of samples along x, y and z for the irradiance, within limits."""
+    """Return the required numbers of samples of the irradiance along x, y and z, within limits."""
     import polywigner as pw
 
     axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
@@ -387,7 +387,7 @@ _EXPECTED_RANGES = (
 
 
 def _ranges(text: str, count: int) -> tuple[Point, Point]:
-    """Parse ``count`` ranges and 3 - ``count`` coordinates to the lowest and the highest point."""
+    """Parse ``count`` ranges and 3 - ``count`` coordinates into the lowest and highest point."""
     parts = _split(text, ",")
     if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z separated by commas, got {value_text(text)}")

@@ -35,8 +35,8 @@ _Format = StrEnum("_Format", "csv nc")
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _MAP_SECONDS = 60.0  # longest computing time of a map with the default step [s]
 _TIMED = 8  # number of directions timed to choose the default steps
-_MOST = 4_000_000  # largest number of directions of a map: hours for a simple body
-_STEPS_PER_LOBE = 4.0  # default steps of the cuts per backscatter lobe
+_MOST = 4_000_000  # largest number of directions of a map: hours of computing for a simple body
+_STEPS_PER_LOBE = 4.0  # default number of steps of a cut per backscatter lobe
 _CUT_SECONDS = 30.0  # longest computing time of a cut with the default step [s]
 _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
@@ -110,7 +110,7 @@ def rcs(
 def _angular_steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps of map and cuts in degrees; timed calls determine the defaults."""
+    """Return the steps of the map and the cuts in degrees; timed calls determine the defaults."""
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
@@ -209,7 +209,7 @@ def radar(
     from polywigner.radar import parse_waveform, range_angle, range_doppler, window_of
 
     wave = parse_waveform(waveform)
-    window_of(window, wave.samples)  # Raise its errors before the computation.
+    window_of(window, wave.samples)  # Raise errors in the window before the computation.
     required("zarr" if zarr else "h5netcdf", "dask")
     with options.warnings_of_mitsuba():
         loaded = load_scene(scene, choose_variant(variant))

@@ -86,7 +86,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 "whose polarisation is a parameter of the receiver"
             )
         ready = time.perf_counter()
-        # Scenes whose paths have no lengths raise an error before the longer render.
+        # Scenes whose paths have no lengths raise an error here, before the longer render.
         if edges is not None:
             with kernel_threads(settings.threads):
                 frames = range_frames(
@@ -283,7 +283,7 @@ def parse_definition(text: str) -> tuple[str, str]:
 
 
 def parse_band(text: str | None) -> list[float]:
-    """Parse frequencies to Hz from "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
+    """Return frequencies in Hz from "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
     if text is None:
         return []
     ends, _, number = text.partition(",")

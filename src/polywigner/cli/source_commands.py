@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from polywigner.figures import TransformSlices
 
 _FEWEST = 257
-# Largest default number of samples along an axis: about 10 s for an aperture with 100 edges.
+# Largest default number of samples along an axis; an aperture with 100 edges takes about 10 s.
 _MOST_BY_DEFAULT = 513
 
 
@@ -91,7 +91,7 @@ def _write_values(slices: TransformSlices, path: Path) -> None:
     """Write the slices as .npz with a JSON string ``metadata``, which describes axes and units."""
     import numpy as np
 
-    # GEOS writes WKT with 16 decimals only; GeoJSON contains all digits.
+    # GEOS writes WKT with only 16 decimals; GeoJSON contains all digits.
     from shapely import to_geojson
 
     import polywigner as pw
@@ -118,7 +118,7 @@ _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
 _STEPS_PER_LOBE = 8
 # Finest and coarsest default step [degrees]; the finest step takes 1 to 2 s.
 _FINEST, _COARSEST = 0.25, 1.0
-# Largest number of directions in front of the source: 0.2 GB of values.
+# Largest number of directions in front of the source; their values take 0.2 GB.
 _MOST = 4_000_000
 
 

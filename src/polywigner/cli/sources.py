@@ -1,4 +1,4 @@
-"""Options for sources, wavelengths and obstacles, and the reading of their files."""
+"""Options for sources, wavelengths and obstacles, and functions that read their files."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Reading:
     union: Annotated[bool, "Join shapes of an aperture file that overlap."] = False
 
     def check_file(self, path: str) -> None:
-        """Raise the errors of the path and of the tolerance before large libraries are imported."""
+        """Raise errors in the path and the tolerance before large libraries are imported."""
         self.reading_arguments()
         if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
             raise FileFormatError(
@@ -206,7 +206,7 @@ def short_name(path: str) -> str:
     name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
         name = f"{name[:20]}…{name[-11:]}"
-    return name.replace("$", r"\$")  # Matplotlib would start a formula.
+    return name.replace("$", r"\$")  # Matplotlib treats $ as the start of a formula.
 
 
 def frequency_text(wavelength: float) -> str:
@@ -278,7 +278,7 @@ class FieldSourceOptions(SourceOptions):
 
 
 def _parse_obstacle(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-    """Parse "FILE at X, Y, Z towards THETA, PHI" to the file, a point in m and angles in rad."""
+    """Parse "FILE at X, Y, Z towards THETA, PHI" into the file, a point in m and angles in rad."""
     path, at, placement = text.rpartition(" at ")
     if not at:
         return text, (0.0, 0.0, 0.0), (0.0, 0.0)

@@ -30,7 +30,7 @@ def start_state(
 ) -> State:
     """Return the initial state of the page: the outlines of an aperture file, or a chevron.
 
-    The page uses the unit of the file if it offers this unit, otherwise mm.
+    The page uses the unit of the file, or mm if the page does not offer that unit.
     """
     unit_of_page = {"um": "µm"}.get(unit, unit)
     state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", wave=wave or State.wave)
@@ -77,7 +77,7 @@ def _new_server(state: State, port: int) -> Server:
 def _refuse_foreign_hosts(application: Application, port: int) -> None:
     """Respond with status 403 to requests with a foreign Host header.
 
-    The origin check alone accepts pages of a site whose name resolves to 127.0.0.1.
+    The origin check alone would accept pages of a site whose name resolves to 127.0.0.1.
     """
     from tornado.web import ErrorHandler
 

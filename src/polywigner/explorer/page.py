@@ -60,7 +60,7 @@ _CARD = """
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
-_QUICK_SAMPLES = 49  # samples along an axis during a change
+_QUICK_SAMPLES = 49  # number of samples along an axis during a change
 _SECONDS = 1.0  # longest computing time of a view after a change [s]
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
@@ -82,7 +82,7 @@ class Explorer:
         self._pictures: dict[Name, tuple[str, float, View]] = {}
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
-        self._is_following = False  # whether the state sets the controls
+        self._is_following = False  # whether the controls are being set from the state
         self._editor = Editor(self._outline_edited, lambda point: self.edit(x=point))
         choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
         taps = {"fourier": choose_nu, "wigner_nu": choose_nu, "wigner_x": lambda p: self.edit(x=p)}
@@ -246,7 +246,7 @@ class Explorer:
         self._post(self._plots[name].show, picture)
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Call a function under the document's lock, in the order of the calls."""
+        """Schedule a function call under the document's lock; the order of the calls is kept."""
         self._posted.append(partial(show, *arguments))
         if self._document is None:
             self._show_posted()

@@ -179,13 +179,13 @@ class Editor:
 
 
 class Plot:
-    """Figure of a view; ``on_tap`` receives a clicked point."""
+    """Figure of a view; ``on_tap`` is called with a clicked point."""
 
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
         plot = _new_figure(
             name, title=" ", tools="",
-            # Left and right margins add up to the same size as top and bottom margins, so that the
-            # axes are square.
+            # The left and right margins have the same sum as the top and bottom margins, so that
+            # the axes are square.
             min_border_left=52, min_border_right=50, min_border_top=54, min_border_bottom=48,
         )  # fmt: skip
         plot.add_tools(models.SaveTool(filename=name))

@@ -83,7 +83,7 @@ class State:
     nu: Point = (0.0, 0.0)  # selected spatial frequency [cycles per unit]
     defocus: float = 0.0  # W20 at the farthest vertex [waves]
     distance: float = 50.0  # distance of the near-field plane
-    # largest direction cosine on frequency axes; 0 shows eight lobes of the source
+    # largest direction cosine on frequency axes; 0 selects eight lobes of the source
     reach: float = 0.0
     part: Part = "level"  # part of the Fourier transform that is displayed
 
@@ -156,7 +156,7 @@ class History:
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
-        """Move forwards, or backwards if ``steps`` is negative, if such a state exists."""
+        """Move by ``steps`` states, backwards if negative, unless no such state exists."""
         if self.can_move(steps):
             self.position, self.gesture = self.position + steps, ""
 
@@ -171,7 +171,7 @@ def with_vertex(rings: Rings, point: Point) -> Rings:
 
 
 def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
-    """Return the outlines with at least three vertices from rows (index of the outline, x, y)."""
+    """Return the outlines with three or more vertices, from rows (outline index, x, y)."""
     numbers = dict.fromkeys(number for number, _, _ in rows)
     rings = (tuple((x, y) for n, x, y in rows if n == k) for k in numbers)
     return tuple(ring for ring in rings if len(ring) >= 3)

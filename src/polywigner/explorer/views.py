@@ -29,16 +29,16 @@ VIEWS: Mapping[Name, str] = {
 SAMPLES = 161
 FLOOR_DB = -40.0
 _LOBES = 8.0  # half width of frequency axes [1/diagonal of the source]
-_MARGIN = 1.05  # ratio of the axes of positions and lags to the size of the source
+_MARGIN = 1.05  # factor by which position and lag axes exceed the extent of the source
 _BEAM = 3.0  # margin of the near-field image around the source [lobe widths]
-_WIDE = 0.5  # sine of the angle above which all directions are shown
+_WIDE = 0.5  # largest direction cosine above which all directions are shown
 
 _GRID = """
 axis = np.linspace(-{half!r}, {half!r}, {samples})
 x, y = {x!r} + axis, {y!r} + axis
 grid = np.stack(np.meshgrid(x, y), axis=-1)
 """
-# A compiled engine would compile kernels for each new outline.
+# A compiled engine would compile new kernels for each outline.
 _CODE: Mapping[Name, str] = {
     "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
     "wigner_nu": _GRID
@@ -104,8 +104,8 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 class View:
     """A view in units of the page, with its values in SI units.
 
-    Images have axes ``x`` and ``y``. Curves have arguments ``x`` and the limits ``y``. Outlines
-    have limits in both.
+    For images, ``x`` and ``y`` contain the axes. For curves, ``x`` contains the arguments and ``y``
+    the limits of the vertical axis. For outlines, both contain the limits of the axes.
     """
 
     title: str
@@ -115,7 +115,7 @@ class View:
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     image: NDArray[np.float64] | None = None  # displayed values (y, x)
-    limits: tuple[float, float] = (0.0, 1.0)  # of the colour scale
+    limits: tuple[float, float] = (0.0, 1.0)  # limits of the colour scale
     colours: str = style.LEVEL_MAP
     quantity: str = ""  # label of the colour scale
     curves: Mapping[str, NDArray[np.float64]] | None = None

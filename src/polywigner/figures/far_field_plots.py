@@ -62,8 +62,8 @@ def draw_pattern(
     pattern : xarray.Dataset
         Result of :func:`polywigner.radiation_pattern`.
     panels : sequence of {"cuts", "polar", "uv", "table"}, optional
-        Panels to draw; "uv" is a map over direction cosines and requires eight angles phi. The
-        default is all panels for which the pattern has enough angles.
+        Panels to draw; "uv" is a map over direction cosines and requires at least eight angles phi.
+        The default is all panels for which the pattern has enough angles.
     cuts : {"beam", "principal"} or sequence of xarray.Dataset, optional
         "beam": two orthogonal great circles through the beam, over the angle from the beam, as in
         :func:`polywigner.beam_cuts`. "principal": the meridians nearest to the x and the y axis. A
@@ -88,7 +88,7 @@ def draw_pattern(
     Raises
     ------
     ArgumentError
-        If ``pattern`` is no radiation pattern, a panel is unknown, there are too few angles, or
+        If ``pattern`` is not a radiation pattern, a panel is unknown, there are too few angles, or
         ``figure`` has another type.
     """
     check_floor(floor_db)
@@ -261,13 +261,13 @@ def draw_tolerance(
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw the patterns of an array with errors over theta: their mean and 5 to 95 % band.
+    """Draw the mean pattern of an array with errors over theta, and its 5 to 95 % band.
 
     Parameters
     ----------
     tolerance : xarray.Dataset
         Result of :func:`polywigner.array_tolerance` with one to four cuts. Opposite meridians are
-        joined to one cut.
+        joined into one cut.
     floor_db : float, default -50
         Lowest level in dB relative to the largest directivity without errors.
     title : str, optional
@@ -283,8 +283,8 @@ def draw_tolerance(
     Raises
     ------
     ArgumentError
-        If ``tolerance`` is no result of array_tolerance, there are too many cuts or fewer than two
-        angles theta, or ``figure`` has another type.
+        If ``tolerance`` is not a result of array_tolerance, there are too many cuts or fewer than
+        two angles theta, or ``figure`` has another type.
     """
     check_floor(floor_db)
     axes_of = {"theta": "theta", "phi": "phi"}
@@ -354,8 +354,8 @@ def draw_rcs(
     Raises
     ------
     ArgumentError
-        If ``pattern`` is no result of rcs_pattern, there are too few angles, all cross sections are
-        zero, or ``figure`` has another type.
+        If ``pattern`` is not a result of rcs_pattern, there are too few angles, all cross sections
+        are zero, or ``figure`` has another type.
     """
     check_floor(floor_db)
     if smooth is not None:
@@ -401,7 +401,7 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _label_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle between angle labels, in degrees, at which a cut is lowest."""
+    """Return the angle in degrees, midway between two angle labels, near which a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
     near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
@@ -409,7 +409,7 @@ def _label_angle(angles: Floats, levels: Floats) -> float:
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Return running medians of levels at evenly spaced angles over a width in radians."""
+    """Return the running median of levels at evenly spaced angles; ``width`` is in radians."""
     import xarray
 
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
@@ -435,7 +435,7 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
 def _rcs_cuts(
     pattern: tuple[Floats, Floats, Floats], cuts: Sequence[Any] | None
 ) -> list[tuple[str, Floats, Floats]]:
-    """Return title, angles and levels of the cuts over azimuth and over elevation."""
+    """Return the title, angles and levels of each cut, first over azimuth, then over elevation."""
     if cuts is None:
         flat = upright = pattern
         nearest = int(np.abs(pattern[1]).argmin())

@@ -41,21 +41,21 @@ _COLOURS = (
 )
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
-_DECADES = 20.0  # ratio of lengths above which an axis is logarithmic
-# Limit of the linear part of the axis of differences [dB]; differences span several decades.
+_DECADES = 20.0  # ratio of largest to smallest position above which an axis is logarithmic
+# Limit of the linear part of the difference axis [dB]; differences span several decades.
 _LINEAR_DB = 0.01
-# Widths of each of several maps, of a single map and of a disc [inches].
+# Widths of a map in a row, of a single map and of a disc [inches].
 _INCHES, _ALONE, _DISC = 3.0, 4.8, 3.3
 _MOST_DB = 3.0  # largest limit of the colour scale of differences [dB]
-_FAINT = 0.01  # fraction of the power in a plane below the default floor
+_FAINT = 0.01  # fraction of the power in a plane that lies below the default floor
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """Values of a quantity from several methods at the same points."""
 
-    fields: dict[str, NDArray[Any]]  # values by the name of the variable
-    powers: dict[str, Floats]  # squared moduli of complex values
+    fields: dict[str, NDArray[Any]]  # values by variable name
+    powers: dict[str, Floats]  # real values, or squared moduli of complex values
     labels: dict[str, str]
     dims: tuple[str, ...]  # axes with more than one sample
     against: str  # name of the reference variable
@@ -120,7 +120,7 @@ def draw_lines(
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw fields along a line by each method, and differences from a reference method.
+    """Draw fields along a line for each method, and differences from a reference method.
 
     The horizontal axis is x, y or z if the line is parallel to that axis, otherwise the dimension
     of the dataset. Differences are drawn at points where the reference is above -30 dB.
@@ -130,7 +130,7 @@ def draw_lines(
     dataset : xarray.Dataset or dict of xarray.Dataset
         A variable for each method along one axis, such as a result of :func:`polywigner.line`, or a
         cut of :func:`polywigner.hemisphere`. Squared moduli of complex values are drawn. A dict
-        contains a dataset for each column of panels, by the title of the column.
+        maps the title of each column of panels to its dataset.
     against : str, default the last variable
         Reference variable, whose peak is 0 dB.
     floor_db : float, default -40
@@ -215,7 +215,7 @@ def _line_axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
             f"expected fields along a single axis, got fields over {', '.join(dims)}"
         )
     along = dims[0]
-    # On a line parallel to x, y or z, this coordinate replaces the distance.
+    # On a line parallel to x, y or z, that coordinate replaces the distance along the line.
     if dataset[along].attrs.get("units") == "m":
         changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
         along = changing[0] if len(changing) == 1 else along
@@ -269,7 +269,7 @@ def draw_planes(
     title: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
-    """Draw maps of a field on a plane, and a second row with phases or differences of methods.
+    """Draw maps of a field on a plane, with phases or differences between methods below.
 
     The second row shows the phases of complex fields, whose opacity decreases with the level, or
     the differences between methods at points where the reference is above -30 dB.
@@ -286,7 +286,7 @@ def draw_planes(
         Lowest level in dB. Lower and negative values are drawn at the floor. The default is the
         multiple of 5 dB, from -40 to -10 dB, below which 1 % of the power lies.
     obstacles : sequence of bodies and plates, default none
-        Obstacles as of :func:`polywigner.plane`, whose intersections with the plane are drawn.
+        Obstacles as in :func:`polywigner.plane`, whose intersections with the plane are drawn.
     title : str, optional
         Title of the figure.
     figure : matplotlib.figure.Figure or SubFigure, default a new figure
@@ -436,7 +436,8 @@ def draw_hemispheres(
     Raises
     ------
     ArgumentError
-        If the quantity or method is missing, the axes are others, or ``figure`` has another type.
+        If the quantity or method is missing, the dataset has other axes, or ``figure`` has another
+        type.
     """
     check_floor(floor_db)
     if "directivity" in checked_dataset(dataset):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from polywigner import Aperture, Array
 
 _STYLES = ("-", "-.", ":", (0, (1, 3)))
-_ALIKE = 2e-3  # largest difference of curves that are drawn as one line
+_ALIKE = 2e-3  # largest difference between curves that are drawn as one line
 
 
 @style.typeset
@@ -53,7 +53,8 @@ def draw_psf(
     Raises
     ------
     ArgumentError
-        For another dataset, a floor that is not below 0 dB, and a ``figure`` of another type.
+        If ``dataset`` has another variable or other axes, the floor is not below 0 dB, or
+        ``figure`` has another type.
     """
     if floor_db is not None:
         check_floor(floor_db)
@@ -126,7 +127,7 @@ def draw_image(
     Raises
     ------
     ArgumentError
-        For an image without these dimensions, and a floor that is not below 0 dB.
+        If the image has other dimensions, or the floor is not below 0 dB.
 
     Examples
     --------
@@ -165,9 +166,10 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
     Parameters
     ----------
     dataset : xarray.Dataset
-        Variable ``mtf`` (defocus, direction, frequency), with the frequency in cycles/mm. Optional
-        are ``limit`` (direction, frequency) of the pupil without aberrations, drawn dashed, and
-        ``reversed``, the points of ``mtf`` where bright and dark are exchanged, drawn wide.
+        Variable ``mtf`` (defocus, direction, frequency), with the frequency in cycles/mm. Two
+        variables are optional: ``limit`` (direction, frequency), the function of the pupil without
+        aberrations, which is drawn dashed, and ``reversed``, a mask of the points of ``mtf`` with
+        reversed contrast, which are drawn wide.
     title : str, optional
         Title of the figure.
     figure : matplotlib.figure.Figure or SubFigure, default a new figure
@@ -181,7 +183,7 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
     Raises
     ------
     ArgumentError
-        For another dataset, and a ``figure`` of another type.
+        If ``dataset`` has another variable or other axes, or ``figure`` has another type.
     """
     curves = _checked_lens(dataset, "mtf", ("defocus", "direction", "frequency"))
     figure = style.figure_on(figure, 6.4, 3.8, title)

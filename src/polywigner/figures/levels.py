@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 PEAK_RULE = "largest 3x3 median"
 """Definition of 0 dB by :func:`image_peak`, for labels and logs."""
 COMPARED_DB = -30.0
-"""Lowest compared level in dB relative to the peak, because differences in dB diverge at nulls."""
+"""Level in dB relative to the peak below which fields are not compared; dB diverge at nulls."""
 
 _MILLIWATT = 1e-3
 # Lowest floor [dB]; lower levels of a field with 15 digits are rounding errors.
 _LOWEST_DB = -300.0
-# Largest relative deviation of the steps of an evenly spaced axis.
+# Largest relative deviation of a step from the mean step of an evenly spaced axis.
 _EVEN = 1e-3
-# Units in labels by the units in files.
+# Units for labels, by the unit strings in files.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 _NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
 _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
@@ -68,7 +68,7 @@ def image_peak(values: ArrayLike) -> float | None:
 
 
 def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDArray[np.float64]:
-    """Convert powers to levels in dB relative to ``reference``, limited from below to the floor.
+    """Convert powers to levels in dB relative to ``reference``, clipped at the floor.
 
     Zero and negative values, such as negative Wigner radiance, are converted to the floor.
 
@@ -77,7 +77,7 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
     values : array_like
         Powers: radiance, intensity, |F|^2, ...
     reference : float or None
-        Value of 0 dB, in the unit of ``values``. With None all levels are the floor.
+        Value of 0 dB, in the unit of ``values``. If None, all levels equal the floor.
     floor_db : float
         Lowest level in dB, below 0.
 
@@ -104,7 +104,7 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
 
 
 def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
-    """Convert powers in watts to levels in dBm, limited from below to ``floor``."""
+    """Convert powers in watts to levels in dBm, clipped at ``floor``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
@@ -145,7 +145,7 @@ def _is_compared(reference: xarray.DataArray) -> xarray.DataArray:
 def summary(values: Any, reference: Any) -> Difference:
     """Return the largest and the rms difference of two fields in dB.
 
-    Both may be lazy xarray.DataArrays. The squared moduli of complex values are compared.
+    Both fields may be lazy xarray.DataArrays. The squared moduli of complex values are compared.
     """
     import xarray
 

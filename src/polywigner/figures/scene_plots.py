@@ -1,4 +1,4 @@
-"""Figures of scenes: radiance in dB, frames by range, and power and channels of receivers."""
+"""Figures of scenes: radiance, polarisation, and power and channels of receivers."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 _MARGIN_DB = 5.0  # margin of level axes below the noise and above the peak [dB]
-# Smallest degree of linear polarisation with an angle; below it, the angle is noise.
+# Degree of linear polarisation below which no angle is drawn, because the angle would be noise.
 _LEAST_LINEAR = 0.05
-_MARK = "#4dd2ff"  # colour of direct paths
+_MARK = "#4dd2ff"  # colour of the marks for direct paths
 
 
 @style.typeset
@@ -45,8 +45,8 @@ def draw_scene(
     radiance : array_like, shape (height, width)
         Signed radiance.
     reference : float or None
-        Radiance of 0 dB, normally :func:`polywigner.figures.image_peak`. With None the whole image
-        is at the floor.
+        Radiance of 0 dB, normally :func:`polywigner.figures.image_peak`. If None, the entire
+        image is at the floor.
     floor_db : float
         Lowest level in dB. Lower and negative radiance is drawn at the floor.
     unit : str, default "W/(m² sr)"
@@ -85,7 +85,7 @@ _STOKES = ("S₀", "S₁: horizontal − vertical", "S₂: 45° − (−45°)", 
 
 @style.typeset
 def draw_stokes(stokes: ArrayLike, title: str = "") -> Figure:
-    """Draw the four Stokes parameters of a rendered image, signed, relative to its peak.
+    """Draw the four signed Stokes parameters of a rendered image, relative to its peak.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ def draw_stokes(stokes: ArrayLike, title: str = "") -> Figure:
 def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "") -> Figure:
     """Draw the degree of polarisation of a rendered image and the angle of its linear part.
 
-    The angle is measured from the image's right upwards, from -90 to 90 degrees. Pixels are grey if
-    less than 5 % of their radiance is linearly polarised.
+    The angle, from -90 to 90 degrees, is measured from the image's right towards its top. Pixels
+    are grey if less than 5 % of their radiance is linearly polarised.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def draw_range_profile(
     title: str = "",
     ax: Axes | None = None,
 ) -> Axes | Figure:
-    """Draw the power of each bin in dBm over range in m, with the noise of the receiver.
+    """Draw the power of each bin in dBm over range in m, with the receiver's noise.
 
     Circles mark line-of-sight paths and specular paths.
 
@@ -214,8 +214,8 @@ def draw_range_profile(
     Raises
     ------
     ArgumentError
-        If ``profile`` is no range profile, the receiver does not exist, ``ax`` has another type, or
-        the floor is not below 0 dB.
+        If ``profile`` is not a range profile, the receiver does not exist, ``ax`` has another type,
+        or the floor is not below 0 dB.
     """
     check_floor(floor_db)
     if "receiver" in getattr(profile, "dims", ()):
@@ -284,10 +284,10 @@ def draw_arrivals(
     names: Mapping[str, tuple[float, float]] | None = None,
     ax: Axes | None = None,
 ) -> Axes | Figure:
-    """Draw scattered power over direction cosines in dBm, with marks for direct paths.
+    """Draw scattered power in dBm over direction cosines, with marks for direct paths.
 
-    The view is the receiver's, along its +z axis with its +y axis upwards, so its +x axis points
-    to the left. The axes show the directions from which power above the floor arrives.
+    The receiver looks along its +z axis with its +y axis upwards, so its +x axis points to the
+    left. The axes show the directions from which power above the floor arrives.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ _MARGIN, _LEAST_HALF = 0.05, 0.1
 def _view_limits(
     bright: NDArray[np.bool_], directions: Sequence[tuple[float, float]]
 ) -> tuple[Floats, Floats]:
-    """Return the lowest and the highest corner of a square around bright pixels and directions."""
+    """Return the lower and the upper corner of a square around bright pixels and directions."""
     points = np.asarray(directions, np.float64).reshape(-1, 2)
     if bright.any():
         pixels = np.argwhere(bright)[:, ::-1]
@@ -388,7 +388,7 @@ def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
 
 
 _MOST_PAIRS = 6  # largest number of emitter-receiver pairs in a figure
-_DELAYS = 2001  # samples of an impulse response
+_DELAYS = 2001  # number of samples of an impulse response
 _BEYOND = 6.0  # extent of a response before the first and after the last path [1/bandwidth]
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (1.0, "Hz"))
 
@@ -426,7 +426,8 @@ def draw_channel(
     Raises
     ------
     ArgumentError
-        If ``channel`` is no channel, the floor is not below 0 dB, or ``figure`` has another type.
+        If ``channel`` is not a channel, the floor is not below 0 dB, or ``figure`` has another
+        type.
     """
     check_floor(floor_db)
     ends = "receiver emitter"

@@ -72,7 +72,7 @@ def draw_levels(
     high: float | None = 0.0, label: str | None = None,
     **options: Any,
 ) -> Map:  # fmt: skip
-    """Draw levels from ``low`` (black) to ``high``, by default the largest level.
+    """Draw levels from ``low`` (black) to ``high``; None selects the largest level.
 
     A ``label`` adds a colour bar. See :func:`draw_map` for ``across`` and ``up``.
     """
@@ -86,7 +86,7 @@ def draw_signed(
     axes: Axes, values: Any, across: Any = None, up: Any = None, *, bound: float | None = None,
     label: str | None = None, **options: Any,
 ) -> Map:  # fmt: skip
-    """Draw signed values on a symmetric colour scale up to ``bound``.
+    """Draw signed values on a colour scale from ``-bound`` to ``bound``.
 
     Without a bound, the scale is logarithmic and ranges from -1 to 1. A ``label`` adds a colour
     bar. See :func:`draw_map` for ``across`` and ``up``.
@@ -138,7 +138,7 @@ def floor_text(floor: float, unit: str = "dB") -> str:
 def new_figure(
     width: float, height: float, spacing: float = 0.02, *, is_compressed: bool = False
 ) -> Figure:
-    """Return an empty figure with a size in inches, not registered with pyplot.
+    """Return an empty figure, sized in inches, that is not registered with pyplot.
 
     ``spacing`` is a fraction of the panel size. A compressed layout places panels with a fixed
     aspect ratio next to each other.
@@ -156,7 +156,7 @@ def new_figure(
 
 
 def figure_on(figure: Any, width: float, height: float, title: str, **layout: Any) -> Figure:
-    """Return the caller's figure or subfigure with a title, or a :func:`new_figure` for None.
+    """Return the caller's figure or subfigure with a title; for None, a :func:`new_figure`.
 
     An empty figure without a layout engine gets the constrained layout, in which colour bars do not
     overlap panels. An empty title keeps the caller's title. Raises ArgumentError for other types.
@@ -198,7 +198,7 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
 
 
 def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
-    """Set labels and limits of axes, and add a grid and a legend with a font size."""
+    """Set labels and limits of axes, and add a grid; ``legend`` is the font size of a legend."""
     axes.set(**labels)
     axes.grid(alpha=0.3, lw=0.5)
     if legend:
@@ -239,7 +239,7 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> N
 
 
 def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
-    """Draw lines (line, point, 2 or 3) in two colours, which are visible on any background.
+    """Draw lines of shape (line, point, 2 or 3) in two colours, visible on any background.
 
     The limits of the axes do not change.
     """
@@ -306,7 +306,7 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
     directions = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for label in labels:
         first, size = label.get_position(), label.get_window_extent()
-        gap = float(np.hypot(*first))  # points
+        gap = float(np.hypot(*first))  # in points
         width, height = (72 / figure.dpi * n + gap for n in (size.width / 2, size.height))
         rings = [(n * x * width, n * y * height) for n in (1, 2, 3) for x, y in directions]
         for offset in (first, *rings):

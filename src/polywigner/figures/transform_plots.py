@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 LARGEST_SAMPLES = 4096
 """Largest number of samples along each axis. A complex array of this size takes 256 MiB."""
 
-# Half width of frequency axes without a wavelength [1/diameter]: five lobes of a square.
+# Half width of frequency axes if the wavelength is unknown [1/diameter]; they show five lobes of a
+# square.
 _LOBES = 8.0
 
 Point = tuple[float, float]
@@ -40,7 +41,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class TransformSlices:
-    """Values of the transforms of a source over two frequencies.
+    """Values of a source's transforms over both components of the spatial frequency.
 
     The second frequency component varies along the first axis: ``fourier[j, i]`` is the value at
     (frequency[i], frequency[j]).
@@ -50,7 +51,7 @@ class TransformSlices:
     aperture: pw.Aperture
     """Outline of the source; for an array, the union of the elements."""
     support: pw.Aperture
-    """Region outside which W is zero: the automean, or a region around it."""
+    """Region outside which W is zero: the automean, or a region that contains it."""
     x: Point
     """Position of ``wigner`` in m."""
     xi: Point
@@ -58,7 +59,7 @@ class TransformSlices:
     wavelength: float | None
     """Wavelength in m; None if unknown."""
     frequency: NDArray[np.float64]
-    """Both components of nu and of upsilon (n,) in 1/m."""
+    """Values (n,) of each component of nu and of upsilon in 1/m."""
     fourier: NDArray[np.complex128]
     """F (n, n) in m^2."""
     wigner: NDArray[np.float64]
@@ -75,7 +76,7 @@ def transform_slices(
     samples: int = 257,
     zoomed: bool = False,
 ) -> TransformSlices:
-    """Compute F(nu), W(x, nu) at a position and A(upsilon, xi) at a lag, over two frequencies.
+    """Compute F(nu), W(x, nu) at a position and A(upsilon, xi) at a lag, on a frequency grid.
 
     Parameters
     ----------
@@ -94,12 +95,12 @@ def transform_slices(
     samples : int, default 257
         Number of samples along each axis, from 2 to 4096. Odd numbers include nu = 0.
     zoomed : bool, default False
-        Whether the axes extend to 8/diameter also with a wavelength.
+        Whether the axes extend to 8/diameter even if a wavelength is specified.
 
     Returns
     -------
     TransformSlices
-        Values, and the axes on which they lie.
+        Values and their axes.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def transform_slices(
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
-    in_plane: Any = source  # Arrays in 3D accept no nu with two components.
+    in_plane: Any = source  # Arrays in 3D do not accept nu with two components.
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
     fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
@@ -346,7 +347,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# Closed forms in the titles of tiles.
+# Closed forms for the titles of tiles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",

@@ -44,9 +44,10 @@ _INKS = "white", "#101010"
 
 # Viewing angles [degrees]: z points to the right and away from the viewer.
 _ELEVATION, _AZIMUTH = 24.0, -133.0
-# Clip levels this far below a surface [dB]; interpolation towards a null would shift the surface.
+# Levels are clipped this far below a surface [dB]; otherwise, interpolation towards a null would
+# shift the surface.
 _BELOW = 20.0
-# Smallest drawn ratio of a side of the box to the longest side.
+# Smallest ratio of a side of the box, as drawn, to the longest side.
 _FLATTEST = 0.25
 _AMBIENT, _DIFFUSE = 0.45, 0.55
 
@@ -79,7 +80,7 @@ def draw_volume(
     source : Aperture or Array, optional
         Source whose outline is drawn in the plane z = 0, by default the source in the dataset.
     obstacles : sequence of bodies and plates, default none
-        Obstacles as of :func:`polywigner.volume`, whose outlines are drawn.
+        Obstacles as in :func:`polywigner.volume`, whose outlines are drawn.
     name : str, optional
         Variable to draw, a power density. A dataset with one variable needs no name.
     surfaces : tuple of float, default four levels
@@ -172,7 +173,7 @@ def check_volume_options(
 ) -> tuple[float, ...]:
     """Return the ascending levels of the isosurfaces in dB.
 
-    Raises ArgumentError for wrong options, and MissingExtraError without scikit-image.
+    Raises ArgumentError for invalid options, and MissingExtraError without scikit-image.
     """
     require("skimage", "volume", "finds isosurfaces")
     check_floor(floor_db)
@@ -280,8 +281,8 @@ def _draw_surface(
 ) -> None:  # fmt: skip
     """Draw an isosurface, closed at the faces of the box.
 
-    The opaque surface is made translucent as an image, which hides its back and the edges of its
-    triangles.
+    The surface is drawn opaque, and the resulting image is made translucent. This hides the back of
+    the surface and the edges of its triangles.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from skimage.measure import marching_cubes

@@ -1,7 +1,7 @@
 """Radiometry of sources in SI units: radiance, radiant intensity, flux and power.
 
-Sources are apertures or arrays of apertures in the plane z = 0, where |u|^2 is the irradiance in
-W/m^2. They radiate to z > 0. Wavelengths are in metres, and directions are unit vectors.
+A source is an aperture or an array of apertures in the plane z = 0 and radiates into z > 0. In this
+plane, |u|^2 is the irradiance in W/m^2. Wavelengths are in metres, and directions are unit vectors.
 
 ===================  ==========================================================================
 module               content

@@ -31,7 +31,8 @@ from polywigner.transforms import lag_marginal
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 
-# Largest bandwidth times the propagation time across the source, about the number of wavelengths.
+# Largest product of bandwidth and propagation time across the source. The mean over the band takes
+# about this number of wavelengths.
 _MOST_SPREAD = 500.0
 _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
@@ -72,7 +73,7 @@ PlaneSource = Aperture | Array
 
 
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
-    """Return an aperture, an array in the plane z = 0, or a curved wave.
+    """Return the validated source: an aperture, an array in the plane z = 0, or a curved wave.
 
     Raises IlluminationError for partially coherent light unless ``partly`` is true.
     """
@@ -83,7 +84,7 @@ def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefro
 
 
 def checked_source(source: Any) -> PlaneSource:
-    """Return an aperture, or an array of apertures in the plane z = 0.
+    """Return the validated source: an aperture, or an array of apertures in the plane z = 0.
 
     Raises ArgumentError for other objects, and GeometryError for elements outside this plane.
     """
@@ -103,7 +104,7 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(flat).__name__}; {advice}"
         )
-    # Applying the poses of elements gives spatial frequencies of two components.
+    # Elements with their poses applied accept spatial frequencies with two components.
     return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
@@ -124,30 +125,33 @@ def checked_positions(x: Any) -> Floats:
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
 
-# Largest source [wavelengths]: 1.5e11 directions, half a day for a square on two cores.
+# Largest source size [wavelengths]. A square of this size requires 1.5e11 directions, half a day on
+# two cores.
 _MOST_WAVELENGTHS = 1e5
-# Directions per block, a few MB.
+# Directions per block, which take a few MB.
 _BLOCK = 1 << 17
-# Evaluations above which a terminal shows a progress bar, a few seconds.
+# Number of evaluations above which a terminal shows a progress bar; they take a few seconds.
 _LONG = 1 << 25
 
-# Smallest source [wavelengths] with an integral over lags. Sums over directions take seconds.
+# Source size [wavelengths] above which the integral over lags is used, because sums over directions
+# would take seconds.
 _WIDE = 600.0
-# Relative difference of the powers from two cut-offs, above which directions are summed.
+# Relative difference between the powers from the two cut-offs above which directions are summed.
 _SAME = 1e-6
-# Largest frequency of the field, as a fraction of 1/wavelength, for an integral over lags.
+# Largest spatial frequency of a field for the integral over lags, as a fraction of 1/wavelength.
 _STEEP = 0.8
 # Width of the cut-off [wavelengths] at normal incidence. The horizon contributes exp(-32).
 _SOFT = 1.8
-# Two cut-off lags, in widths of the cut-off.
+# Lags of the two cut-offs, in units of the cut-off width.
 _ENDS = (4.5, 6.5)
-# End of the integral beyond the cut-off, in its widths. Longer lags contribute 1e-14.
+# Distance from the larger cut-off lag to the end of the integral, in units of the cut-off width.
+# Longer lags contribute 1e-14.
 _BEYOND = 5.5
-# Edge directions at which the lag angles are divided into panels.
+# Number of edge directions above which lag angles are spaced evenly, not divided into panels.
 _MOST_KINKS = 48
-# Gauss nodes per panel of angles, and per wavelength of lag.
+# Smallest number of Gauss nodes per panel of angles, and number per wavelength of lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
-# Phase [rad] per panel of theta. The computing time of n Gauss nodes grows as n^3.
+# Largest phase [rad] per panel of theta, because computing n Gauss nodes takes a time of order n^3.
 _PANEL = 400.0
 
 
@@ -167,7 +171,7 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
-    """Return an upper bound in m on path differences, including curved waves and feed networks."""
+    """Return an upper bound on path differences in m, including curved waves and feed networks."""
     lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)
     if paths is not None:
@@ -196,10 +200,10 @@ def directions_and_weights(
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
-    The rule integrates W or |F|^2 of a source of size ``lag`` in m, also times polynomials of the
-    components, with an error of 1e-14 of the largest value. It has about 15 (lag/wavelength)^2
-    nodes, at least a hundred. ``positions``: evaluations per direction, for the progress bar.
-    Raises ArgumentError for too large sources.
+    For a source of size ``lag`` in m, the rule integrates W or |F|^2, also multiplied by
+    polynomials in the vector components, with an error of 1e-14 of the largest value. It has about
+    15 (lag/wavelength)^2 nodes, at least a hundred. ``positions``: evaluations per direction, for
+    the progress bar. Raises ArgumentError for sources that are too large.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -234,7 +238,7 @@ def _azimuths(phase: Floats) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=8)
 def _polar(phase: float) -> tuple[Floats, Floats]:
-    """Return nodes between 0 and pi/2 and weights, for waves of a largest phase in rad."""
+    """Return nodes between 0 and pi/2 and their weights, for waves with phases up to ``phase``."""
     # On half a panel, the phase changes by at most pi/4 of its largest value. The constants were
     # fitted as in `_azimuths`.
     panels = max(1, math.ceil(phase / _PANEL))
@@ -254,9 +258,9 @@ def power_by_lags(
 
     Returns None if a sum over directions is required.
     """
-    # The obliquity is smooth except at the horizon. Long lags contribute only through parallel
-    # sides: (wavelength/width)^(5/2) of the power, or ^(3/2) with a normal derivative. A smooth
-    # cut-off omits these lags.
+    # The obliquity factor is smooth except at the horizon. Long lags contribute only through
+    # parallel sides: a fraction (wavelength/width)^(5/2) of the power, or (wavelength/width)^(3/2)
+    # with a normal derivative. A smooth cut-off omits these lags.
     slope = steepest(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
     reach = (_ENDS[-1] + _BEYOND) * soft
@@ -312,7 +316,8 @@ def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, F
     return np.concatenate(nodes), np.concatenate(weights)
 
 
-# Smallest radiated fraction of the power. Rounding errors are 1e-13 of the power.
+# Radiated fraction of the power below which a source counts as dark. Rounding errors are 1e-13 of
+# the power.
 _DARK = 1e-12
 
 

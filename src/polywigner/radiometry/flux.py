@@ -29,7 +29,7 @@ from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Relative error of the mean radiant intensity over a band.
+# Allowed relative error of the mean radiant intensity over a band.
 _BAND_ERROR = 1e-12
 
 
@@ -50,8 +50,8 @@ def radiance(
     function and s_par contains the first two components of s. Its integral over positions and
     projected solid angle is the power (docs/radiometry.md, (E1)). Like W, it can be negative: only
     integrals over position or direction are measurable. The paper defines the radiance as
-    W/(4 pi A lambda^2), where 4 pi is an error, and the division by the area A gives a mean over
-    the aperture (docs/corrections.md).
+    W/(4 pi A lambda^2). The factor 4 pi is an error, and the division by the area A gives a mean
+    over the aperture (docs/corrections.md).
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # Each wavelength needs new phases of path lengths.
+        # The phases due to path lengths differ between wavelengths.
         total = sum(w * radiant_intensity(radiator, directions, node, **how) for node, w in parts)
         return np.asarray(total)[()]
 
@@ -166,7 +166,7 @@ def radiant_intensity(
     return (directions[..., 2] * squares).astype(squares.dtype, copy=False)[()]
 
 
-# Radiances per block (32 MB).
+# Radiance values per block, which take 32 MB.
 _BLOCK = 1 << 22
 
 
@@ -208,7 +208,7 @@ def flux_vector(
     -----
     The function computes the Wigner function in about 15 (diameter/wavelength)^2 + 1000 directions
     for each position, in blocks of limited memory. Terminals show a progress bar for computations
-    of some seconds.
+    that take several seconds.
 
     Examples
     --------
@@ -258,8 +258,8 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
     The function computes the Fourier transform in about 15 (diameter/wavelength)^2 + 1000
     directions. For sources wider than 600 wavelengths the power is an integral over lags
     (docs/radiometry.md, (E5)). This integral takes less than a second and is accurate to 1e-8,
-    unless the source has small parts, many elements or steep waves. Terminals show a progress bar
-    for computations of some seconds.
+    unless the source has small parts, many elements or strongly inclined waves. Terminals show a
+    progress bar for computations that take several seconds.
 
     Examples
     --------

@@ -8,8 +8,8 @@ first-order systems, such as free space and thin lenses, and approximately throu
 module               content
 ===================  ==========================================================================
 ``sampling``         positions in the automean; rays drawn from W of a source: :func:`sample_rays`
-``bundles``          rays as a dataset, before and after a ray tracer, the irradiance in the pixels
-                     of a plane, with its standard error, and source files of OpticStudio
+``bundles``          datasets of rays before and after a ray tracer; irradiance in the pixels of a
+                     plane and its standard error; source files for OpticStudio
 ===================  ==========================================================================
 """
 

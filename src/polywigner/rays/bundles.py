@@ -30,13 +30,13 @@ from polywigner.numerics import Floats
 if TYPE_CHECKING:
     import xarray
 
-# Units and long names.
+# Unit and long name of each variable.
 _VARIABLES = {
     "position": ("m", "point on the ray"),
     "direction": ("1", "unit vector along the ray"),
     "weight": ("W", "power of the ray, signed"),
 }
-# Tolerance of unit vectors from ray tracers in single precision.
+# Tolerance on the length of unit vectors, for ray tracers in single precision.
 _UNIT = 1e-4
 
 
@@ -49,7 +49,7 @@ def bundle(
 ) -> xarray.Dataset:
     """Return n rays as a dataset.
 
-    ``batch``: number of the independent set of quasi-random rays, shape (n,).
+    ``batch`` (n,): index of each ray's independent set of quasi-random numbers.
     """
     import xarray
 
@@ -137,7 +137,7 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of drawn rays, not only of the rays in a selection."""
+    """Return the number of rays originally drawn, even if the dataset is a selection of them."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
@@ -162,9 +162,9 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
 
 _MOST_ALONG_AXIS = 1 << 14
 _MOST_PIXELS = 1 << 22
-# Rays per block, some 100 MB.
+# Rays per block, which take about 100 MB.
 _BLOCK = 1 << 20
-# Distance behind the plane, relative to the largest coordinate, that is a rounding error.
+# Distance behind the plane that counts as a rounding error, relative to the largest coordinate.
 _ON_PLANE = 1e-9
 
 
@@ -179,9 +179,9 @@ def rebuild(
     """Return the irradiance of rays on a plane.
 
     The irradiance of a pixel is the sum of the weights of the rays that meet the pixel, divided by
-    its area. Rays continue in straight lines to the plane. For rays of
+    its area. Rays continue in straight lines to the plane. For rays from
     :func:`polywigner.sample_rays`, the irradiance is an unbiased estimate of |U|^2 times the cosine
-    between ray and plane normal, averaged over the pixel (docs/signed_rays.md, (Y2)).
+    between the ray and the plane normal, averaged over the pixel (docs/signed_rays.md, (Y2)).
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
 def _pixel_coordinates(
     position: Floats, direction: Floats, pose: Floats, edges: tuple[Floats, Floats], virtual: bool
 ) -> Floats:
-    """Return the points where rays meet a plane, in pixels; NaN for rays that miss it."""
+    """Return the pixel coordinates where rays meet a plane; NaN for rays that miss the plane."""
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
@@ -320,7 +320,7 @@ def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
 
 
-# DimensionUnits: m, in, cm, ft, mm.
+# Metres per unit for each value of DimensionUnits: m, in, cm, ft, mm.
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
@@ -333,13 +333,13 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Numbers per ray for each ray_format_type.
+# Number of values per ray for each ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
-# Sign of the powers, suffix of the name, and description.
+# Sign of the powers, suffix of the file name, and description in the header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in our headers: number of drawn rays, and sign of their powers.
+# Description in headers of polywigner's files: number of drawn rays, and sign of their powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -440,7 +440,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Read rays from a source file of OpticStudio.
 
     The file may come from :func:`polywigner.rays.save` or another program. Rays from the negative
-    file of a split pair have negative weights. Join both files by
+    file of a split pair have negative weights. Join the two files with
     ``xarray.concat([positive, negative], "ray", combine_attrs="override")``.
 
     Parameters

@@ -112,7 +112,7 @@ def sample_automean(
     return positions, np.full(len(positions), 1.0 / support.area)
 
 
-# Samples with 6 GiB of positions and densities.
+# Largest number of samples; their positions and densities take 6 GiB.
 _MOST_SAMPLES = 1 << 28
 
 
@@ -135,8 +135,9 @@ def _support(source: Any) -> Aperture | Slits:
     if isinstance(source, Aperture):
         return automean(source)
     ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
-    # Midpoints of two slits form an interval. After sorting the lower and the upper ends
-    # separately, the union has a gap between ends[k] and begins[k + 1] if begins[k + 1] is larger.
+    # The midpoints of points in two slits form an interval. After the lower and the upper ends are
+    # sorted separately, the union of all intervals has a gap between ends[k] and begins[k + 1] if
+    # begins[k + 1] is larger.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
     gaps = np.flatnonzero(begins[1:] > ends[:-1])
     return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
@@ -152,20 +153,22 @@ def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
 RaySampling = Literal["uniform", "quasi-random"]
 
 
-# Rays per block, some 200 MB.
+# Rays per block, which take about 200 MB.
 _BLOCK = 1 << 20
-# Independent sets of quasi-random numbers, whose scatter estimates the standard error to a fifth.
+# Number of independent sets of quasi-random numbers, whose scatter estimates the standard error to
+# a fifth.
 BATCHES = 16
-# Angle of a cone behind the source, as a fraction of pi/2, for axes in single precision.
+# Angle by which a cone may extend behind the source, as a fraction of pi/2. It allows for axes in
+# single precision.
 _UNIT = 1e-6
-# Smallest cosine of rays, which keeps 1/cos^2 finite.
+# Smallest cosine between a ray and the normal, which keeps 1/cos^2 finite.
 _LEAST_COSINE = 1e-8
 
 
 def _numbers(
     sampling: str, count: int, seed: Any, tilts: int
 ) -> Iterator[tuple[Floats, int | None]]:
-    """Yield blocks of numbers in [0, 1), shape (m, 4 + tilts), and their batch or None.
+    """Yield blocks of random numbers in [0, 1), shape (m, 4 + tilts), and the batch index or None.
 
     Columns: direction (2), position (2), tilt.
     """
@@ -185,10 +188,10 @@ def _numbers(
 
 
 def _normal_numbers(numbers: Floats) -> Floats:
-    """Map pairs of uniform numbers to normal ones continuously (Box and Muller 1958)."""
+    """Map pairs of uniform numbers continuously to pairs of normal ones (Box and Muller 1958)."""
     plane = _disc(numbers)
     square = (plane**2).sum(axis=1)
-    # Keeps the rim of the disc finite.
+    # Keep results at the rim of the disc finite.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
     unset = np.full_like(square, 2.0)
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
@@ -200,7 +203,7 @@ def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Cone:
-    """Cone of ray directions, concentrated in a narrower beam."""
+    """Cone of ray directions, which may be concentrated in a narrower beam."""
 
     frame: Floats
     """Rotation matrix with the axis in its last column, shape (3, 3)."""
@@ -210,7 +213,7 @@ class Cone:
     """Sine of the beam's half width; infinite for uniform directions."""
 
     def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
-        """Map random numbers (n, 2) to unit vectors (n, 3), with the inverse of their density.
+        """Map random numbers (n, 2) to unit vectors (n, 3); also return the inverse density.
 
         The density is per solid angle projected along z. ``slope`` (n, 2): direction cosines of the
         beams, relative to the axis.
@@ -228,7 +231,7 @@ class Cone:
 
     def _beam_centres(self, slope: Floats) -> Floats:
         cosines = self.frame[:2, 2] + slope
-        # No beam points behind the plane.
+        # Limit beams to directions in front of the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
         along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
         plane = np.column_stack([cosines, along]) @ self.frame[:, :2] / self.radius
@@ -238,8 +241,8 @@ class Cone:
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     """Return a cone of directions, by default the hemisphere.
 
-    ``half_angle`` in rad, ``width``: sine of the beam's half width. Raises ArgumentError for cones
-    that extend behind the source.
+    ``half_angle`` is in rad, and ``width`` is the sine of the beam's half width. Raises
+    ArgumentError for cones that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2
@@ -260,9 +263,9 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
 
 
 def _frame(axis: Floats) -> Floats:
-    """Return a rotation matrix with ``axis`` in its last column, the identity for z."""
+    """Return a rotation matrix with ``axis`` as its last column; the identity for the z axis."""
     x, y, z = axis
-    # Duff and others 2017. The denominator is not zero, since z >= 0.
+    # Duff et al. (2017). The denominator is not zero, since z >= 0.
     a = -1.0 / (1.0 + z)
     b = x * y * a
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
@@ -271,8 +274,9 @@ def _frame(axis: Floats) -> Floats:
 def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Floats, Floats]:
     """Concentrate points of the unit disc about a centre; return them with area weights.
 
-    The density is proportional to ``1/(core + t)`` for the squared distance t, as W of a polygon
-    decays. Its integral ``ln(1 + t/core)`` is inverted along rays from the centre.
+    The density is proportional to ``1/(core + t)``, where t is the squared distance from the
+    centre. W of a polygon decays similarly. The integral of the density, ``ln(1 + t/core)``, is
+    inverted along lines from the centre.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
@@ -292,7 +296,7 @@ def _reach(plane: Floats, centre: Floats) -> Floats:
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # Avoids cancellation in chord - along.
+    # Avoid cancellation in chord - along.
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
@@ -310,7 +314,7 @@ def _disc(numbers: Floats) -> Floats:
 
 Directions = Literal["beam", "uniform"]
 
-# Rays that need 12 GB.
+# Largest number of rays; they take 12 GB.
 _MOST = 100_000_000
 
 
@@ -333,8 +337,8 @@ def sample_rays(
     """Draw rays from the Wigner function of a source, with positions, directions and weights.
 
     The sum of the weights is an unbiased estimate of the power radiated into the cone, by default
-    into the hemisphere (:func:`radiated_power`). Trace the rays through ray optics, and compute the
-    irradiance by :func:`polywigner.rays.rebuild`.
+    into the hemisphere (:func:`radiated_power`). Trace the rays through the optics, and compute the
+    irradiance with :func:`polywigner.rays.rebuild`.
 
     The weight of each of n rays is ``W(x, s_par/lambda) h/(lambda^2 p n)`` (docs/signed_rays.md,
     (Y1)). In this formula, x is the position of the ray, s_par is the part of its direction
@@ -429,7 +433,7 @@ def sample_rays(
         points, per_area = sample_automean(flat, first[:, 2:])
         slope = None
         if isinstance(radiator, Wavefront):
-            # Curvature shifts the frequency of W by Q (x - c) (Q2), tilts are normally distributed
+            # Curvature shifts the frequency of W by Q (x - c) (Q2). Tilts are normally distributed
             # (PC4).
             slope = (points - radiator.centre) @ radiator.curvature
             if tilts:

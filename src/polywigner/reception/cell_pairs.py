@@ -1,8 +1,9 @@
 """Integral of a link kernel over two sources, which are divided into cells.
 
-The kernel K(x, y) is the field at the receiver of a point of the transmitter. Between distant
-cells, K is a product of plane waves along the line s of their centres and of a smooth function.
-This function is interpolated at q Gauss nodes along each side of the cells' bounding boxes, so that
+The kernel K(x, y) is the field at a point y of the receiver due to a point x of the transmitter.
+Between distant cells, K is the product of plane waves along the line s between the cell centres and
+a smooth function. This function is interpolated at q Gauss nodes along each side of the cells'
+bounding boxes, so that
 
     int int u_t K u_r = sum_ij M_i K_ij M'_j,    M_i = int u_t(x) exp(-ik s.x) L_i(x) dx       (RX3)
 
@@ -31,19 +32,19 @@ from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles,
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 
-# Relative area below which clipped parts are rounding errors.
+# Area below which a clipped part counts as a rounding error, relative to the clipping box.
 _SLIVER = 1e-14
-# Smallest ratio of the sides of boxes that are quartered. Longer boxes are halved.
+# Ratio of the short to the long side of a box above which it is quartered. Longer boxes are halved.
 _SQUARE = 0.7
-# Nodes per cycle as a fraction of NODES_PER_CYCLE: 2.5 nodes per cycle, where Gauss rules need
-# pi/2. With 4 additional nodes, waves over triangles have errors of 1e-11 of the area.
+# Nodes per cycle as a fraction of NODES_PER_CYCLE. This gives 2.5 nodes per cycle; Gauss rules need
+# pi/2. With 4 additional nodes, integrals of waves over triangles have errors of 1e-11 of the area.
 _NODE_RATIO = 0.7
-# Cached rules of some hundred kB.
+# Largest number of cached rules, each of which takes hundreds of kB.
 _MOST_CACHED = 256
 
 
 class Cells:
-    """A source as a tree of cells: parts in rectangular boxes.
+    """A source divided into a tree of cells; a cell is the part of the source in a rectangle.
 
     Cell 0 is the entire source. Other cells are created on demand. Positions are in wavelengths
     from the centre of the bounding box.
@@ -54,7 +55,7 @@ class Cells:
         self.centre = np.reshape(self._source.bounds, (2, 2)).mean(axis=0)
         self.wavelength = wavelength
         self.highest_frequency = steepest(source, wavelength)
-        """Of the field, in cycles per wavelength."""
+        """Highest spatial frequency of the field, in cycles per wavelength."""
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], Indices]] = []
         self._children: dict[int, list[int]] = {}
@@ -68,7 +69,7 @@ class Cells:
         self._add(polygons, np.arange(len(polygons)))
 
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
-        """Divide cells; return the new cells, and the index in ``cells`` of each original cell."""
+        """Divide cells; return the new cells, and the indices of their parents in ``cells``."""
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
         counts = np.array([len(parts) for parts in halves], dtype=np.intp)[number]
@@ -76,10 +77,10 @@ class Cells:
         return numbers, np.repeat(np.arange(len(cells)), counts)
 
     def _nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
-        """Return nodes (n, 2) and field-weighted weights (n,) in square wavelengths for a cell.
+        """Return a cell's nodes (n, 2), and weights (n,) times the field in square wavelengths.
 
-        The rule integrates waves of ``rate`` cycles per wavelength times a polynomial of the
-        ``order``, with ``extra`` additional nodes per side.
+        The rule integrates the product of a wave with ``rate`` cycles per wavelength and a
+        polynomial of order ``order``. It has ``extra`` additional nodes per side.
         """
         longest = float((self.high[cell] - self.low[cell]).max())
         cycles = _NODE_RATIO * (rate + self.highest_frequency)
@@ -142,15 +143,16 @@ def cells_of(source: Any, wavelength: float) -> Cells:
 
 # Kernel or field values per block, which fit in the processor's cache.
 _BLOCK = 1 << 14
-# Terms of a matrix product above which BLAS starts threads, which are slower.
+# Number of terms in a matrix product above which BLAS starts threads, which would be slower.
 _PRODUCT = 1 << 18
 # Integrals M_i per block (64 MiB).
 _MOMENTS = 1 << 21
-# Step of frequencies [cycles per wavelength], so that poses share nodes.
+# Frequencies are rounded up to multiples of this step [cycles per wavelength], so that different
+# poses use the same nodes.
 _RATE_STEP = 0.125
 
 Pairs: TypeAlias = Any
-"""Record array: pose, transmitter cell, receiver cell."""
+"""Record array with the indices of a pose, a transmitter cell and a receiver cell."""
 
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
@@ -164,10 +166,10 @@ _PAIR = "pose,transmitter,receiver"
 class Sight:
     """Arguments of a link kernel: distances and dot products between nodes.
 
-    Nodes x (n, i, 2) of the transmitter and y (n, j, 3) of the receiver are relative to the centre
-    of their source, in the transmitter's frame. ``offset`` (n, 3) is the vector between the
-    centres, and ``rotation`` (n, 3, 3) the rotation of the receiver's frame. R is the length of the
-    vector r from x to y; n and m are the normals of transmitter and receiver.
+    The nodes x (n, i, 2) of the transmitter and y (n, j, 3) of the receiver are relative to the
+    centres of their sources, in the transmitter's frame. ``offset`` (n, 3) is the vector between
+    the centres, and ``rotation`` (n, 3, 3) is the rotation of the receiver's frame. R is the length
+    of the vector r from x to y; n and m are the normals of the transmitter and the receiver.
     """
 
     def __init__(self, x: Floats, y: Floats, offset: Floats, rotation: Floats) -> None:
@@ -175,8 +177,8 @@ class Sight:
         normal = rotation[:, :, 2]
         centre_distance = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
         ones = np.ones((*x.shape[:2], 1)), np.ones((len(y), 1, y.shape[1]))
-        # Loses no digits at large distances: |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x)
-        # + (|y|^2 + 2 offset.y) - 2 x.y.
+        # This form loses no digits at large distances: |offset + y - x|^2 - |offset|^2 =
+        # (|x|^2 - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y.
         of_x = (x * x).sum(axis=2) - 2 * (x @ offset[:, :2, None])[..., 0]
         of_y = (y * y).sum(axis=2) + 2 * (y @ offset[:, :, None])[..., 0]
         left = np.concatenate([-2 * x, of_x[..., None], ones[0]], axis=2)
@@ -212,16 +214,16 @@ class Links:
     transmitter: Cells
     receiver: Cells
     rotation: Floats
-    """From the receiver's frame to the transmitter's frame, shape (n, 3, 3)."""
+    """Rotation from the receiver's frame to the transmitter's frame, shape (n, 3, 3)."""
     offset: Floats
-    """From the transmitter's centre to the receiver's centre, shape (n, 3)."""
+    """Vector from the transmitter's centre to the receiver's centre, shape (n, 3)."""
     kernel: Callable[[Sight], tuple[Floats, Floats]]
     """Real and imaginary part of the kernel, such as ``link_kernel``."""
     extra: float
-    """Additional nodes along a side of a cell, which determine the accuracy."""
+    """Number of additional nodes along each side of a cell, which determines the accuracy."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half the diagonals of both cells of each pair, and their distance."""
+        """Return half the diagonal of each cell of a pair, and the distance between the cells."""
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
@@ -236,7 +238,7 @@ class Links:
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
         """Return the contribution of each pair to the coupling (RX3), and its sum of moduli.
 
-        The phase of the distance of the sources is omitted.
+        The phase due to the distance between the sources is omitted.
         """
         values, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for rows, here, there, sight in self._blocks(pairs, order):
@@ -322,7 +324,7 @@ def _centre(cells: Cells, numbers: Indices | int) -> Floats:
 
 @lru_cache(maxsize=32)
 def _rule(order: int) -> tuple[Floats, Floats]:
-    """Return Gauss nodes (q^2, 2) of [-1, 1]^2, and the matrix (q, q) to Legendre coefficients."""
+    """Return Gauss nodes (q^2, 2) on [-1, 1]^2 and the matrix (q, q) of the Legendre transform."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes, nodes, indexing="ij")
     series = np.polynomial.legendre.legvander(nodes, order - 1).T * weights
@@ -334,28 +336,28 @@ def _basis(points: Floats, order: int) -> Floats:
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
-# Orders of interpolation. Pairs that need more are divided. High orders are faster than small
-# cells: two sources of 10 wavelengths, 10 wavelengths apart, need 2e5 kernel values for order 22,
-# and twice as many in pairs of order 18.
+# Orders of interpolation. Pairs that need a higher order are divided. High orders are faster than
+# small cells: for two sources of 10 wavelengths that are 10 wavelengths apart, order 22 needs 2e5
+# kernel values, and smaller cells with order 18 need twice as many.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
 # Largest phase [rad] of the interpolated function across a pair.
 _MOST_PHASE = 70.0
-# Largest sum of half the diagonals of both cells, over their distance.
+# Largest ratio of the sum of both cells' half diagonals to the distance between the cells.
 _MOST_RATIO = 4.0
-# Smallest ratio of order to phase [rad] with a correct digit. Gauss rules require 1/2.
+# Ratio of order to phase [rad] below which no digit is correct. Gauss rules require 1/2.
 _IDLE = 0.25
-# Rounding error of a pair, over its sum of moduli.
+# Rounding error of a pair, relative to its sum of moduli.
 _ROUNDING = 1e-15
-# Kernel values per pose, some minutes, and pairs of cells per pose.
+# Largest number of kernel values per pose (several minutes), and of cell pairs per pose.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
 def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, Floats, Floats]:
     """Return ``int int u_t K u_r`` (RX3) for n poses, and their estimated and allowed errors.
 
-    The phase of the distance is omitted. The allowed error is ``tolerance`` times the modulus or
-    times ``floor``, whichever is larger. Raises ArgumentError for computations of more than some
-    minutes.
+    The phase due to the distance is omitted. The allowed error is ``tolerance`` times the modulus
+    or times ``floor``, whichever is larger. Raises ArgumentError for computations that would take
+    more than several minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -383,7 +385,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Return a mask of pairs; the errors of unmasked pairs add up to ``allowed`` per pose."""
+    """Return a mask of pairs to refine; other errors add up to at most ``allowed`` per pose."""
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
     sums = np.cumsum(parts.errors[ordered])
@@ -395,7 +397,7 @@ def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
 
 
 def _expected_error(links: Links, parts: Pairs) -> Floats:
-    """Return the error that pairs would have at the highest order, infinite if it is reached."""
+    """Return the expected errors at the highest order; infinite for pairs that already have it."""
     idle = _IDLE * _phase(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
     size = np.maximum(np.maximum(np.abs(parts.values), parts.errors), 1e-300)
@@ -405,7 +407,7 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 
 
 def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
-    """Evaluate pairs at the two lowest orders that may have correct digits."""
+    """Evaluate pairs at the two lowest orders that may give correct digits."""
     phase = _phase(links, pairs)
     # Fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
@@ -419,7 +421,7 @@ def _raised(links: Links, parts: Pairs) -> Pairs:
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Evaluate pairs at given orders; errors are changes from the values ``before``."""
+    """Evaluate pairs at the given orders; errors are the changes from the values ``before``."""
     if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))

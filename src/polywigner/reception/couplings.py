@@ -43,15 +43,16 @@ from polywigner.transforms.wavefronts import flat_source
 LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 
 _OPS = execution.NumpyOperations()
-# Default tolerance, and smallest tolerance: some hundred rounding errors.
+# Default tolerance, and smallest tolerance, which is hundreds of times the rounding error.
 _TOLERANCE, _LEAST = 1e-6, 1e-12
-# Fraction of the largest coupling below which the tolerance is absolute, as in pattern nulls.
+# Fraction of the largest coupling below which the tolerance is absolute, for example in pattern
+# nulls.
 _FLOOR = 1e-3
 # Poses per block.
 _BLOCK = 64
 # Relative rounding error of (RX4).
 _ROUNDING = 1e-12
-# Nodes along a side for a tolerance of 1e-6, and additional nodes per digit.
+# Additional nodes along each side of a cell for a tolerance of 1e-6, and for each further digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 
@@ -133,15 +134,16 @@ def coupling(
         "rayleigh-sommerfeld-1". For polarised sources, the equivalent currents: "huygens"
         (default), "magnetic" or "electric", as in :func:`polywigner.field`, with the kernel (RX9).
     tolerance : float, default 1e-6
-        Allowed relative error, from 1e-12 to 0.1. The error is relative to |b|, but at least to a
-        thousandth of ``min(1, sqrt(A_t A_r)/(wavelength R))``, the largest coupling of two sources
-        with the areas A_t and A_r at the distance R. "fraunhofer" ignores it.
+        Allowed relative error, from 1e-12 to 0.1. The error is relative to |b| or to a thousandth
+        of ``min(1, sqrt(A_t A_r)/(wavelength R))``, whichever is larger. This minimum is the
+        largest coupling of two sources with the areas A_t and A_r at the distance R. The method
+        "fraunhofer" ignores the tolerance.
     polarisation : str, array_like or pair, optional
         Polarisations of transmitter and receiver, or one polarisation for both, as in
         :func:`polywigner.field`. Each polarisation refers to the axes of the frame of its source.
         Specify the polarisation of the receiver as if it transmitted. By default fields are scalar.
     return_error : bool, default False
-        Whether to return also the estimated absolute error of each value. For "fraunhofer" this
+        Whether to also return the estimated absolute error of each value. For "fraunhofer" this
         is the rounding error only.
     normalise : {"radiated", "aperture"}, default "radiated"
         Power N of a source. "radiated": the power radiated with the boundary condition of the
@@ -162,7 +164,7 @@ def coupling(
     ------
     ArgumentError
         If an argument has the wrong type or range or is a Dr.Jit array, or if the sum would take
-        longer than minutes.
+        longer than several minutes.
     GeometryError
         If a pose is not rigid, if part of a source is behind the plane of the other source, or if
         an Array has elements outside its plane.
@@ -212,7 +214,7 @@ class _Link:
     tolerance: float
     normalise: str
     jones: tuple[Complex, Complex] | None
-    """Transmitter and receiver, None for scalar fields."""
+    """Jones vectors of the transmitter and the receiver; None for scalar fields."""
 
     def norm(self, normalise: str) -> float:
         vectors = self.jones or (None, None)
@@ -273,7 +275,7 @@ class _Link:
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Return unnormalised far-field couplings (RX4), without the phase of the distance."""
+        """Return unnormalised far-field couplings (RX4), without the phase due to the distance."""
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
@@ -303,7 +305,7 @@ def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
 def _check_heights(
     heights: Floats, faces: NDArray[np.bool_], corners: Floats, name: str, other: str
 ) -> None:
-    """Raise GeometryError for negative heights (n, k) of ``corners`` (k, 2).
+    """Raise GeometryError unless all heights (n, k) of ``corners`` (k, 2) are positive.
 
     ``faces``: whether the z axes are opposed in each pose, which determines the advice.
     """
@@ -359,7 +361,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
     if a * b:
         mixed = inverse * ((a * b) * (nr - mr))
         real, imag = real + mixed, imag + mixed * near
-    # Factor -i exp(ikR)/R.
+    # Multiply by -i exp(ikR)/R.
     real, imag = real * inverse, imag * inverse
     return real * sine + imag * cosine, imag * sine - real * cosine
 
@@ -404,7 +406,7 @@ def polarised_kernel(
 NORMALISATIONS = ("radiated", "aperture")
 """Power radiated into the half space, or integral of |u|^2 over the aperture."""
 
-# Power over the sum of the elements' powers below which the elements cancel.
+# Ratio of the power to the sum of the elements' powers below which the fields count as cancelled.
 _DARK = 1e-12
 
 
@@ -419,11 +421,11 @@ def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -
 def root_of_norm(
     source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
 ) -> float:
-    """Return the square root of the power of a source in W that normalises couplings.
+    """Return the square root of a source's power in W, by which couplings are normalised.
 
     ``jones``: polarisation for equivalent currents, None for scalar fields.
     """
-    # Arrays have no hash.
+    # NumPy arrays are not hashable.
     key = None if jones is None else (jones.tobytes(), jones.shape)
     return _root_of_norm(source, wavelength, method, normalise, key)
 

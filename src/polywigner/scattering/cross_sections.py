@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Three perpendicular mirrors return a wave to its source. Each reflection multiplies the beams.
+# Three perpendicular mirrors return a wave to its source. Each further reflection multiplies the
+# number of beams.
 MOST_BOUNCES = 3
 
 
@@ -110,8 +111,8 @@ def rcs(
     Parameters
     ----------
     body : Polyhedron, Aperture, PlacedAperture, Array or list
-        A closed body, or a plate with two sides, which may have holes, or a list of bodies and
-        plates, which shadow each other. The weights of an Array must be 1.
+        A closed body, a plate, or a list of bodies and plates, which shadow each other. A plate has
+        two sides and may have holes. The weights of an Array must be 1.
     to_radar : array_like, shape (..., 3)
         Unit vectors from the body towards the radar's receiver.
     wavelength : array_like, shape (...)
@@ -138,10 +139,10 @@ def rcs(
         Antenna of a radar near the body. The antenna lies in the plane z = 0 of its frame and
         radiates along +z. Its exact field (:func:`amplitude`) illuminates the body and weights the
         received field, as in :func:`coupling` (docs/rcs.md, (SC3)). With ``source``, ``to_radar``
-        and ``to_transmitter`` are one of two kinds of array. Vectors of shape (..., 3) in m extend
-        from the centre of the body's bounding box to the source, which faces that centre with its y
-        axis towards +z of the body. Poses of shape (..., 4, 4) map the body's frame into the
-        source's frame. By default antennas are far away.
+        and ``to_transmitter`` are vectors or poses. Vectors of shape (..., 3) in m extend from the
+        centre of the body's bounding box to the source, which faces that centre with its y axis
+        towards +z of the body. Poses of shape (..., 4, 4) map the body's frame into the source's
+        frame. By default antennas are far away.
     receiver : Aperture or Array, optional
         Receiving antenna. Default: ``source``.
     tolerance : float, default 1e-3
@@ -149,7 +150,7 @@ def rcs(
         result if all illuminated parts contributed in phase. The illuminated parts are divided into
         pieces on which the fields are plane waves.
     return_power : bool, default False
-        Whether to return also the ratio of received to transmitted power. Requires ``source``.
+        Whether to also return the ratio of received to transmitted power. Requires ``source``.
     normalise : {"radiated", "aperture"}, default "radiated"
         Definition of transmitted power with ``source``, as in :func:`coupling`.
     bounces : {1, 2, 3}, default 1
@@ -168,7 +169,7 @@ def rcs(
     -----
     PolywignerWarning
         If a face is smaller than a square wavelength. Triangles that join smoothly count as one
-        face. Also with ``bounces=1``, if faces illuminate each other, as in corner reflectors.
+        face. With ``bounces=1``, also if faces illuminate each other, as in corner reflectors.
 
     Raises
     ------
@@ -201,7 +202,7 @@ def rcs(
     >>> round(10 * np.log10(sigma), 3)  # 4 pi A^2 / wavelength^2
     np.float64(49.414)
 
-    Two plates of 1 m at right angles, a dihedral: 8 pi a^4 / wavelength^2 by two reflections.
+    Two plates of 1 m at right angles, a dihedral: 8 pi a^4 / wavelength^2 from two reflections.
 
     >>> upright = np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0.5], [0, 0, 0, 1.0]])
     >>> floor = pw.shapes.square(1.0).placed(
@@ -306,11 +307,11 @@ def _power(
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
 # Directions per block.
 _TOGETHER = 200
-# Directions tested for further reflections.
+# Largest number of directions tested for further reflections.
 _MOST_WARNED = 4096
-# In floating point, cos(pi/2) is 6e-17, so smaller cosines than _AT_POLE are zero. At the poles,
-# most cross sections depend on the azimuth, through the polarisation and through walls parallel to
-# z, which are edge-on. They are computed at the angle _NEAR_POLE [rad] from the pole.
+# In floating point, cos(pi/2) is 6e-17, so cosines below _AT_POLE count as zero. At the poles, most
+# cross sections depend on the azimuth, through the polarisation and through walls parallel to z,
+# which are edge-on. These cross sections are computed at the angle _NEAR_POLE [rad] from the pole.
 _AT_POLE, _NEAR_POLE = 1e-15, 1e-8
 
 
@@ -428,7 +429,7 @@ class Pattern:
         return values
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return cross sections in m^2 at angles in rad."""
+        """Return the cross sections in m^2 at angles in rad."""
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces

@@ -47,16 +47,16 @@ from polywigner.scattering.facets import (
     visible_pieces,
 )
 
-# Pairs (beam, triangle) that take some minutes.
+# Largest number of pairs of a beam and a triangle, which take several minutes.
 _MOST_COMPARED = 4e8
-# Pairs (beam, triangle) per block, 100 MB.
+# Pairs of a beam and a triangle per block, which take 100 MB.
 _BLOCK = 1 << 19
-# Errors of single directions: GEOS, or limits of memory or time.
+# Errors in single directions: failures of GEOS, and exceeded limits of memory or time.
 _ERRORS = GEOSException, ArgumentError
-# Triangles times direction pairs that are traced together.
+# Largest product of the numbers of triangles and of direction pairs that are traced together.
 _AT_ONCE = 1 << 10
-# Margin of bounding boxes over the body size, above the rounding errors of coordinates up to some
-# thousand times that size.
+# Margin of bounding boxes relative to the body size. It exceeds the rounding errors of coordinates
+# up to thousands of times that size.
 _SLACK = 1e-9
 
 
@@ -67,7 +67,7 @@ def sums_of_beams(
 
     Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). The scattered field
     is ``N x h + M h`` for the incident magnetic field h (SC6). M is None without later reflections.
-    N is NaN, with a warning, in directions that fail. Raises ArgumentError if all directions have
+    N is NaN, with a warning, for directions that fail. Raises ArgumentError if all directions have
     too many beams.
     """
     nu = (s - k) / lengths[:, None]
@@ -123,13 +123,13 @@ class View(NamedTuple):
     """Illuminated and visible surfaces for a pair of directions."""
 
     rows: Indices
-    """Samples with these directions, of different wavelengths, shape (m,)."""
+    """Indices of the samples with these directions, one for each wavelength, shape (m,)."""
     pieces: Pieces
-    """Illuminated and visible."""
+    """Parts of the surface that are both illuminated and visible."""
     lit: Visible
-    """Illuminated, shared by all views of a transmitter."""
+    """Illuminated parts, shared by all views with the same transmitter."""
     visible: Visible
-    """Visible from the receiver."""
+    """Parts visible from the receiver."""
 
 
 class Ends:
@@ -148,11 +148,11 @@ class Ends:
         """Directions towards the receivers, shape (n, 3)."""
         self.visible: list[Visible] = [view.visible for view in views]
         self.views: tuple[Indices, Indices] = _runs(np.diff([*of_transmitter, len(views)]))
-        """Index of the first view and number of views, both of shape (m,)."""
+        """Index of the first view and number of views of each transmitter, both of shape (m,)."""
         self.samples: Indices = np.concatenate([view.rows for view in views])
         """Sample indices of all views."""
         self.of_view: tuple[Indices, Indices] = _runs([len(view.rows) for view in views])
-        """Index of the first sample and number of samples, both of shape (n,)."""
+        """Index of the first sample and number of samples of each view, both of shape (n,)."""
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
@@ -161,7 +161,7 @@ def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
 
 
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    """Return the positions in ``owner`` and all indices of the ranges ``runs[owner]``."""
+    """Return the position in ``owner`` and the value of each index in ranges ``runs[owner]``."""
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
     return pair, np.arange(len(pair)) + (begins - np.cumsum(counts) + counts)[pair]
@@ -200,7 +200,7 @@ class Beams:
     """Reflected plane waves, bounded by polygons in the transmitter's image plane."""
 
     wave: Indices
-    """Transmitter, shape (n,)."""
+    """Index of the transmitter, shape (n,)."""
     rotation: Floats
     """Matrix G of the unfolding x -> G x + c at the mirrors, shape (n, 3, 3)."""
     shift: Floats
@@ -226,9 +226,9 @@ class Hits:
 
     beams: Beams
     beam: Indices
-    """Shape (n,)."""
+    """Index of the beam, shape (n,)."""
     facet: Indices
-    """Triangle, shape (n,)."""
+    """Index of the triangle, shape (n,)."""
     signs: Sides
     """Illuminated side, shape (n,)."""
     polygon: Shapes
@@ -240,7 +240,7 @@ class Hits:
 def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
     """Yield the illuminated parts of triangles after each reflection.
 
-    Raises ArgumentError for beams that take more than minutes.
+    Raises ArgumentError if the computation would take more than several minutes.
     """
     beams = _first_beams(facets, ends)
     for number in range(2, bounces + 1):
@@ -309,7 +309,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     # Components: two across the incident direction, one along it.
     points = unfolded @ np.swapaxes(axes, 1, 2)
     ahead = _heights(facets, pairs, corners)
-    # Restores the counter-clockwise order.
+    # Restore the counter-clockwise order.
     backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
     beyond, number = _in_front(points, ahead)
@@ -367,7 +367,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     """Return the parts (m, 3, 3) of triangles in front of mirrors, and their triangle indices."""
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
-    # Moves the corner that is alone on its side of the plane to the first position.
+    # Move the corner that is alone on its side of the plane to the first position.
     alone = np.where(below == 1, (heights < 0).argmax(axis=1), heights.argmax(axis=1))
     order = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners, order[..., None], 1), 1, 0)
@@ -427,7 +427,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
 
 
 def _add_rows(total: Complex, numbers: Indices, rows: Complex) -> None:
-    """Add rows to rows of ``total``, faster than ``np.add.at``."""
+    """Add ``rows`` to the rows ``numbers`` of ``total``, faster than ``np.add.at``."""
     for column in range(total.shape[1]):
         for sums, terms in ((total.real, rows.real), (total.imag, rows.imag)):
             sums[:, column] += np.bincount(numbers, terms[:, column], len(total))

@@ -43,12 +43,13 @@ Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
 # Smallest cosine between normals of adjacent triangles of a smooth face.
 SMOOTH = math.cos(math.radians(30))
-# Depth of dents over the body size that is a rounding error.
+# Depth of a dent that counts as a rounding error, relative to the body size.
 _FLAT = 1e-9
-# Tolerance of coplanar normals, and of plane offsets over the body size. In wavelengths, it is the
-# phase error in cycles.
+# Tolerance on the normals of coplanar triangles, and on their plane offsets relative to the body
+# size. Multiplied by the body size in wavelengths, it is the phase error in cycles.
 _ONE_PLANE = 1e-12
-# Distance of identical vertices over the body size. STL coordinates are rounded to 1e-7.
+# Distance within which vertices count as identical, relative to the body size. Coordinates in STL
+# files are rounded to 1e-7.
 _ONE_VERTEX = 1e-6
 
 
@@ -59,9 +60,9 @@ class Facets:
     corner: Floats
     """First corners in m, shape (n, 3)."""
     first: Floats
-    """To the second corners, counter-clockwise from outside, shape (n, 3)."""
+    """Vectors to the second corners, counter-clockwise from outside, shape (n, 3)."""
     second: Floats
-    """To the third corners, shape (n, 3)."""
+    """Vectors to the third corners, shape (n, 3)."""
     is_plate: NDArray[np.bool_]
     """Whether the triangle belongs to a plate, which has two outer sides, shape (n,)."""
     is_single: bool
@@ -81,14 +82,14 @@ class Facets:
 
     @cached_property
     def corners(self) -> Floats:
-        """Positions in m, shape (triangle, corner, component)."""
+        """Positions of all corners in m, shape (triangle, corner, component)."""
         return self.corner[:, None] + np.stack(
             [np.zeros_like(self.first), self.first, self.second], axis=1
         )
 
     @cached_property
     def plane(self) -> Indices:
-        """Number of the plane of each triangle, shape (n,)."""
+        """Index of the plane of each triangle, shape (n,)."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
         rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
         return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
@@ -112,7 +113,7 @@ class Facets:
 
     @cached_property
     def surface(self) -> Indices:
-        """Number of the smooth face of each triangle, shape (n,)."""
+        """Index of the smooth face that contains each triangle, shape (n,)."""
         first, second = self.neighbours
         cosine = (self.normal[first] * self.normal[second]).sum(axis=1)
         both_sides = self.is_plate[first] & self.is_plate[second]
@@ -162,7 +163,7 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     return parts
 
 
-# Hashing a million vertices takes some ms, less than their triangles.
+# Hashing a million vertices takes some ms, less than computing their triangles.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
@@ -209,16 +210,16 @@ def _is_convex(solid: Facets) -> bool:
         if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:
             return False
     corners = solid.corners - solid.corners.mean(axis=(0, 1))
-    # Without concave edges, a closed surface is convex if it winds once around the centre. Then a
-    # ray from the centre meets only one triangle: it lies inside the three planes through the
-    # centre and the sides.
+    # Without concave edges, a closed surface is convex if it winds once around the centre. A ray
+    # from the centre then meets only one triangle. It meets a triangle if it lies inside the three
+    # planes through the centre and the sides of the triangle.
     ray = corners[0].mean(axis=0)
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
     is_star_shaped = ((corners[:, 0] * solid.normal).sum(axis=1) > 0).all()
     return bool(is_star_shaped) and int(np.all(sides, axis=0).sum()) == 1
 
 
-# Cosine of the incidence angle below which faces are edge-on and dark.
+# Cosine of the incidence angle below which faces count as edge-on and dark.
 _EDGE_ON = 1e-12
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
@@ -230,9 +231,9 @@ class Pieces:
     corner: Floats
     """First corners in m, shape (n, 3)."""
     first: Floats
-    """To the second corners, shape (n, 3)."""
+    """Vectors to the second corners, shape (n, 3)."""
     second: Floats
-    """To the third corners, shape (n, 3)."""
+    """Vectors to the third corners, shape (n, 3)."""
     vector: Floats
     """Normals on the illuminated side, times twice the areas, shape (n, 3)."""
 
@@ -283,7 +284,7 @@ def axes_across(direction: Floats) -> Floats:
 
 
 def visible_along(facets: Facets, direction: Floats) -> Visible:
-    """Return the parts that a distant observer who looks along ``direction`` sees."""
+    """Return the parts of triangles that a distant observer looking along ``direction`` sees."""
     across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
@@ -294,10 +295,10 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
 
 
 def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
-    """Return the parts that an observer at a point sees.
+    """Return the parts of triangles that an observer at a point sees.
 
-    The rows of ``frame`` are the observer's axes, with z ahead. All triangles must be in front. The
-    perspective image maps planes to planes.
+    The rows of ``frame`` are the observer's axes; z is the viewing direction. All triangles must be
+    in front of the observer. The perspective image maps planes to planes.
     """
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
@@ -308,7 +309,7 @@ def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
 
 
 def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected]) -> Visible:
-    """Return the visible parts of the sides ``signs``, from their projection to an image.
+    """Return the visible parts of the sides ``signs``, from their projections onto an image.
 
     Hidden sides of closed bodies cast no additional shadows.
     """
@@ -316,7 +317,7 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     (rows,) = np.nonzero(signs)
     corners = facets.corners[rows]
     is_reversed = signs[rows] < 0
-    # Makes all triangles counter-clockwise.
+    # Make all triangles counter-clockwise.
     corners[is_reversed] = corners[is_reversed][:, ::-1]
     projected = project(corners)
     wide = projected.has_width
@@ -337,9 +338,10 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
 
 
 def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
-    """Remove the parts hidden from a receiver, which faces the sides ``faces``.
+    """Remove the parts hidden from a receiver; ``faces`` are the sides that face the receiver.
 
-    Illuminated sides that face away remain, because they contribute to the forward field.
+    Illuminated sides that face away from the receiver remain, because they contribute to the
+    forward field.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)
@@ -359,9 +361,10 @@ def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
 def pieces_of(
     facets: Facets, numbers: Indices, signs: Sides, parts: Shapes
 ) -> tuple[Pieces, Indices]:
-    """Divide m parts of triangles into triangles; also return their part indices.
+    """Divide m parts of triangles into triangles; also return the part index of each triangle.
 
-    A cut part becomes signed triangles from its first corner to each edge.
+    A cut part becomes signed triangles between the first corner of its original triangle and each
+    edge of the part.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
@@ -388,15 +391,16 @@ Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Triangles times directions per block. Some twenty arrays fit in the processor's cache.
+# Product of the numbers of triangles and directions per block. About twenty arrays of this size fit
+# in the processor's cache.
 _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
     """Return the Fourier transform N of (SC1) at frequencies nu (m, 3), shape (m, 3).
 
-    ``signs``: function of slices of frequencies and triangles that returns signs, 0 for dark
-    triangles; by default 1.
+    ``signs``: function that returns the signs for a slice of frequencies and a slice of triangles,
+    0 for dark triangles. By default all signs are 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
@@ -417,23 +421,23 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 
 def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return Fourier transforms of triangles over twice their area (F5).
+    """Return the Fourier transforms of triangles, divided by twice their areas (F5).
 
-    Arguments: frequency times first corner, and times both sides.
+    The arguments are dot products of the frequency with the first corner and with both sides.
     """
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return np.asarray(real + 1j * imag)
 
 
-# Distance over the body size that counts as zero. STL coordinates are rounded to 1e-7.
+# Distance that counts as zero, relative to the body size. STL coordinates are rounded to 1e-7.
 _NEAR = 1e-6
-# Directions tested for mutual illumination.
+# Largest number of directions tested for mutual illumination.
 _MOST_DIRECTIONS = 256
-# Rays per direction.
+# Smallest and largest number of rays per direction.
 _FEWEST_RAYS, _MOST_RAYS = 16, 128
-# Rays times triangles, a second or two.
+# Product of the total numbers of rays and triangles, which takes a second or two.
 _MOST_TESTS = 1 << 21
-# Rays times triangles per block.
+# Product of the numbers of rays and triangles per block.
 _BLOCK = 1 << 18
 # Quasi-random steps: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
 _STEPS = 0.7548776662466927, 0.5698402909980532
@@ -465,19 +469,19 @@ def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
 
 
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
-    """Return whether some of ``count`` rays along ``k`` are reflected to another face.
+    """Return whether any of ``count`` rays along ``k`` is reflected to another face.
 
-    Faces parallel within 30 degrees reflect forwards and count as one face.
+    Faces that are parallel within 30 degrees reflect forwards and count as one face.
     """
     signs = facing(facets, k)
     if not signs.any():
         return False
-    # Half of the rays in proportion to area, half equally.
+    # Half of the rays are distributed by projected area, and half equally among triangles.
     area = np.abs((facets.vector @ k) * signs)
     weights = np.cumsum(area / area.sum() + (signs != 0) / np.count_nonzero(signs))
     facet = np.searchsorted(weights, (rays + 0.5) / count * weights[-1])
     a, b = (np.outer(_STEPS, rays + 0.5) % 1)[..., None]
-    # Folds the parallelogram into the triangle.
+    # Fold the parallelogram into the triangle.
     a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])
     point = facets.corner[facet] + a * facets.first[facet] + b * facets.second[facet]
     lit = _first_met(facets, point, np.broadcast_to(-k, point.shape)) < 0
@@ -489,8 +493,8 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
 
 
 def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
-    """Return the first triangle that each ray meets, or -1, shape (n,)."""
-    # Barycentric coordinates are products with dual vectors of the triangle.
+    """Return the index of the first triangle that each ray meets, or -1, shape (n,)."""
+    # Barycentric coordinates are dot products with dual vectors of the triangle.
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)
     vectors = facets.normal, *(dual / squared for dual in duals)

@@ -47,7 +47,7 @@ Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
 Source = Aperture | Array
 
-# Tolerance of unit vectors in single precision.
+# Tolerance for unit vectors in single precision.
 _UNIT = 1e-6
 
 
@@ -72,7 +72,7 @@ def checked_polarisations(
 ) -> tuple[Complex, Complex]:
     """Return the polarisation vectors of receiver and transmitter, each of shape (..., 3).
 
-    Raises ArgumentError for other values than a name such as "vh" or transverse unit vectors.
+    Raises ArgumentError unless the polarisation is a name such as "vh" or transverse unit vectors.
     """
     ends = to_radar, to_transmitter
     if isinstance(polarisation, str):
@@ -109,7 +109,7 @@ def checked_polarisations(
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
     """Return unit vectors along the polar angle ("v") and the azimuth ("h"), shape (..., 3).
 
-    Along z, the azimuth is 0.
+    For directions along z, the azimuth is 0.
     """
     x, y, z = np.moveaxis(towards, -1, 0)
     across = np.hypot(x, y)
@@ -122,7 +122,7 @@ def spherical_axes(towards: Floats) -> dict[str, Floats]:
     }
 
 
-# Equivalent currents of polarised antennas.
+# Model of the equivalent currents of polarised antennas.
 _MODEL = "huygens"
 
 
@@ -132,16 +132,16 @@ class Antenna:
 
     source: Source
     pose: Floats
-    """From the body's frame to the source's frame, shape (4, 4)."""
+    """Pose that maps the body's frame to the source's frame, shape (4, 4)."""
     wavelength: float
     normalise: str
-    """Transmitted power, "radiated" or "aperture"."""
+    """Definition of transmitted power, "radiated" or "aperture"."""
     tolerance: float
-    """Relative to the field with all parts in phase."""
+    """Allowed error relative to the field with all parts in phase."""
     jones: Complex | None = None
     """Jones vectors in the source's frame, shape (2,) or (k, 2); None for scalar fields."""
     condition: BoundaryCondition = DEFAULT
-    """For scalar fields."""
+    """Boundary condition for scalar fields."""
 
     @cached_property
     def extent(self) -> float:
@@ -183,9 +183,9 @@ class Antenna:
     def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
         """Return the wave at points for 1 W of transmitted power, and its power flow.
 
-        Scalar: field (n,) and gradient over ik (n, 3). Polarised: electric field and magnetic field
-        times the impedance of free space, both (n, 3). The flow is a unit vector, shorter near
-        nulls and where waves cross.
+        Scalar waves: field (n,) and gradient divided by ik (n, 3). Polarised waves: electric field,
+        and magnetic field times the impedance of free space, both (n, 3). The power flow is a unit
+        vector, or a shorter vector near nulls and where waves cross.
         """
         if self.jones is None:
             how = self.wavelength, self.condition, self.tolerance
@@ -201,8 +201,8 @@ class Antenna:
 
     def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
-        # Times the impedance of free space, the magnetic field is the electric field of the dual
-        # currents. For Huygens' currents, their polarisation is rotated by 90 degrees.
+        # The magnetic field times the impedance of free space equals the electric field of the dual
+        # currents. The polarisation of dual Huygens' currents is rotated by 90 degrees.
         dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
             field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
@@ -302,13 +302,13 @@ def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
 
 # Pieces per block.
 _BLOCK = 1 << 15
-# Largest number of pieces, 4 GB.
+# Largest number of pieces, which take 4 GB.
 _MOST = 1 << 24
-# Deviation from plane waves, over the square root of the tolerance. After extrapolation, the error
-# is about the square of the deviation.
+# Largest deviation from plane waves, divided by the square root of the tolerance. After
+# extrapolation, the error is about the square of the deviation.
 _OF_ROOT = 0.7
-# Variances of positions in an equilateral triangle over its squared side, and in an antenna over
-# its squared extent.
+# Variance of positions in an equilateral triangle, divided by its squared side, and in an antenna,
+# divided by its squared extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 
 
@@ -322,8 +322,8 @@ def near_sums(
     """Return ratios of received to transmitted amplitude (SC3).
 
     ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
-    the body's centre, and projected at other points. Passing the same antenna twice computes its
-    fields once.
+    the body's centre. At other points, the vectors are projected. If both antennas are the same
+    object, its fields are computed once.
     """
     try:
         lit = _lit(facets, transmitter, receiver)
@@ -375,7 +375,7 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the sum of all pieces in (SC3); ``split`` quarters each piece."""
+    """Return the sum over all pieces in (SC3), each divided into four if ``split`` is true."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for start in range(0, len(pieces), _BLOCK):
@@ -457,7 +457,7 @@ def _quartered(pieces: Pieces) -> Pieces:
 
 
 def _across(polarisation: Complex, ray: Floats) -> Complex:
-    """Return polarisations projected normal to rays and normalised, shape (..., n, 3)."""
+    """Return the normalised projections of polarisations normal to rays, shape (..., n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]
     vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along
@@ -466,7 +466,7 @@ def _across(polarisation: Complex, ray: Floats) -> Complex:
 
 # Default and smallest tolerance.
 _TOLERANCE, _LEAST = 1e-3, 1e-6
-# Tolerance of antenna fields, as a fraction.
+# Tolerance of antenna fields, as a fraction of the specified tolerance.
 _OF_FIELD = 1e-2
 
 
@@ -514,7 +514,7 @@ def near_sections(
         back.check_in_front(facets, "receiver")
         back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # Sum over received, mean over transmitted polarisations.
+        # Sum over received polarisations, and mean over transmitted polarisations.
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):
