@@ -140,7 +140,7 @@ def prepare(*, refresh: bool = False) -> LLVMStatus:
     Returns
     -------
     LLVMStatus
-        The status, also without a usable library (see :func:`require`); the same object on every
+        The status, even if no library is usable (see :func:`require`); the same object on every
         call in one process. The first call takes some milliseconds if the results of the probes are
         cached, and 0.2 s for each library that is tested.
     """
@@ -303,7 +303,7 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 
 
 def probe(path: str) -> tuple[str | None, str | None]:
-    """Return the version of a library, and why it is not usable.
+    """Return the version of a library, and the reason if it is not usable.
 
     If the version in the name is too old, the library is not tested. Otherwise the result comes
     from the cache, or from a test in a child process. The cache is a file in the user's cache
@@ -403,8 +403,8 @@ def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
     return f"{end}{text[:120].strip(' .!')}"
 
 
-# Alternative packages, the best one first. The tests run with LLVM 19. Names of packages on Ubuntu
-# may end with t64.
+# Alternative packages, in order of preference. The tests run with LLVM 19. Names of packages on
+# Ubuntu may end with t64.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 _LIBATOMIC = ["libatomic1"]
 
