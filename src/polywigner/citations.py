@@ -22,12 +22,12 @@ METHODS: dict[str, tuple[str, ...]] = {
     "tapers": ("taylor1955line",),
     "arrays": ("skolnik1964statistically", "barnett2019nufft"),
 }
-"""Keys of the bibliography for each method. They refer to publications of its formulas or its
+"""Bibliography keys for each method. They refer to publications on the method's formulas or
 software."""
 
 
 def cite(*methods: str) -> str:
-    """Return BibTeX entries to cite for work that used polywigner and some of its methods.
+    """Return the BibTeX entries to cite in work that used polywigner and some of its methods.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class PolywignerError(Exception):
 
 @contextmanager
 def at_key(key: str) -> Iterator[None]:
-    """Prefix the messages of PolywignerErrors in the block with a key, name or path."""
+    """Prefix the messages of PolywignerErrors raised in the block with a key, name or path."""
     try:
         yield
     except PolywignerError as error:
@@ -115,5 +115,5 @@ def require(name: str, extra: str, purpose: str = "") -> Any:
 class PolywignerWarning(UserWarning):
     """A result is less accurate than requested, or less accurate than usual for its method.
 
-    It also reports arguments whose unit is probably wrong, and damaged chunks of a store.
+    Arguments whose unit is probably wrong and damaged chunks of a store also cause this warning.
     """

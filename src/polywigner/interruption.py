@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a scratch path next to a file or folder, and rename it when the block ends.
+    """Yield a scratch path next to ``path``, and rename it to ``path`` when the block ends.
 
     The scratch path has the same suffix. If the block raises an exception, including
     KeyboardInterrupt, the new content is removed, and an earlier file or folder at ``path`` stays

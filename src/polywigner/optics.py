@@ -14,7 +14,7 @@ from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
 
-# Largest relative violation of the symplectic conditions; matrices of ten digits pass.
+# Largest relative violation of the symplectic conditions; matrices with ten digits are accepted.
 _SYMPLECTIC = 1e-9
 # Relative rounding error of matrix elements.
 _ULP = 2.0**-52
@@ -63,12 +63,12 @@ class FirstOrder(Immutable):
     ----------
     matrix : array_like, shape (4, 4) or (2, 2)
         Real ray matrix that acts on (x, y, s_x, s_y), or on (x, s) for a rotationally symmetric
-        system; A and D without unit, B in m, C in 1/m.
+        system; A and D are dimensionless, B is in m and C in 1/m.
 
     Raises
     ------
     ArgumentError
-        If the matrix has another shape, is not finite, or is not symplectic.
+        If the matrix has the wrong shape, is not finite, or is not symplectic.
 
     Examples
     --------
@@ -81,7 +81,7 @@ class FirstOrder(Immutable):
     """Ray matrix [[A, B], [C, D]], shape (4, 4), read-only."""
     rounding: Matrix
     """Bounds on the rounding errors of the elements, shape (4, 4). In a product, elements within
-    their bounds become zero. A system of lenses and distances that forms an image then has B = 0.
+    their bounds are set to zero, so a system of lenses and distances that forms an image has B = 0.
     """
 
     def __init__(self, matrix: ArrayLike) -> None:
@@ -98,7 +98,7 @@ class FirstOrder(Immutable):
         Parameters
         ----------
         z : float
-            Distance between the planes in m, negative for propagation backwards.
+            Distance between the planes in m, negative for backward propagation.
 
         Returns
         -------
@@ -254,7 +254,7 @@ class FirstOrder(Immutable):
 
     @classmethod
     def rotation(cls, angle: float) -> FirstOrder:
-        """Return a counter-clockwise rotation of the plane about its axis, as by a prism.
+        """Return a counter-clockwise rotation about the optical axis, as by image-rotating prisms.
 
         Parameters
         ----------
@@ -283,12 +283,12 @@ class FirstOrder(Immutable):
 
     @property
     def A(self) -> Matrix:
-        """Matrix from input positions to output positions, shape (2, 2), without unit."""
+        """Matrix from input positions to output positions, shape (2, 2), dimensionless."""
         return self.matrix[:2, :2]
 
     @property
     def B(self) -> Matrix:
-        """Matrix from input directions to output positions, shape (2, 2), in m; 0 for an image."""
+        """Matrix from input directions to output positions, shape (2, 2), in m; 0 for imaging."""
         return self.matrix[:2, 2:]
 
     @property
@@ -298,7 +298,7 @@ class FirstOrder(Immutable):
 
     @property
     def D(self) -> Matrix:
-        """Matrix from input directions to output directions, shape (2, 2), without unit."""
+        """Matrix from input directions to output directions, shape (2, 2), dimensionless."""
         return self.matrix[2:, 2:]
 
     @property

@@ -49,7 +49,7 @@ _POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
 # Highest power level [dB]; the largest float is about 3080 dB.
 _HIGHEST_LEVEL = 3000.0
 
-# At most three digits of exponent, because Fraction("1e999999999") would exhaust memory.
+# The exponent has at most three digits, because Fraction("1e999999999") would exhaust the memory.
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s.,;+-]*)\s*"
 )
@@ -207,6 +207,6 @@ def length_unit(length: float) -> LengthUnit:
 
 
 def length_text(*lengths: float) -> str:
-    """Return lengths in m as text, in the unit of the largest length, such as ``20 x 12 mm``."""
+    """Return lengths in m as text, in the unit that suits the largest, such as ``20 x 12 mm``."""
     unit = length_unit(max(lengths))
     return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"

@@ -210,7 +210,7 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     Raises
     ------
     ArgumentError
-        If the text has another form.
+        If the text does not have this form.
     QuantityError
         If a quantity in the text has no known unit.
     """
@@ -259,7 +259,7 @@ CUBE_DIMS = ("draw", "receiver", "emitter", "chirp", "sample")
 def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataArray:
     """Compute the received power by range and range rate, for each receiver and emitter.
 
-    If a path is in the centre of a bin, the value of this bin is the received power of the path
+    If a path is at the centre of a bin, the value of this bin is the received power of the path
     (coherent gain 1). Ranges refer to the time at the centre of the frame. Motion within each
     repetition is compensated for the range rate of each bin.
 
@@ -271,7 +271,7 @@ def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataA
         Name of a window of ``scipy.signal.get_window``, which is applied along both axes. Use
         "boxcar" for no window.
     pad : int, default 1
-        Number of bins per resolution cell, which zero padding increases.
+        Number of bins per resolution cell; values above 1 add zero padding.
 
     Returns
     -------
@@ -302,7 +302,7 @@ def range_angle(
     """Compute the received power by range and by angle at a virtual array.
 
     All receivers and emitters form one virtual array. Each pair of a receiver and an emitter is an
-    element at the sum of both positions. Emitters may transmit one after the other, so the phase
+    element at the sum of their positions. Emitters may transmit one after the other, so the phase
     change of a moving target between their transmissions is compensated for each range rate. The
     power is then summed over range rates.
 
@@ -318,13 +318,13 @@ def range_angle(
     directions : int, default 257
         Number of equally spaced direction cosines from -1 to 1.
     pad : int, default 1
-        Number of bins per resolution cell of range, which zero padding increases.
+        Number of bins per range resolution cell; values above 1 add zero padding.
 
     Returns
     -------
     xarray.DataArray
         Power in W with the dimensions draw, ``direction_cosine`` and ``range`` in m, and with the
-        additional coordinate ``angle`` in rad. If a point target is in the centre of a bin, the
+        additional coordinate ``angle`` in rad. If a point target is at the centre of a bin, the
         value of this bin is the power that one pair of a receiver and an emitter receives. The
         attribute ``noise_floor`` is the mean noise power of a bin in W.
 

@@ -18,7 +18,7 @@ from polywigner.source.normal_form import normal_form
 
 __all__ = ["check"]
 
-# Name, left side, right side, allowed difference, arguments by name.
+# Name of the law, its left and right sides, their allowed difference, and the arguments by name.
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
 # Allowed difference, relative to the largest possible value, for a source at the origin.
@@ -49,7 +49,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     AssertionError
         If a law does not hold; the message contains the arguments and both values.
     ArgumentError
-        If the source has another type.
+        If the source has an unsupported type.
 
     Examples
     --------

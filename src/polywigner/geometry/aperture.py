@@ -116,7 +116,7 @@ class Aperture(TakesWaves):
 
     @classmethod
     def from_ring(cls, ring: ArrayLike, winding: str = "nonzero") -> Aperture:
-        """Make an aperture of the region inside a ring that may cross itself.
+        """Make an aperture from the region inside a ring that may cross itself.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Aperture(TakesWaves):
         return cls._of_parts(split_ring(ring, winding))
 
     def with_illumination(self, illumination: Illumination | None) -> Aperture:
-        """Return the aperture with another field.
+        """Return the aperture with a different field.
 
         Parameters
         ----------
@@ -156,9 +156,9 @@ class Aperture(TakesWaves):
         Raises
         ------
         ArgumentError
-            If the field has another type.
+            If the field is neither an Illumination nor None.
         IlluminationError
-            If the field is a field on slits.
+            If the field is defined on slits.
         """
         return Aperture._of_parts(self._parts, checked_field(illumination, 2), self._segments)
 
@@ -207,7 +207,7 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """The elements as a tuple, here the aperture itself; arrays have several elements."""
+        """Tuple of the elements: only the aperture itself; arrays have several elements."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
@@ -216,7 +216,7 @@ class Aperture(TakesWaves):
         Parameters
         ----------
         factor : float
-            Factor of all lengths, above zero.
+            Scale factor for all lengths, above zero.
 
         Returns
         -------
@@ -236,11 +236,11 @@ class Aperture(TakesWaves):
         return self._combined(shapely.union, other)
 
     def __and__(self, other: Aperture) -> Aperture:
-        """Return the intersection with another aperture, with this aperture's field."""
+        """Return the intersection with another aperture, keeping this aperture's field."""
         return self._combined(shapely.intersection, other)
 
     def __sub__(self, other: Aperture) -> Aperture:
-        """Return the part of this aperture outside another one, with this aperture's field."""
+        """Return the part of this aperture outside another one, keeping this aperture's field."""
         return self._combined(shapely.difference, other)
 
     def _combined(self, operation: Callable[..., Any], other: object) -> Aperture:
@@ -262,7 +262,7 @@ class Aperture(TakesWaves):
         return Aperture(region).with_illumination(self.illumination)
 
     def placed(self, to_world: ArrayLike) -> PlacedAperture:
-        """Return this aperture in a pose in space, for transforms at three-dimensional nu.
+        """Return this aperture at a pose in space, for three-dimensional spatial frequencies nu.
 
         Parameters
         ----------
@@ -277,7 +277,7 @@ class Aperture(TakesWaves):
         Raises
         ------
         GeometryError
-            If the matrix is not a rotation with a translation.
+            If the matrix is not a rigid transformation (a rotation and a translation).
         """
         return PlacedAperture(self, rigid_pose(to_world))
 
@@ -381,7 +381,7 @@ class Aperture(TakesWaves):
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
     """Return constrained Delaunay triangles of an aperture: vertices (n, 2) and indices (m, 3).
 
-    The triangles are counter-clockwise. Triangles without area are left out.
+    The triangles are counter-clockwise. Triangles without area are omitted.
     """
     vertices: list[Ring] = []
     triangles: list[NDArray[np.intp]] = []
@@ -462,7 +462,7 @@ def automean(aperture: Aperture) -> Aperture:
     -----
     The automean is the union of the means of all pairs of convex pieces, so the time grows with the
     square of the number of pieces. Vertices at crossings of outlines are rounded to 2^-44 of the
-    size.
+    aperture's size.
 
     Examples
     --------
@@ -506,7 +506,7 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
     Raises
     ------
     ArgumentError
-        If the aperture has another type, or the position is not two finite numbers.
+        If the argument is not an Aperture, or the position is not two finite numbers.
 
     Notes
     -----
@@ -540,7 +540,7 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     Raises
     ------
     ArgumentError
-        If the aperture has another type, or the lag is not two finite numbers.
+        If the argument is not an Aperture, or the lag is not two finite numbers.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""Checks of arguments: numbers, arrays, wavelengths and frequencies, poses, and plausible units."""
+"""Argument checks: numbers, arrays, wavelengths and frequencies, poses, and plausible units."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Largest absolute value of an argument; products of a few larger values overflow.
+# Upper limit on the absolute value of an argument; products of a few larger values would overflow.
 _LARGEST = 1e100
 
 
@@ -123,7 +123,7 @@ def finite_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a :func:`real_array` with finite numbers below 1e100."""
+    """Return a :func:`real_array` whose numbers are finite and smaller than 1e100 in magnitude."""
     array = real_array(values, expected, *shapes, error=error)
     is_finite = np.abs(array) < _LARGEST
     if not is_finite.all():
@@ -155,7 +155,7 @@ def complex_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return one or more real numbers, shape (k,)."""
+    """Return one or more real numbers as an array of shape (k,)."""
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
 
@@ -173,7 +173,7 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
 
 
 def frozen(value: T) -> T:
-    """Return a value, with its arrays and the arrays in nested tuples read-only and contiguous."""
+    """Return a value whose arrays, also in nested tuples, are read-only and contiguous."""
     result: Any = value
     if isinstance(value, tuple):
         result = tuple(map(frozen, value))
@@ -221,7 +221,7 @@ class Immutable:
     __delattr__ = __setattr__
 
 
-# Default upper limit of counts; larger counts exhaust memory.
+# Default upper limit on counts; larger counts would exhaust the memory.
 _LARGEST_COUNT = 1_000_000
 
 
@@ -244,7 +244,7 @@ def checked_number(
 
 
 def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
-    """Return a value that is one of the names ``choices``; raise ArgumentError for others."""
+    """Return a value if it is one of the names in ``choices``, else raise ArgumentError."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(f'"{choice}"' for choice in choices)
         raise ArgumentError(f"expected {name} to be one of {known}, got {value_text(value)}")
@@ -260,7 +260,7 @@ def check_options(options: Collection[str], known: type) -> None:
 
 
 def checked_flag(value: Any, name: str) -> bool:
-    """Return the truth value of True or False; raise ArgumentError for other values."""
+    """Return True or False as a bool; raise ArgumentError for other values."""
     if not isinstance(value, (bool, np.bool_)):
         raise ArgumentError(f"expected {name} to be True or False, got {value_text(value)}")
     return bool(value)
@@ -322,7 +322,7 @@ def checked_path(path: Any) -> Path:
     return Path(os.path.abspath(text))  # noqa: PTH100 (pathlib does not resolve "..")
 
 
-# Range of wavelengths [m] that are probably frequencies in Hz.
+# Range of wavelengths [m] in which a value is probably a frequency in Hz.
 _LIKE_A_FREQUENCY = 1e6, 1e17
 # Largest plausible ratio of wavelength to source diameter.
 _LONGEST = 1e4
@@ -394,7 +394,7 @@ def warn_caller(message: str, stacklevel: int = 3) -> None:
 # Suppresses repeated warnings when one public function calls another one.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
-# Lowest frequency [Hz]; smaller values are probably in GHz.
+# Lowest accepted frequency [Hz]; smaller values are probably in GHz.
 _LOWEST_FREQUENCY = 300.0
 
 P = ParamSpec("P")
@@ -414,14 +414,14 @@ class _WithFrequency(Protocol[P, R]):
 def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     """Add a keyword ``frequency`` in Hz to a function with a parameter ``wavelength`` in m.
 
-    Calls with the keyword omit the wavelength, even in a positional call:
+    Calls with this keyword omit the wavelength, even if the other arguments are positional:
     ``radiation_pattern(source, theta, phi, frequency=77e9)``. The sources among the arguments are
     converted to the wavelength, and implausible wavelengths cause a warning.
     """
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # If the call omits the wavelength, a number in its position is the next argument.
+    # A number in the position of the wavelength is the next argument if that argument is required.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -483,7 +483,7 @@ def _checked(frequency: Any) -> float:
     return number
 
 
-# Largest deviation from a rotation that counts as rounding; scene files have float32 angles.
+# Largest deviation from a rotation that counts as rounding error; scene files have float32 angles.
 RIGID_TOLERANCE = 1e-4
 
 
@@ -500,7 +500,7 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
-    """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError for others."""
+    """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError if not rigid."""
     expected = (
         f"expected {name} as rigid poses of shape (..., 4, 4), with rotation and translation only"
     )
@@ -528,7 +528,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
 
 @contextmanager
 def in_place(path: Path) -> Iterator[Path]:
-    """Yield a temporary path for a file or folder, which replaces ``path`` after the block.
+    """Yield a temporary path, whose file or folder replaces ``path`` at the end of the block.
 
     Raises ArgumentError if the path cannot be written to.
     """

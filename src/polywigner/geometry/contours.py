@@ -1,7 +1,7 @@
 """Net contours of the surfaces that are visible from a point: the edges of their shadow.
 
-Triangles are clipped to pyramids around the observer and projected. Sides that two visible parts
-share cancel, and the remaining sides bound the shadow.
+Triangles are clipped to pyramids around the observer and projected. Sides shared by
+two visible parts cancel, and the remaining sides bound the shadow.
 """
 
 from __future__ import annotations
@@ -24,26 +24,29 @@ from polywigner.geometry.hidden_parts import (
 )
 from polywigner.numerics import Floats, Indices
 
-# Cosine of the largest half-angle of a cone that is projected onto one plane.
+# Cosine of the largest half-angle of a cone that is projected onto one plane instead of six.
 _NARROW = 0.5
 # Relative rounding error of a difference of coordinates.
 _ULPS = 8.0 * float(np.finfo(float).eps)
-# Largest distance of coincident contours, as a fraction of the extent of the projection.
+# Largest distance between contours that count as coincident, as a fraction of the extent of the
+# projection.
 _COINCIDENT = 1e-10
-# Largest gap between touching surfaces along the line of sight, as a fraction of the extent.
+# Largest gap along the line of sight between surfaces that count as touching, as a fraction of the
+# extent of the projection.
 _TOUCHING = 1e-6
-# Largest distance of triangle sides on the border, as a fraction of half the width.
+# Largest distance from the border of a projection at which a triangle side counts as lying on the
+# border, as a fraction of half the width.
 _BORDER = 1e-11
-# Edge number of triangle sides on the border of a projection.
+# Edge index that marks triangle sides on the border of a projection.
 _BORDER_SIDE = -2
-# Largest difference of equal silhouettes, as a fraction of their extent.
+# Largest difference between silhouettes that count as equal, as a fraction of their extent.
 _EQUAL = 1e-6
-# Axes of the six pyramids, rotated away from the usual planes of faces.
+# Axes of the six pyramids, rotated away from the planes in which faces usually lie.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
 
 class _Columns:
-    """Base of dataclasses whose fields are arrays with one row per item."""
+    """Base class of dataclasses whose fields are arrays with one row per item."""
 
     @classmethod
     def of(cls, parts: Sequence[Self]) -> Self:
@@ -62,26 +65,26 @@ class Surface(_Columns):
     corners: Floats
     """Positions of the corners, shape (t, 3, 3)."""
     sides: Indices
-    """Number of the edge from each corner to the next corner, shape (t, 3); -1 for edges made by
+    """Index of the edge from each corner to the next corner, shape (t, 3); -1 for edges created by
     clipping."""
     faces: Indices
-    """Number of the planar face that contains each triangle, shape (t,)."""
+    """Index of the planar face that contains each triangle, shape (t,)."""
     bodies: Indices
-    """Number of the body of each triangle, shape (t,)."""
+    """Index of the body to which each triangle belongs, shape (t,)."""
 
 
 @dataclass(frozen=True)
 class Silhouette:
-    """Directed edges of shadows. The body is on their left as seen from the source."""
+    """Directed shadow edges, with the body on their left as seen from the source."""
 
     edges: Floats
     """Start and end of each edge, shape (m, 2, 3)."""
     numbers: Indices
-    """Number of the mesh edge on which each edge lies, shape (m,); -1 for none."""
+    """Index of the mesh edge on which each edge lies, shape (m,); -1 if there is none."""
     bodies: Indices
-    """Number of the body of each edge, shape (m,)."""
+    """Index of the body to which each edge belongs, shape (m,)."""
     behind: Indices
-    """Number of the face behind each edge as seen from the source, shape (m,); -1 for none."""
+    """Index of the face behind each edge as seen from the source, shape (m,); -1 if none."""
     touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies whose surfaces touch."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
@@ -103,7 +106,7 @@ class Silhouette:
         return cls(**columns, touching=frozenset().union(*(part.touching for part in parts)))
 
     def is_like(self, other: Silhouette) -> bool:
-        """Return whether the edges are equal, apart from their division into pieces."""
+        """Return whether two silhouettes have the same edges, apart from how these are divided."""
         keys, sums = self._lengths()
         other_keys, other_sums = other._lengths()
         within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
@@ -112,7 +115,7 @@ class Silhouette:
         )
 
     def _lengths(self) -> tuple[Indices, Floats]:
-        """Return edge keys (k, 3), and length and centroid (k, 4) of the edges with each key."""
+        """Return edge keys (k, 3), and for each key the total length and the centroid (k, 4)."""
         keys = np.column_stack([self.numbers, self.bodies, self.behind])
         unique, which = np.unique(keys, axis=0, return_inverse=True)
         length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
@@ -122,7 +125,7 @@ class Silhouette:
         return unique, np.column_stack([sums[:, 0], sums[:, 1:] / sums[:, :1]])
 
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
-        """Return the edges of a mask, shortened to ``edges`` (m, 2, 3)."""
+        """Return the edges selected by a mask, shortened to ``edges`` (m, 2, 3)."""
         is_closed = self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all())
         names = ("numbers", "bodies", "behind", "planes")
         columns = {name: getattr(self, name)[rows] for name in names}
@@ -191,7 +194,7 @@ def _projected(
 
 
 def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
-    """Clip a surface to the pyramid of 90 degrees around the z axis of a frame."""
+    """Clip a surface to the 90-degree pyramid around the z axis of a frame."""
     planes = np.array([[1.0, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]) @ frame
     heights: Floats = (surface.corners - observer) @ planes.T
     inside = np.asarray((heights >= 0.0).all(axis=(1, 2)))
@@ -219,7 +222,7 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
 def _cut_ring(
     ring: list[tuple[Floats, int]], plane: Floats, observer: Floats
 ) -> list[tuple[Floats, int]]:
-    """Clip a convex ring of pairs (corner, number of the next side) to one side of a plane."""
+    """Clip a convex ring of pairs (corner, index of the next side) to one side of a plane."""
     result: list[tuple[Floats, int]] = []
     for (corner, side), (end, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
         here, there = plane @ (corner - observer), plane @ (end - observer)
@@ -254,11 +257,11 @@ class _Segments(_Columns):
     end: Floats
     """End points of the segments, shape (n, 2)."""
     triangle: Indices
-    """Number of the triangle that contains each segment, shape (n,)."""
+    """Index of the triangle that contains each segment, shape (n,)."""
     side: Indices
-    """Number of the triangle's side on which the segment lies, shape (n,); -1 for none."""
+    """Index of the triangle's side on which the segment lies, shape (n,); -1 if none."""
     edge: Indices
-    """Number of the mesh edge on which the segment lies, shape (n,); -1 for none."""
+    """Index of the mesh edge on which the segment lies, shape (n,); -1 if none."""
 
     @cached_property
     def length(self) -> Floats:
@@ -300,17 +303,17 @@ def _part_boundaries(
 
 @dataclass
 class _Pairing:
-    """Segments of a projection, and the intervals that two of them have in common."""
+    """Segments of a projection, paired along the intervals that two segments have in common."""
 
     figure: Projected
     surface: Surface
     segments: _Segments
     within: float
-    """Largest distance of coincident points."""
+    """Largest distance between points that count as coincident."""
     beside: float
-    """Largest distance of segments that run along each other."""
+    """Largest distance between segments that count as running along each other."""
     touching: float
-    """Largest gap between touching surfaces along the line of sight."""
+    """Largest gap along the line of sight between surfaces that count as touching."""
 
     def __post_init__(self) -> None:
         # Intervals of each segment that no other segment shares.
@@ -318,7 +321,8 @@ class _Pairing:
 
     def resolved(self) -> Silhouette:
         s, bodies = self.segments, self.surface.bodies
-        # Segment, start and end of an interval along it, segment behind it.
+        # Each piece: a segment, the start and end of an interval on it, and the segment behind it,
+        # or -1.
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
@@ -379,7 +383,7 @@ class _Pairing:
     def _shared(self, j: int, k: int) -> Iterator[tuple[float, float, float]]:
         """Remove the intervals that two opposite segments have in common.
 
-        Yields start and end along segment j, and the midpoint along segment k.
+        Yields the start and end of each interval along segment j, and its midpoint along segment k.
         """
         for low, high in list(self.free[j]):
             for start, stop in list(self.free[k]):
@@ -405,7 +409,7 @@ class _Pairing:
         return 1 if gap > 0 else -1
 
     def _depth(self, row: int, at: float) -> tuple[float, float]:
-        """Return the depth of a point on a segment, and its slope; 0 on a triangle's side."""
+        """Return the depth of a point on a segment, and its gradient (0 on a triangle's side)."""
         s = self.segments
         t, k = s.triangle[row], s.side[row]
         point = s.begin[row] + at * s.unit[row]

@@ -110,15 +110,16 @@ def mean_polygon(first: Ring, second: Ring) -> Ring:
     return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
 
 
-# Largest area of a dropped trapezoid, as a fraction of the total: below single precision.
+# Trapezoids with up to this fraction of the total area are dropped; single precision does not
+# resolve them.
 _NEGLIGIBLE = 1e-12
 
-# Smallest divisor, above zero in single precision.
+# Smallest divisor; single precision does not round it to zero.
 _TINY = 1e-30
 
 
 class Trapezoids(NamedTuple):
-    """Trapezoids with vertical parallel sides; all fields have shape (n,) in metres."""
+    """Trapezoids with vertical parallel sides; all fields are in metres, with shape (n,)."""
 
     left: NDArray[np.float64]
     width: NDArray[np.float64]
@@ -196,7 +197,8 @@ def _slab(
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
     """Map uniform random numbers (u, v) in [0, 1] to uniform random points of a trapezoid.
 
-    ``row``: the six coordinates of the trapezoid. ``ops``: namespace of operations for their type.
+    ``row``: the six coordinates of the trapezoid. ``ops``: namespace of operations for the type
+    of the numbers.
     """
     left, width, height_left, height_right, low_left, low_right = row
     # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without cancellation.

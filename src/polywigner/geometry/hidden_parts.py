@@ -21,9 +21,10 @@ Shapes = NDArray[np.object_]
 
 # Lengths below this fraction of the body's size are treated as zero.
 NOTHING = 1e-12
-# Smallest width of a triangle, in units of NOTHING.
+# Width below which a triangle counts as a line, in units of NOTHING times the body's size.
 _WIDTH = 8.0
-# Limits on overlapping pairs of triangles (0.5 GB of polygons) and on crossings (minutes of time).
+# Largest number of overlapping pairs of triangles (0.5 GB of polygons), number of polygons in one
+# query of the search tree, and largest number of crossings (minutes of computing time).
 _MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e8
 
 
@@ -119,7 +120,7 @@ def _apart(projected: Projected, one: Indices, other: Indices) -> NDArray[np.boo
 
 
 def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tuple[Indices, Shapes]:
-    """Return hidden triangles, and the parts of other triangles in front of their planes."""
+    """Return hidden triangles, and for each the part of another triangle in front of its plane."""
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
     plane = projected.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
@@ -137,7 +138,7 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
 
 
 def _cut(points: Floats, ahead: Floats) -> Shapes:
-    """Clip triangles (n, 3, 2) to the positive side of linear functions ``ahead`` (n, 3)."""
+    """Clip triangles (n, 3, 2) to where linear functions, ``ahead`` (n, 3), are positive."""
     following, there = np.roll(points, -1, axis=1), np.roll(ahead, -1, axis=1)
     crosses = (ahead > 0) != (there > 0)
     share = (ahead / np.where(crosses, ahead - there, 1.0))[..., None]
@@ -163,10 +164,11 @@ def less_shadows(
 
     ``polygons`` (n,): the triangles in the projection plane. ``illuminated`` (n,): the illuminated
     part of each triangle. ``boxes`` (n,): only triangles with overlapping boxes hide each other.
-    ``grid``: grid spacing, needed if illuminated parts have edges along shadows, up to rounding.
+    ``grid``: grid spacing, required if edges of illuminated parts coincide with edges of shadows,
+    apart from rounding errors.
 
-    Returns the numbers (m,) of the partly hidden triangles and their visible parts (m,). Of two
-    triangles that coincide, the first one hides the second one. Raises ArgumentError if too many
+    Returns the indices (m,) of the partly hidden triangles and their visible parts (m,). If two
+    triangles coincide, the first one hides the second one. Raises ArgumentError if too many
     pairs of triangles overlap in projection.
     """
     one, other = _overlapping(projected, polygons if boxes is None else boxes)
@@ -185,7 +187,10 @@ def less_shadows(
 
 
 def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
-    """Transform shapes (m,) in the projection plane to coordinates in triangles (m, 3, 2)."""
+    """Convert shapes (m,) in the projection plane to barycentric coordinates of triangles.
+
+    ``points``: corners (m, 3, 2) of the triangles.
+    """
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     vertices, owner = shapely.get_coordinates(shapes, return_index=True)
     inside = np.einsum("nij,nj->ni", inverse[owner], vertices - points[owner, 0])
@@ -195,7 +200,7 @@ def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
 
 
 def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Return indices (m,) of shapes, and starts and ends (m, 2) of the edges of their polygons.
+    """Return the edges of all shapes: index of the shape (m,), start and end points (m, 2).
 
     Exteriors are counter-clockwise, holes clockwise.
     """
@@ -208,7 +213,7 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # Shapely's test looks at one corner, which may be a spike after rounding.
+    # Shapely's orientation test examines one corner, which may be a spike after rounding.
     crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
     swapped = turned[of_edge][:, None]
@@ -216,8 +221,8 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     return owner[of_polygon[of_edge]], begin, end
 
 
-# GEOS returns lines and points where polygons touch, refuses them as arguments, and may lose a
-# polygon if edges almost coincide.
+# GEOS returns lines and points where polygons touch, does not accept such results as arguments, and
+# may lose a polygon if edges almost coincide.
 
 # Grid spacing as a fraction of the extent, above rounding errors.
 GRID = 1e-14

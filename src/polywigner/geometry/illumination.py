@@ -71,7 +71,7 @@ class Illumination(Immutable):
     amplitudes: NDArray[np.complex128]
     """Complex amplitudes c_m, shape (m,), read-only."""
     frequencies: NDArray[np.float64]
-    """Frequencies kappa_m in cycles per metre, shape (m, d), lexicographic order, read-only."""
+    """Frequencies kappa_m in cycles per metre, shape (m, d), in lexicographic order, read-only."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
         waves, kappa = _merged(*_checked(amplitudes, frequencies))
@@ -89,7 +89,7 @@ class Illumination(Immutable):
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
 
     def moved(self, shift: ArrayLike) -> Illumination:
-        """Return the field u(x - shift), shifted by (d,) in m."""
+        """Return the shifted field u(x - shift), with the shift (d,) in m."""
         phases = shift_phases(self.frequencies, checked_shift(shift, self.dimension))
         return Illumination(self.amplitudes * phases, self.frequencies)
 
@@ -101,7 +101,7 @@ class Illumination(Immutable):
         Raises
         ------
         IlluminationError
-            For a field of slits.
+            If the field is defined on slits.
         """
         if self.dimension != 2:
             raise IlluminationError(

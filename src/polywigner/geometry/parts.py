@@ -37,7 +37,7 @@ _GRID = 2.0**-44
 
 
 def grid_size(points: Ring) -> float:
-    """Return a power of two near 2^-44 of the extent or of the largest coordinate."""
+    """Return a power of two near 2^-44 times the larger of extent and largest coordinate."""
     scale = max(extent(points), float(np.abs(points).max()))
     return float(_GRID * 2.0 ** np.ceil(np.log2(scale)))
 
@@ -50,7 +50,7 @@ def polygons_in(geometry: BaseGeometry) -> list[shapely.Polygon]:
 
 
 def shifted(polygons: NDArray[Any], shifts: Ring) -> NDArray[Any]:
-    """Return polygons (n,) shifted by (n, 2)."""
+    """Return polygons (n,), each shifted by one of the vectors (n, 2)."""
     points, number = shapely.get_coordinates(polygons, return_index=True)
     moved: NDArray[Any] = shapely.set_coordinates(polygons.copy(), points + shifts[number])
     return moved
@@ -115,7 +115,7 @@ def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
 def union_on_grid(
     geometries: Sequence[BaseGeometry], originals: Ring | None = None
 ) -> BaseGeometry:
-    """Return the union of polygons, with gaps and overlaps of rounding errors closed.
+    """Return the union of polygons, without gaps and overlaps due to rounding.
 
     Vertices near `originals` (n, 2) become equal to them; by default, these are the input vertices.
     """
@@ -192,11 +192,11 @@ def weld(parts: Sequence[Part]) -> list[Part]:
     return [tuple(next(welded) for _ in part) for part in parts]
 
 
-# Largest distance of a dropped vertex from its chord, as a fraction of area/diameter. The change of
-# area is then the same for thin and compact parts.
+# Largest distance of a dropped vertex from its chord, as a fraction of area/diameter. The relative
+# change in area is then the same for thin and compact parts.
 _STRAIGHT = 2.0**-48
 
-# Largest number of vertices intersected at once, to limit the memory.
+# Largest number of vertices intersected at once, to limit the memory use.
 _VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
@@ -361,7 +361,7 @@ def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the parts inside a ring by the rule "nonzero" or "evenodd"."""
+    """Return the parts inside a ring under the fill rule "nonzero" or "evenodd"."""
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
@@ -375,7 +375,7 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
 
 
 def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
-    """Return the polygons inside rings (n, 2), which may cross, by a fill rule."""
+    """Return the polygons inside rings (n, 2), which may cross, under a fill rule."""
     # The grid avoids hairline faces along a curve that is traversed twice with different rounding.
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])

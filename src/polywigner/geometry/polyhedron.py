@@ -1,4 +1,4 @@
-"""Polyhedra: solid bodies bounded by planar faces; triangles and closed surfaces of their faces."""
+"""Polyhedra: solid bodies bounded by planar faces; their triangles and closed surfaces."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 from polywigner.numerics import Indices
 
-# Largest distance of a vertex from its face's plane, as a fraction of the diameter; coordinates of
-# ten digits pass.
+# Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter;
+# coordinates with ten digits are accurate enough.
 _PLANAR = 1e-9
 
 # Relative rounding error of radii and distances.
 _ROUNDING = 1e-14
-# Number of points whose distances are computed at once: 80 MB for 10,000 points.
+# Number of points whose distances to all points are computed at once: 80 MB for 10,000 points.
 _ROWS = 1024
 
-# Smallest sine of an angle between adjacent sides of a convex face.
+# Smallest sine of the angle between adjacent sides of a face that counts as convex.
 _BEND = 1e-9
-# Largest relative change of a face's area by triangulation.
+# Largest relative change in the area of a face when its outline is repaired.
 _LOST = 1e-9
 # Distance from a surface that counts as zero, as a fraction of the size of the surface.
 _ON_SURFACE = 1e-9
-# Number of triangles that are tested for lying inside another surface.
+# Approximate number of a surface's triangles that are tested for lying inside another surface.
 _SAMPLES = 16
 
 # Number of point-triangle pairs processed at once: about 50 MB.
 _PAIRS = 1 << 18
-# Replaces divisors of zero.
+# Smallest divisor, to avoid a division by zero.
 _TINY = 1e-300
 
 Vertices = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Polyhedron(Immutable):
     Warns
     -----
     PolywignerWarning
-        If a surface inside another surface has the same orientation: it is read as a cavity.
+        If a surface inside another surface has the same orientation; it is treated as a cavity.
 
     Examples
     --------
@@ -326,7 +326,7 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
 def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
     """Split the faces of a closed mesh into closed surfaces, as arrays of face numbers.
 
-    Surfaces that touch in vertices or edges are separate. Surfaces with a common face, such as two
+    Surfaces that touch at vertices or edges are separate. Surfaces with a common face, such as two
     boxes side by side, count as one.
     """
     if not len(faces):
@@ -374,7 +374,7 @@ def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
 
 
 def distances_from(corners: Vertices, points: Vertices) -> Vertices:
-    """Return the distances (n,) of points (n, 3) from the nearest triangle of (m, 3, 3)."""
+    """Return the distance of each point (n, 3) from the nearest of the triangles (m, 3, 3)."""
     step = max(1, _PAIRS // len(corners))
     blocks = [points[low : low + step, None] for low in range(0, len(points), step)]
     return np.concatenate(

@@ -99,7 +99,7 @@ _ZERO_AREA = 2.0**-50
 
 
 def rounding_tolerance(coordinates: Ring) -> float:
-    """Return 64 ulp of the largest coordinate, above the rounding of rotations and shifts."""
+    """Return 64 ulp of the largest coordinate, above rounding errors of rotations and shifts."""
     return float(2.0**-46 * np.abs(coordinates).max())
 
 
@@ -109,12 +109,12 @@ def extent(points: NDArray[np.floating[Any]]) -> float:
 
 
 def sides_of(bounds: Sequence[float]) -> NDArray[np.float64]:
-    """Return the side lengths (d,) of a box given as lower and upper corner."""
+    """Return the side lengths (d,) of a box given by its lower and upper corners."""
     return np.ptp(np.reshape(bounds, (2, -1)), axis=0)
 
 
 def without_straight_vertices(ring: Ring) -> Ring:
-    """Drop vertices that lie exactly between their neighbours; the tips of spikes stay."""
+    """Drop vertices that lie exactly between their neighbours; keep the tips of spikes."""
     previous, following = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     is_forward = np.sum((ring - previous) * (following - ring), axis=1) > 0
     corners = ring[~(is_forward & (orientations(previous, ring, following) == 0))]

@@ -389,7 +389,7 @@ def slit(width: float, offset: float = 0.0) -> Slits:
     Parameters
     ----------
     width : float
-        Width.
+        Width of the slit.
     offset : float, default 0.0
         Position of the centre.
 
@@ -451,7 +451,7 @@ def grating(count: int, width: float, pitch: float) -> Slits:
 
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
-    """Return the centres of honeycomb cells in units of 3/2 side and half the height."""
+    """Return the centres of honeycomb cells; the units are 3/2 sides in x and half heights in y."""
     columns = range(-rings, rings + 1)
     cells = [(q, 2 * r + q) for q in columns for r in columns if abs(q + r) <= rings]
     return [cell for cell in cells if centre or cell != (0, 0)]

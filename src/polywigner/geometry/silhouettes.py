@@ -30,20 +30,21 @@ from polywigner.numerics import Floats, Indices
 
 # Distance from an edge or a plane that counts as zero, as a fraction of the size of a body.
 ON = 1e-9
-# Distance of a source at infinity, in sizes of a body.
+# Distance used for a source at infinity, in units of the body's size.
 _AFAR = 1e6
-# Number of pairs with a triangle processed at once: about 50 MB.
+# Numbers of ray-triangle pairs and of triangle pairs processed at once: about 50 MB each.
 PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
-# Largest number of faces times source points with separate silhouettes.
+# Largest product of face count and source-point count for which each source point gets its own
+# silhouette.
 _MOST_FACES = 1 << 15
-# Margin of cones around bodies [rad], above rounding errors.
+# Margin added to the half-angle of cones around bodies [rad], larger than rounding errors.
 _WIDER = 1e-6
-# Smallest winding number of points inside a body; 1 without rounding.
+# Winding number above which a point counts as inside a body; it is 1 apart from rounding errors.
 _IN = 0.9975
-# Largest distance of bodies in contact: in wavelengths, because a narrower slit transmits no field;
-# and as a fraction of the extent, for float32 coordinates.
+# Largest distance between bodies that count as in contact: in wavelengths, because a narrower slit
+# transmits no field; and as a fraction of the extent, for float32 coordinates.
 _CLOSED, _ROUNDED = 0.05, 1e-6
-# Largest difference of the normals of faces in one plane.
+# Largest difference between the unit normals of faces that count as lying in one plane.
 _SKEW = 1e-5
 _NOTHING_BEHIND = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -55,9 +56,9 @@ class Obstacle:
     vertices: Floats
     """Positions of the vertices, shape (n, 3)."""
     triangles: Indices
-    """Vertex numbers of each triangle, shape (t, 3), counter-clockwise from the front."""
+    """Vertex indices of each triangle, shape (t, 3), counter-clockwise as seen from the front."""
     owner: Indices
-    """Number of the planar face that contains each triangle, shape (t,)."""
+    """Index of the planar face that contains each triangle, shape (t,)."""
     normals: Floats
     """Normals of the faces, shape (f, 3), of any length."""
     is_solid: bool
@@ -76,19 +77,19 @@ class Obstacle:
         return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
 
     def facing(self, source: Floats) -> Floats:
-        """Return 1 for triangles that face a source, -1 for backs of plates that do, else 0."""
+        """Return 1 for triangles that face a source, -1 for plates whose back faces it, else 0."""
         facing = np.sign(self.heights(source))
         return np.maximum(facing, 0.0) if self.is_solid else facing
 
     @property
     def rim(self) -> Floats | None:
-        """Ends (m, 2, 3) of edges that belong to one triangle; None for closed meshes."""
+        """Ends (m, 2, 3) of edges that belong to only one triangle; None for closed meshes."""
         ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
         keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
 
     def silhouette(self, source: Floats) -> Indices:
-        """Return vertex numbers (m, 2) of the directed edges of the silhouette."""
+        """Return the vertex indices (m, 2) of the directed edges of the silhouette."""
         facing = self.facing(source)
         start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
         sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
@@ -102,9 +103,9 @@ class Obstacle:
         return ends[net != 0.0]
 
     def spanned(self, source: Floats) -> Obstacle:
-        """Return a surface across the silhouette of a convex body; other bodies are unchanged.
+        """Return a surface that spans the silhouette of a convex body; other bodies are unchanged.
 
-        The shadows of all points near the source then end at the same edges.
+        The shadows for all points near the source then end at the same edges.
         """
         ends = self.silhouette(source) if self.is_solid and self.is_simple else np.empty(0)
         if not len(ends):
@@ -119,7 +120,7 @@ class Obstacle:
         return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
 
     def cut(self, origin: Floats, along: Floats) -> Floats:
-        """Return the intersections (k, 2, 2) of the surface with a plane with axes (2, 3)."""
+        """Return the segments (k, 2, 2) in which the surface meets a plane with axes (2, 3)."""
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
         if np.abs(height).max() <= ON * np.ptp(self.vertices, axis=0).max():
@@ -234,7 +235,10 @@ class Obstacles:
         return np.concatenate([body.vertices for body in self.bodies])
 
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
-        """Return a mask of points (n, 3) behind all bodies, if no body is behind the source."""
+        """Return a mask of points (n, 3) beyond all bodies as seen from a source.
+
+        Points in the cone opposite to the bodies are excluded.
+        """
         rays, (axis, angle) = points - source, _cone(self.vertices - source)
         away = np.linalg.norm(rays, axis=1)
         reach = np.linalg.norm(self.vertices - source, axis=1).max()
@@ -243,7 +247,7 @@ class Obstacles:
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
         """Return a silhouette for each source point (k, 3).
 
-        For large meshes, all source points share the silhouette of their mean.
+        For large meshes, all source points share the silhouette seen from their mean position.
         """
         faces = sum(len(body.triangles) for body in self.bodies)
         if faces * len(sources) > _MOST_FACES:
@@ -251,7 +255,7 @@ class Obstacles:
         return [self.silhouette(point) for point in sources]
 
     def silhouette(self, source: Floats) -> Silhouette:
-        """Return the edges of the shadows of all bodies for a point source at a position (3,)."""
+        """Return the shadow edges of all bodies for a point source at a position (3,)."""
         alone = self._hide_nothing(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
@@ -285,7 +289,7 @@ class Obstacles:
 
     @cached_property
     def contact(self) -> float:
-        """Largest distance of bodies in contact."""
+        """Largest distance between bodies that count as in contact."""
         return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
 
     @cached_property
@@ -325,13 +329,13 @@ class Obstacles:
         return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
 
     def _edge_numbers(self, number: int, ends: Indices) -> Indices:
-        """Return numbers of edges between vertices (..., 2), unique among all bodies."""
+        """Return numbers, unique among all bodies, for the edges between vertices (..., 2)."""
         low, high = ends.min(axis=-1), ends.max(axis=-1)
         count = len(self.bodies[number].vertices)
         return np.asarray(self._first_edges[number] + low * count + high)
 
     def body_of_face(self, faces: Indices) -> Indices:
-        """Return the numbers of the bodies of faces."""
+        """Return the index of the body to which each face belongs."""
         return np.searchsorted(self._first_faces, faces, side="right") - 1
 
     def face_planes(self, source: Floats) -> Floats:
@@ -363,7 +367,7 @@ class Obstacles:
     ) -> Surface:
         """Return the triangles of some bodies that face a source.
 
-        With ``plane`` (4,), only triangles behind this plane.
+        If ``plane`` (4,) is given, only triangles behind this plane are returned.
         """
         parts = []
         for number in numbers:
@@ -412,11 +416,11 @@ class Obstacles:
         return hidden
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
-        """Return a mask of points (n, 3) inside a body, without points on surfaces."""
+        """Return a mask of points (n, 3) inside a body, excluding points on surfaces."""
         return self._winding_numbers(points, range(len(self.bodies))) > _IN
 
     def _winding_numbers(self, points: Floats, numbers: Iterable[int]) -> Floats:
-        """Return the winding numbers (n,) of some bodies about points (n, 3)."""
+        """Return the total winding numbers (n,) of some bodies about points (n, 3)."""
         turns = np.zeros(len(points))
         for body in (self.bodies[number] for number in numbers):
             if not body.is_solid:
@@ -428,7 +432,7 @@ class Obstacles:
 
 
 def _cone(points: Floats) -> tuple[Floats, float]:
-    """Return axis and half-angle of a cone from the origin around points (n, 3)."""
+    """Return axis and half-angle of a cone around points (n, 3), with its apex at the origin."""
     directions = points / np.linalg.norm(points, axis=1)[:, None]
     axis = directions.sum(axis=0)
     length = float(np.linalg.norm(axis))
@@ -443,8 +447,8 @@ def _cone(points: Floats) -> tuple[Floats, float]:
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Intersect rays (k, 3) from the origin with triangles (t, 3, 3), in blocks of rays.
 
-    Yields slices of the rays, intersections (k, t) as fractions of the ray lengths, infinite if
-    there is none, and the heights (t,) of the origin above the triangles.
+    Yields slices of the rays; intersections (k, t) as fractions of the ray lengths, infinite if a
+    ray misses a triangle; and the heights (t,) of the origin above the triangles.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
@@ -465,13 +469,13 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
 def contacts(
     meshes: Sequence[Floats], rims: Sequence[Floats | None], within: float
 ) -> list[tuple[int, int]]:
-    """Return pairs of meshes (t, 3, 3) that cross or have a corner within a distance of each other.
+    """Return pairs of meshes (t, 3, 3) that cross, or have a corner ``within`` of the other mesh.
 
     ``rims``: boundary edges (m, 2, 3) of each sheet, or None for a closed mesh. A body that stands
-    on the inside of a sheet is not in contact with it.
+    on the interior of a sheet is not in contact with the sheet.
     """
     boxes = np.array([[mesh.min(axis=(0, 1)), mesh.max(axis=(0, 1))] for mesh in meshes])
-    # Edges of a rim are triangles without area.
+    # Edges of a rim are represented by triangles without area.
     ends = [
         mesh if rim is None else rim[:, [0, 1, 1]] for mesh, rim in zip(meshes, rims, strict=True)
     ]
@@ -486,7 +490,7 @@ def contacts(
 
 
 def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
-    """Return pairs of boxes (n, 2, 3), lower and upper corners, at most ``within`` apart."""
+    """Return pairs of boxes (n, 2, 3), given by two corners, that are at most ``within`` apart."""
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
     tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
     one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))

@@ -1,4 +1,4 @@
-"""Slits: apertures in one dimension, a set of disjoint intervals."""
+"""Slits: one-dimensional apertures, each a set of disjoint intervals."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.illumination import Illumination, checked_field, checked_shift
 from polywigner.geometry.wavefront import TakesWaves
 
-# Largest overlap of touching intervals, as a fraction of the largest coordinate.
+# Largest overlap of intervals that count as touching, as a fraction of the largest coordinate.
 _ROUNDING = 2.0**-46
 
 
@@ -50,7 +50,7 @@ class Slits(TakesWaves):
         self._set(intervals=_ascending(intervals), illumination=None)
 
     def with_illumination(self, illumination: Illumination | None) -> Slits:
-        """Return the slits with another field.
+        """Return the slits with a different field.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class Slits(TakesWaves):
         Raises
         ------
         ArgumentError
-            If the field has another type.
+            If the field is neither an Illumination nor None.
         IlluminationError
             If the field has two dimensions.
         """
@@ -95,7 +95,7 @@ class Slits(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
-        """The elements as a tuple, here the slits themselves; arrays have several elements."""
+        """Tuple of the elements: only the slits themselves; arrays have several elements."""
         return (self,)
 
     @cached_property

@@ -22,7 +22,7 @@ from polywigner.geometry.illumination import checked_shift, turned_points
 
 
 class TakesWaves(Immutable):
-    """Base of all sources: methods for curved and partially coherent waves."""
+    """Base class of all sources, with methods for curved and partially coherent waves."""
 
     def at_wavelength(self, wavelength: float) -> Any:
         """Return this source at another wavelength, with the phases of its path lengths converted.
@@ -67,8 +67,8 @@ class TakesWaves(Immutable):
         Parameters
         ----------
         radius : float or sequence of float
-            Radius of curvature R in metres, or one radius for each axis. R > 0 diverges, as from a
-            point at a distance R behind the aperture; R < 0 converges; infinite: flat.
+            Radius of curvature R in metres, or one radius for each axis. R > 0: diverging, as from
+            a point at a distance R behind the aperture; R < 0: converging; infinite: flat.
         wavelength : float
             Wavelength in metres. The radius is the same at other wavelengths, see
             :meth:`at_wavelength`.
@@ -116,7 +116,7 @@ class TakesWaves(Immutable):
     def partially_coherent(self, width: float) -> Wavefront:
         """Return this source as a Gaussian Schell-model source.
 
-        The degree of coherence of two points at a distance xi is exp(-xi^2 / (2 width^2)).
+        The degree of coherence of two points a distance xi apart is exp(-xi^2 / (2 width^2)).
 
         Parameters
         ----------
@@ -158,7 +158,7 @@ class Wavefront(TakesWaves):
 
     The methods ``curved`` and ``partially_coherent`` of sources make wavefronts. The field of
     ``source`` is multiplied by exp(i pi (x - c)^T Q (x - c)), and the mutual coherence of two
-    points at a distance xi by exp(-xi^2 / (2 width^2)).
+    points a distance xi apart by exp(-xi^2 / (2 width^2)).
 
     Parameters
     ----------
@@ -177,8 +177,8 @@ class Wavefront(TakesWaves):
     Raises
     ------
     ArgumentError
-        If the source has another type, the centre is not d finite numbers, or the width is not
-        above zero.
+        If the source has an unsupported type, the centre is not d finite numbers, or the width is
+        not above zero.
     IlluminationError
         If the curvature is not a symmetric matrix of finite numbers.
 
@@ -197,7 +197,7 @@ class Wavefront(TakesWaves):
     centre: NDArray[np.float64]
     """Point c in metres, shape (d,), read-only, where a curved wave touches the plane."""
     coherence_width: float
-    """Standard deviation in metres of the degree of coherence over lag; infinite: coherent."""
+    """Standard deviation in metres of the degree of coherence versus lag; infinite: coherent."""
     wavelength: float | None
     """Wavelength in metres at which the curvature holds; None if it holds at all wavelengths."""
 
@@ -255,7 +255,7 @@ class Wavefront(TakesWaves):
 
     @property
     def coherent(self) -> Any:
-        """The source with full coherence: with its curved wave, or the flat source itself."""
+        """The fully coherent source: with its curved wave, or the flat source itself."""
         if self.is_flat:
             return self.source
         return self._with(coherence_width=np.inf)
@@ -273,7 +273,7 @@ class Wavefront(TakesWaves):
 
     @property
     def diameter(self) -> float:
-        """Largest distance of two points of the source in metres."""
+        """Largest distance between two points of the source in metres."""
         return float(self.source.diameter)
 
     def plot(self, ax: Any = None, unit: str = "mm") -> Any:

@@ -1,4 +1,4 @@
-"""Fields on sources, and arrays with weights of their elements.
+"""Fields on sources, and arrays of weighted elements.
 
 - ``tapers``: steering, tapers and modes, and plane waves for sampled fields
 - ``normal_form``: :class:`Source`, the form into which all public sources are converted
@@ -7,7 +7,7 @@
 - ``arrays``: layouts and weights of elements, and tables of both
 - ``source_files``: sources in TOML and JSON; ``source_tables``: tables and short texts of fields,
   layouts, weights and shapes
-- ``obliquities``: factors of angle and wave, for each boundary condition
+- ``obliquities``: factors that depend on the angle and the waves, for each boundary condition
 """
 
 from polywigner.geometry.illumination import Illumination

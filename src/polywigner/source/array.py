@@ -28,7 +28,7 @@ Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")
 
 # Largest distance from the plane z = 0, as a fraction of the diameter, and largest tilt [rad] of an
-# element in this plane, due to the rounding of poses.
+# element that counts as lying in this plane; rounding of poses causes such deviations.
 _IN_PLANE = 1e-12
 
 
@@ -81,12 +81,12 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     return Aperture(outline).with_illumination(rotated.moved(shift[:2]))
 
 
-# Largest relative difference of equal curvatures, due to rounding.
+# Largest relative difference between curvatures that count as equal, due to rounding.
 _SAME = 1e-12
 
 
 def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
-    """Return one curved wave on an array of elements with curved waves."""
+    """Combine elements with curved waves into a single curved wave on an array."""
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
     curvatures = np.array([wave.curvature for wave in waves])
@@ -153,7 +153,7 @@ class Array(TakesWaves):
     Parameters
     ----------
     elements : sequence of Slits, or of Aperture, PlacedAperture and Polyhedron
-        Apertures lie in the plane z = 0. A list of elements with waves of one curvature becomes a
+        Apertures lie in the plane z = 0. Elements with waves of equal curvature become a
         :class:`Wavefront` on an array.
     weights : array_like, shape (n,), optional
         Complex amplitude of each element; default: all 1.
@@ -161,9 +161,10 @@ class Array(TakesWaves):
     Raises
     ------
     ArgumentError
-        If the list is empty, an element has another type, or slits are mixed with other elements.
+        If the list is empty, an element has an unsupported type, or slits are mixed with other
+        elements.
     IlluminationError
-        If the weights are not n finite complex numbers, or all zero.
+        If the weights are not n finite complex numbers, or are all zero.
 
     Examples
     --------
@@ -226,7 +227,7 @@ class Array(TakesWaves):
 
     @property
     def distinct(self) -> tuple[Element, ...]:
-        """The distinct elements; a `phased_array` has one."""
+        """The distinct elements; a `phased_array` has only one."""
         return self.elements if self.repeated is None else (self.repeated[0],)
 
     @property
@@ -273,7 +274,7 @@ class Array(TakesWaves):
         Raises
         ------
         GeometryError
-            If an element does not lie in the plane z = 0, and for slits.
+            If an element does not lie in the plane z = 0, or the elements are slits.
         """
         if self.dimension == 1:
             raise GeometryError(
@@ -319,10 +320,10 @@ def phased_array(
 def phased_array(
     element: Aperture | Slits | Wavefront, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array | Wavefront:
-    """Make an array of equal elements: copies of an element and its field at positions.
+    """Make an array of equal elements: copies of an element and its field at given positions.
 
-    The field equals `Array([element.moved(p) for p in positions], weights)`, at a fraction of the
-    cost. A PolywignerWarning reports elements that overlap.
+    The array is equivalent to `Array([element.moved(p) for p in positions], weights)`, at a
+    fraction of the cost. A PolywignerWarning reports elements that overlap.
 
     Parameters
     ----------
@@ -337,14 +338,14 @@ def phased_array(
     Returns
     -------
     Array or Wavefront
-        A Wavefront on an array for an element with a curved wave.
+        The array; a Wavefront on an array if the element has a curved wave.
 
     Raises
     ------
     ArgumentError
-        If the element has another type, or the positions are not (n, d) finite numbers.
+        If the element has an unsupported type, or the positions are not (n, d) finite numbers.
     IlluminationError
-        If the weights are not n finite complex numbers, or all zero.
+        If the weights are not n finite complex numbers, or are all zero.
 
     Examples
     --------
@@ -367,7 +368,7 @@ def phased_array(
 
 # Largest number of pairs of elements intersected at once.
 _MOST_PAIRS = 1000
-# Largest overlap of touching elements, as a fraction of their area.
+# Largest overlap of elements that count as touching, as a fraction of their area.
 _TOUCHING = 1e-9
 # Number of elements in one query of the search tree.
 _ROWS = 32
@@ -427,7 +428,7 @@ def repeated_element(
     return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)
 
 
-# Largest number of pairs of convex pieces; the automean takes 0.7 s for 500 pairs.
+# Largest number of pairs of convex pieces for which the automean is computed; 500 pairs take 0.7 s.
 _MOST_AUTOMEAN_PAIRS = 500
 
 
@@ -470,12 +471,12 @@ def segmented_pupil(
         An aperture whose ``segments`` are the n segments, in their order; or a list of apertures,
         each with its own field.
     wavelength : float
-        Wavelength in m to which the phases of the returned array belong.
+        Wavelength in m at which the phases of the returned array apply.
     piston : float or array_like, shape (n,), default 0
-        Path length of the wavefront at each segment's centroid in m: 2 d for a segment of a mirror
-        that moves by d.
+        Path length of the wavefront at each segment's centroid in m: 2 d for a mirror segment
+        displaced by d.
     tilt : float or array_like, shape (2,) or (n, 2), default 0
-        Slopes of the wavefront along x and y on each segment, without unit.
+        Slopes of the wavefront along x and y on each segment, dimensionless.
 
     Returns
     -------
@@ -485,7 +486,7 @@ def segmented_pupil(
     Raises
     ------
     ArgumentError
-        If the pupil has another type, or pistons and tilts are not n finite numbers.
+        If the pupil has an unsupported type, or pistons and tilts are not n finite numbers.
 
     Examples
     --------

@@ -43,14 +43,14 @@ __all__ = [
 ]
 
 MOST_ELEMENTS = 2**20
-"""Largest number of elements of a layout, with 16 MiB of positions."""
+"""Largest number of elements in a layout; their positions take 16 MiB."""
 
 
 def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Floats:
-    """Return the positions of a rectangular lattice, (nx ny, 2), with y running fastest.
+    """Return the positions of a rectangular lattice, (nx ny, 2), with y varying fastest.
 
     The element `grid_positions(nx, ny, ...).reshape(nx, ny, 2)[i, j]` is at ((i - (nx - 1)/2)
-    pitch_x, (j - (ny - 1)/2) pitch_y). For slits, pass the x of one row,
+    pitch_x, (j - (ny - 1)/2) pitch_y). For slits, pass the x values of one row,
     `grid_positions(n, 1, pitch)[:, 0]`.
 
     Parameters
@@ -58,9 +58,9 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
     nx, ny : int
         Number of elements along x and y.
     pitch_x : float
-        Distance of neighbours along x in m.
+        Distance between neighbours along x in m.
     pitch_y : float, optional
-        Distance of neighbours along y in m; default: ``pitch_x``.
+        Distance between neighbours along y in m; default: ``pitch_x``.
 
     Returns
     -------
@@ -84,16 +84,16 @@ def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None
     Parameters
     ----------
     nx, ny : int
-        Number of elements of a row, and number of rows.
+        Number of elements in a row, and number of rows.
     pitch_x : float
-        Distance of neighbours in a row in m.
+        Distance between neighbours in a row in m.
     pitch_y : float, optional
-        Distance of the rows in m; default: sqrt(3)/2 pitch_x, for equilateral triangles.
+        Distance between rows in m; default: sqrt(3)/2 pitch_x, for equilateral triangles.
 
     Returns
     -------
     ndarray of float, shape (nx ny, 2)
-        Positions in m, with y running fastest.
+        Positions in m, with y varying fastest.
 
     Raises
     ------
@@ -125,12 +125,12 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Floats:
     radii : float or array_like, shape (k,)
         Radii of the rings in m. A radius of 0 with a count of 1 is an element at the centre.
     counts : int or array_like, shape (k,)
-        Number of elements of each ring.
+        Number of elements in each ring.
 
     Returns
     -------
     ndarray of float, shape (sum of counts, 2)
-        Positions in m, sorted by ring, each counter-clockwise from the x axis.
+        Positions in m, sorted by ring, and counter-clockwise from the x axis within each ring.
 
     Raises
     ------
@@ -170,9 +170,9 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     fill : float
         Mean fraction of drawn elements, above 0 and up to 1, or up to mean/peak of the taper.
     seed : int
-        Seed of NumPy's default generator: equal seeds draw equal elements.
+        Seed of NumPy's default generator: equal seeds draw the same elements.
     taper : array_like, shape (n,), optional
-        Real weights of the full array, of zero or more; default: all equal.
+        Non-negative real weights of the full array; default: all equal.
 
     Returns
     -------
@@ -225,7 +225,7 @@ def _steps(count: int) -> NDArray[np.int64]:
     return 2 * np.arange(count) - (count - 1)
 
 
-# Largest difference of equal coordinates, as a fraction of the largest coordinate.
+# Largest difference between coordinates that count as equal, as a fraction of the largest one.
 _EQUAL_POSITIONS = 1e-12
 
 
@@ -238,8 +238,8 @@ def virtual_array(
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
     Far from a radar, the path from transmitting element j to receiving element k is equivalent to
-    one element at x_j + y_k with the weight v_j w_k: the array factor is the product of both array
-    factors. Elements at equal positions are merged, and their weights are added.
+    one element at x_j + y_k with the weight v_j w_k: the array factor is the product of the two
+    array factors. Elements at equal positions are merged, and their weights are added.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def virtual_array(
     Returns
     -------
     positions : ndarray of float, shape (p, d)
-        Positions in m, p up to n m, by ascending x, then y, then z.
+        Positions in m, with p <= n m, sorted by x, then y, then z.
     weights : ndarray of complex, shape (p,)
         Weights of the virtual elements.
 
@@ -261,7 +261,7 @@ def virtual_array(
         If positions have the wrong shape or different dimensions, or there are more than 2^20
         products.
     IlluminationError
-        If weights are not n finite complex numbers, or all zero.
+        If weights are not n finite complex numbers, or are all zero.
 
     Examples
     --------
@@ -391,16 +391,16 @@ def window_weights(
         n elements in a row, or (nx, ny) in a grid.
     window : str or sequence of str
         "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. "taylor" and
-        "chebyshev" need scipy, of the extra `arrays`.
+        "chebyshev" require scipy, which the extra `arrays` installs.
     sll : float, default 30
-        Sidelobe suppression in dB of "taylor" and "chebyshev", above 0 and up to 200.
+        Sidelobe suppression in dB for "taylor" and "chebyshev", above 0 and up to 200.
     nbar : int, default 4
-        Number of sidelobes of "taylor" at about this level, plus one.
+        One more than the number of sidelobes of "taylor" at about this level.
 
     Returns
     -------
     ndarray of float, shape (n,) or (nx ny,)
-        Amplitudes with y running fastest, in the order of :func:`grid_positions`.
+        Amplitudes with y varying fastest, in the order of :func:`grid_positions`.
 
     Raises
     ------
@@ -425,7 +425,7 @@ def window_weights(
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    # The largest weight of a Taylor window with a small sll (1 dB) may be negative.
+    # For a small sll (1 dB), the Taylor weight of largest magnitude may be negative.
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
@@ -465,7 +465,7 @@ def read_elements(
     element : Aperture
         The element that is repeated at each row's position, with its field.
     unit : str or float, default "mm"
-        Unit of x and y, or a number of metres.
+        Unit of x and y: a name, or a length in metres.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Detection of lattices from the positions and weights of array elements."""
+"""Detection of lattices in the positions and weights of array elements."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from polywigner.geometry.arguments import Immutable, complex_array, finite_array
 _ROUNDING = 4e-15
 # Largest number of lattice sites per element; empty sites have the weight 0.
 _SITES_PER_ELEMENT = 16
-# Largest deviation of separable weights from a product, as a fraction of the largest weight.
+# Largest deviation from a product at which weights count as separable, as a fraction of the largest
+# weight.
 _EQUAL = 1e-14
-# Number of positions whose neighbours are searched. If one site in 16 is filled at random, all of
-# these positions lack a neighbour with a probability of 1e-7.
+# Number of positions whose neighbours are searched for. If one site in 16 is filled at random, the
+# probability that none of these positions has a neighbour is 1e-7.
 _PAIRED_WITH_ALL = 128
 
 
@@ -40,7 +41,7 @@ class Lattice:
 
 
 def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
-    """Return the lattice of positions (n, 2); None if there is none or it is nearly empty."""
+    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty."""
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
     extent = float(np.ptp(positions, axis=0).max())
@@ -89,7 +90,7 @@ def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64]
 def _shortest(
     positions: NDArray[np.float64], extent: float, other: NDArray[np.float64] | None
 ) -> NDArray[np.float64] | None:
-    """Return the shortest difference that is not parallel to ``other``, towards +x or +y."""
+    """Return the shortest vector between positions, not parallel to ``other``, towards +x or +y."""
     best, length = None, np.inf
     # Equally spaced indices, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
@@ -148,7 +149,7 @@ class Profile:
 
 
 def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
-    """Return two profiles whose product is the weights (n1, n2), or None."""
+    """Return two profiles whose product is the weights (n1, n2), or None if inseparable."""
     factors = column_and_row(weights)
     return None if factors is None else (_profile(factors[0]), _profile(factors[1]))
 
@@ -246,13 +247,13 @@ def checked_sites(
 
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
-    """Return read-only complex weights (n,); None: all 1."""
+    """Return read-only complex weights (n,); None stands for weights of 1."""
     expected = f"expected complex weights, one for each of the {count} elements"
     values = np.ones(count) if weights is None else weights
     array = complex_array(values, expected, (count,), error=IlluminationError)
     if not array.any():
         raise IlluminationError(f"{expected}, not all zero, got {value_text(weights)}")
-    # Adding 0.0 turns -0.0 into 0.0, which has another hash.
+    # Adding 0.0 turns -0.0 into 0.0, which has a different hash.
     array += 0.0
     array.setflags(write=False)
     return array

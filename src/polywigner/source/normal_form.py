@@ -27,12 +27,12 @@ from polywigner.source.lattices import Lattice, joint_bounds, lattice_of
 
 PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
-# Largest relative deviation of proportional amplitudes.
+# Largest relative deviation of amplitudes that count as proportional.
 _PROPORTIONAL = 1e-15
-# Smallest number of elements that are tested for being copies.
+# Smallest number of elements at which they are tested for being copies of one element.
 _LEAST_COPIES = 24
-# Largest relative deviations of the vertices and of the amplitudes of copies; the phases of shifted
-# amplitudes are rounded as well.
+# Largest relative deviations of the vertices and of the amplitudes of elements that count as
+# copies; the phases of shifted amplitudes are rounded as well.
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
@@ -45,7 +45,7 @@ class SourceElement:
     """Outline without a field, in the plane of its pose."""
     weight: complex
     amplitudes: Complex
-    """Amplitudes of the plane waves without the weight, shape (m,); 1 for a uniform field."""
+    """Amplitudes of the plane waves, excluding the weight, shape (m,); 1 for a uniform field."""
     frequencies: Floats
     """Frequencies of the plane waves in 1/m, shape (m, d); 0 for a uniform field."""
     pose: Floats | None = None
@@ -59,7 +59,7 @@ class SourceElement:
 
     @property
     def has_unit_field(self) -> bool:
-        """Whether the field without the weight is 1."""
+        """Whether the field, excluding the weight, is 1."""
         return self.is_uniform and self.amplitudes[0] == 1.0
 
     @cached_property
@@ -71,7 +71,7 @@ class SourceElement:
 
     @cached_property
     def shape(self) -> Any:
-        """The outline with its waves, without weight and pose."""
+        """The outline with its waves, without its weight or pose."""
         return self.outline.with_illumination(self.illumination)
 
     @property
@@ -86,13 +86,13 @@ class SourceElement:
         return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))
 
     def moved(self, shift: Floats) -> SourceElement:
-        """Return the element and its waves, shifted by (d,) in the plane of its pose."""
+        """Return the element and its waves, shifted by a vector (d,) in the plane of its pose."""
         return replace(
             self, outline=self.outline.moved(shift), amplitudes=self.moved_amplitudes(shift)
         )
 
     def moved_amplitudes(self, shift: Floats) -> Complex:
-        """Return the amplitudes (m,) of the waves shifted by (d,)."""
+        """Return the amplitudes (m,) of the waves after a shift by a vector (d,)."""
         return self.amplitudes * shift_phases(self.frequencies, shift)
 
 
@@ -102,7 +102,7 @@ class RepeatedElement:
     """Shifted copies of an element, with weights."""
 
     element: SourceElement
-    """The element at the origin, of weight 1."""
+    """The element at the origin, with weight 1."""
     positions: Floats
     """Shifts of the copies in m, shape (n, d)."""
     weights: Complex
@@ -126,13 +126,13 @@ class WaveGroup:
     members: NDArray[np.intp]
     """Indices of the elements, shape (k,)."""
     factors: Complex
-    """Amplitudes of each element as a multiple of ``amplitudes``, shape (k,)."""
+    """Ratio of the amplitudes of each element to ``amplitudes``, shape (k,)."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Elements that radiate together, with one curvature and one coherence width."""
+    """Elements that radiate together, with a common curvature and coherence width."""
 
     content: tuple[SourceElement, ...] | RepeatedElement
     """The elements; for a phased array the repeated element."""
@@ -143,7 +143,7 @@ class Source:
     centre: Floats
     """Point c in m at which the curved wave touches the plane, shape (d,)."""
     coherence_width: float = np.inf
-    """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
+    """Standard deviation in m of the degree of coherence versus lag; infinite: coherent."""
     wavelength: float | None = None
     """Wavelength in m of the curvature; None: the curvature is the same at all wavelengths."""
     paths: PathLengths | None = None
@@ -171,7 +171,7 @@ class Source:
 
     @property
     def distinct(self) -> tuple[SourceElement, ...]:
-        """The distinct elements; a phased array has one."""
+        """The distinct elements; a phased array has only one."""
         return self.elements if self.repeated is None else (self.repeated.element,)
 
     @cached_property
@@ -261,7 +261,7 @@ class Source:
         return self.with_elements(flat)
 
     def moved(self, shift: ArrayLike) -> Source:
-        """Return the source and its field, shifted by (d,) in m."""
+        """Return the source and its field, shifted by a vector (d,) in m."""
         offset = np.asarray(shift, np.float64)
         if not offset.any():
             return self
@@ -287,7 +287,7 @@ class Source:
             return self
         if self.repeated is None:
             return self.with_elements([e.tilted(tilt) for e in self.in_plane.elements])
-        # exp(2 pi i kappa.x) at the position p of a copy is a phase.
+        # For a copy at position p, the tilt adds the constant phase factor exp(2 pi i kappa.p).
         copies = self.repeated
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)

@@ -34,11 +34,11 @@ from polywigner.source.normal_form import (
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:
     """Return p = sqrt(1 - (wavelength |kappa|)^2) (...) for frequencies kappa (..., d): (D1).
 
-    p is the cosine of the angle between a wave and the normal of the plane, positive imaginary for
-    evanescent waves.
+    p is the cosine of the angle between a wave and the normal of the plane, and is positive
+    imaginary for evanescent waves.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
-    # Two roots are accurate for sines near 1 and do not overflow.
+    # A product of two roots is accurate for sines near 1 and does not overflow.
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
@@ -54,7 +54,7 @@ def times_direction_cosine(
     def scaled(element: SourceElement) -> SourceElement:
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
-        # A factor of the weight keeps a uniform element uniform, with faster kernels.
+        # Scaling the weight keeps a uniform element uniform, so that faster kernels are used.
         if element.has_unit_field or not amplitudes.any():
             return replace(element, weight=element.weight * amplitudes[0])
         return replace(element, amplitudes=amplitudes)
@@ -141,11 +141,11 @@ class Obliquity:
 
     @property
     def mirrored(self) -> float:
-        """Factor of the mirror image's field in the field at a point, (B2)."""
+        """Factor by which the mirror image's field contributes to the field at a point, (B2)."""
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
-        """Return the factor of the field at a cosine, for waves with the direction cosine p."""
+        """Return the field's factor at a cosine to the normal, for waves of direction cosine p."""
         if not self.is_boundary_condition:
             return np.sqrt(cosine)
         return self.field * cosine + self.slope * p
@@ -189,7 +189,7 @@ DERIVATIVE_OF = {
 }
 """The boundary condition with a and b exchanged, which the z derivative of a field obeys."""
 
-# Largest difference of equal direction cosines, due to rounding.
+# Largest difference between direction cosines that count as equal, due to rounding.
 _SAME_COSINE = 1e-13
 
 

@@ -159,7 +159,7 @@ def stokes_vector(polarisation: Complex) -> Stokes:
 
 
 def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]]:
-    """Return scalar sources and Stokes vectors; irradiance times vector adds up to the total.
+    """Return scalar sources and Stokes vectors; the sum of irradiance times vector is the total.
 
     For one polarisation per element (n, 2), the fields are u_x, u_y, u_x + u_y and u_x + i u_y,
     without zero fields.

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     import xarray
 
 VERSION = 1
-"""Version of the format; files of another version are refused."""
+"""Version of the format; files with any other version are rejected."""
 
 SOURCE_COORDINATE = "source_json"
 """Name of the coordinate of a dataset that contains the text of its source file."""
@@ -81,7 +81,7 @@ class Context(NamedTuple):
 
 
 def _origin(table: Table, *origins: str) -> str:
-    """Return the only key of ``origins`` in a table; FileFormatError for none or several keys."""
+    """Return the only key of ``origins`` in a table; raise FileFormatError if there is not one."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
@@ -149,7 +149,7 @@ class SlitsTable(_Illuminated, tag="slits"):
 
 
 def _aperture(polygons: list[list[Any]]) -> Aperture:
-    """Return an aperture of polygons, with unchanged vertices if the polygons are valid."""
+    """Return an aperture made of polygons, with unchanged vertices if the polygons are valid."""
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
         for rings in polygons
@@ -278,18 +278,18 @@ def read_source(
 ) -> Element | Array | Wavefront:
     """Read an aperture with its field, slits or an array from a TOML or JSON file.
 
-    docs/source_files.md describes the format. A source that :func:`write_source` wrote is read back
-    equal. In files written by hand, quantities may be strings with units ("10 mm", "20 deg", "77
-    GHz"), fields, layouts and weights may be named, and outlines may be in other files, relative to
-    this one.
+    docs/source_files.md describes the format. A source written by :func:`write_source` is read back
+    unchanged. In files written by hand, quantities may be strings with units ("10 mm", "20 deg",
+    "77 GHz"), fields, layouts and weights may be specified by name, and outlines may be in other
+    files, with paths relative to this file.
 
     Parameters
     ----------
     path : str, path or xarray.Dataset
         The file; or a dataset that polywigner computed, which contains its source.
     allow_outside : bool, default False
-        Whether the file may name files outside its own folder, links followed. Keep the default for
-        untrusted files.
+        Whether the file may refer to files outside its own folder, after links are resolved. Keep
+        the default for untrusted files.
 
     Returns
     -------
@@ -299,10 +299,12 @@ def read_source(
     Raises
     ------
     FileFormatError
-        If the file is missing, empty, too large (64 MiB) or not TOML or JSON; names a file outside
-        its folder; or has an unknown key or a wrong value; or if a dataset contains no source.
+        If the file is missing, empty, too large (64 MiB) or not TOML or JSON; refers to a file
+        outside its folder; or has an unknown key or a wrong value; or if a dataset contains no
+        source.
     GeometryError, IlluminationError, ArgumentError, QuantityError
-        If the values describe no valid source, as in the functions and classes that the file names.
+        If the values do not describe a valid source, for the same reasons as in the functions and
+        classes that the file specifies.
     MissingExtraError
         If a library that a window or an outline needs is not installed.
 
@@ -329,14 +331,14 @@ def read_source(
 def read_polarisation(
     path: str | os.PathLike[str], allow_outside: bool = False
 ) -> NDArray[np.complex128] | None:
-    """Read the polarisation at the top of a source file.
+    """Read the polarisation at the top level of a source file.
 
     A source is a scalar field; functions take its polarisation as a separate argument.
 
     Parameters
     ----------
     path : str or path
-        The file of :func:`read_source`.
+        The source file, as in :func:`read_source`.
     allow_outside : bool, default False
         As in :func:`read_source`.
 
@@ -460,7 +462,7 @@ def _toml(table: Mapping[str, Any], path: str = "") -> str:
             sections.append(f"\n[{name}]\n{_toml(value, name)}")
         elif isinstance(value, list) and isinstance(value[0], Mapping):
             sections += [f"\n[[{name}]]\n{_toml(item, name)}" for item in value]
-        # TOML and JSON have the same numbers, strings and lists.
+        # TOML and JSON have the same syntax for numbers, strings and lists.
         else:
             lines.append(f"{key} = {json.dumps(value)}\n".replace("], [", "],\n  ["))
     return "".join(lines + sections)
@@ -492,7 +494,7 @@ def write_source(
     ArgumentError
         If the source is another object, the polarisation is invalid, or the path cannot be written.
     FileFormatError
-        If the path has another suffix.
+        If the suffix of the path is neither .toml nor .json.
 
     Examples
     --------

@@ -55,7 +55,7 @@ class Radii(list[float]):
 
 
 class Complex(complex):
-    """A number if it is real, else a pair [real, imaginary]."""
+    """A real number, or a pair [real, imaginary]."""
 
 
 def _coordinates(values: Any) -> Any:
@@ -83,7 +83,7 @@ _PARSERS: dict[type, Callable[[Any], Any]] = {
 
 
 def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
-    """Convert a table to an object of the schema; FileFormatError names an invalid key or value.
+    """Convert a table to the type ``kind``; raise FileFormatError for an invalid key or value.
 
     If not ``strict``, strings are converted to numbers. ``key``: key of the table, for messages.
     """
@@ -109,7 +109,7 @@ def wavelength_in(table: Any, default: float | None = None) -> float | None:
 
 
 def required_wavelength(wavelength: float | None) -> float:
-    """Return the wavelength in m; FileFormatError if it is None."""
+    """Return the wavelength in m; raise FileFormatError if it is None."""
     if wavelength is None:
         raise FileFormatError("expected a frequency or a wavelength, got neither; add one of them")
     return wavelength
@@ -142,7 +142,7 @@ _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union of table types for functions; the keys are their parameters."""
+    """Return the union of table types for functions; the keys are the functions' parameters."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -319,7 +319,7 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
 
 
 def parse_direction(text: str) -> tuple[float, float]:
-    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError otherwise."""
+    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; or raise QuantityError."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
     # Rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:

@@ -33,7 +33,7 @@ _ADVICE = "divide the vector by its length"
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
-    """Return unit vectors (..., 3); ArgumentError if the length of a vector is not 1."""
+    """Return unit vectors (..., 3); raise ArgumentError if the length of a vector is not 1."""
     expected = f"expected {name} as unit vectors of shape (..., 3)"
     array = checked_vectors(vectors, expected, (3,))
     length = np.linalg.norm(array, axis=-1)
@@ -47,7 +47,7 @@ def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
 
 
 def unit_vector(direction: Any) -> NDArray[np.float64]:
-    """Return a unit vector (3,) with z >= 0; ArgumentError for other vectors."""
+    """Return a unit vector (3,) with z >= 0; raise ArgumentError for other vectors."""
     expected = "expected a direction as a unit vector of shape (3,)"
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
@@ -130,8 +130,8 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
     Parameters
     ----------
     direction : array_like, shape (3,) or (2,)
-        Unit vector with a positive z, of length 1 to 1e-6; or its components along the aperture; or
-        for slits the sine of the angle.
+        Unit vector with a positive z, of length 1 within 1e-6; or its components along the
+        aperture; or for slits the sine of the angle.
     wavelength : float
         Wavelength in m.
 
@@ -172,7 +172,7 @@ def cosine_taper(
     power : int, default 1
         1 for a cosine, 2 for a squared cosine, up to 32.
     dimension : int, default 2
-        2; or 1 for slits, whose taper has a width alone.
+        2, or 1 for slits, whose taper has only a width.
 
     Returns
     -------
@@ -215,11 +215,11 @@ def te_mode(
     Parameters
     ----------
     width, height : float
-        Inner lengths of the guide along x and y in m.
+        Inner dimensions of the guide along x and y in m.
     m, n : int
-        Half periods along x and along y, from 0, not both 0; default: TE10.
+        Numbers of half periods along x and y, from 0, not both 0; default: TE10.
     component : {"y", "x"}, default "y"
-        "y" needs m of 1 or more, "x" needs n of 1 or more.
+        "y" requires m >= 1, and "x" requires n >= 1.
 
     Returns
     -------
@@ -284,7 +284,7 @@ def taylor_taper(
         Number of shifted zeros plus one, up to 100. Taylor recommends at least 2 A^2 + 1/2 (4 for
         30 dB, 7 for 40 dB); smaller values may raise the sidelobes.
     dimension : int, default 2
-        2; or 1 for slits, whose taper has a width alone.
+        2, or 1 for slits, whose taper has only a width.
 
     Returns
     -------
@@ -317,7 +317,7 @@ def taylor_taper(
 
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
-    """Return suppression in dB and n-bar of a Taylor taper; ArgumentError if out of range."""
+    """Return sidelobe suppression in dB and n-bar; raise ArgumentError if out of range."""
     decibels = checked_number(sll, "sll", "a sidelobe suppression in dB, such as 30")
     if not 0 < decibels <= _LARGEST_SUPPRESSION:
         raise ArgumentError(
@@ -376,12 +376,12 @@ def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     return -((-1.0) ** i) / 2 * np.prod(above / below, axis=1)
 
 
-# Smallest singular value of a fit, relative to the largest; smaller values cause large amplitudes
-# that cancel.
+# Smallest singular value used in a fit, relative to the largest; smaller values cause large
+# amplitudes that cancel.
 _CUT_OFF = 1e-6
 
-# Default period of fitted waves, in sampled extents; a period of twice the extent also fits fields
-# that are not periodic.
+# Default period of fitted waves, in units of the sampled extent; waves with a period of twice the
+# extent can also fit fields that are not periodic.
 _PERIODS = 2
 
 _MOST_WAVES = 4096
@@ -396,8 +396,8 @@ class FittedIllumination(NamedTuple):
     rank: int
     """Number of linear combinations of waves that the samples determine."""
     cancellation: float
-    """Ratio of sum |c_m| to the rms value. Errors of transforms grow by this factor, errors of W
-    and A by its square. Values of 1 to 10 are harmless."""
+    """Ratio of sum |c_m| to the rms value of the samples. Errors of transforms grow by this factor,
+    errors of W and A by its square. Values of 1 to 10 are harmless."""
 
 
 def fit_illumination(
@@ -410,15 +410,16 @@ def fit_illumination(
 ) -> FittedIllumination:
     """Fit plane waves of fixed frequencies to a sampled field by least squares.
 
-    The sum of |u(x_j) - values_j|^2 is minimised by a singular value decomposition without singular
-    values below `cut_off`. The memory is 16 bytes times the number of samples times the number of
-    waves.
+    The sum of |u(x_j) - values_j|^2 is minimised by a singular value decomposition that ignores
+    singular values below `cut_off`. The memory use is 16 bytes times the number of samples times
+    the number of waves.
 
     Samples in the plane do not determine the normal derivative of the field, which Kirchhoff and
-    Rayleigh-Sommerfeld II use. These take the derivative of the fitted waves, which depends on the
-    evanescent waves (|kappa| > 1/wavelength) of the fit. Two fits of one field on a square of one
-    wavelength, with residuals below 1e-9, differed by 0.12 dB with Rayleigh-Sommerfeld II, and by
-    1e-4 dB with I. Use I, or fit only frequencies below 1/wavelength.
+    Rayleigh-Sommerfeld II use. These conditions use the derivative of the fitted waves, which
+    depends on the evanescent waves (|kappa| > 1/wavelength) of the fit. Two fits of the same field
+    on a square with sides of one wavelength, with residuals below 1e-9, differed by 0.12 dB with
+    Rayleigh-Sommerfeld II, and by 1e-4 dB with Rayleigh-Sommerfeld I. Use Rayleigh-Sommerfeld I, or
+    fit only frequencies below 1/wavelength.
 
     Parameters
     ----------
@@ -431,11 +432,11 @@ def fit_illumination(
         Frequencies in cycles per metre; default: waves whose period is twice the extent of the
         points, -order..order periods along each axis.
     order : int, default 4
-        Largest number of periods, reduced for few samples. A phase of q cycles over the aperture
-        needs an order of about 2 q + 4.
+        Largest number of periods, reduced if there are few samples. A phase of q cycles over the
+        aperture requires an order of about 2 q + 4.
     cut_off : float, default 1e-6
-        Fraction of the largest singular value, from 1e-15 up to below 1; use larger values for
-        noise.
+        Smallest singular value used, as a fraction of the largest one, from 1e-15 up to below 1;
+        use larger values for noisy samples.
 
     Returns
     -------

@@ -38,7 +38,7 @@ _IGNORED = frozenset({
     "LEADER", "MULTILEADER", "MLEADER", "TOLERANCE", "POINT", "RAY", "XLINE", "VIEWPORT", "IMAGE",
     "WIPEOUT", "OLE2FRAME", "ACAD_TABLE", "LIGHT", "SUN",
 })  # fmt: skip
-"""Kinds of annotations, which cannot be outlines."""
+"""Types of annotations, which cannot be outlines."""
 
 _JOINT = 1e-6
 """Largest gap between two ends that are connected, as a fraction of the drawing's diagonal.
@@ -46,21 +46,23 @@ _JOINT = 1e-6
 CAD programs write six decimals or more, so the ends meet within 1e-4 in a drawing of 100 units.
 """
 
-# Largest difference of heights in a plane drawing, as a fraction of its diagonal.
+# Largest difference between heights in a planar drawing, as a fraction of its diagonal.
 _FLAT = 1e-9
-# Largest relative difference of equal angles.
+# Largest deviation of an arc from a full circle that counts as rounding error, as a fraction of the
+# circle.
 _SAME = 1e-9
-# Deepest hatch boundary that counts, by hatch style: normal, outer (islands stay open), ignore.
+# Deepest level of nesting at which hatch boundaries are used, by hatch style: normal, outer
+# (islands are not filled), ignore.
 _DEEPEST = {0: 1_000_000, 1: 1, 2: 0}
 
-# Metres per drawing unit, by the code $INSUNITS.
+# Metres per drawing unit, for each value of $INSUNITS.
 _UNITS = {
     1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5,
     10: 0.9144, 11: 1e-10, 12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 17: 1e9,
 }  # fmt: skip
 
 Path = list[Curve]
-"""List of curves, each of which starts at the end of the previous one."""
+"""List of curves, each starting at the end of the previous curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +189,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
 
 
 def load_dxf(file: File) -> Drawing:
-    """Load the outlines and hatches of a DXF file's model space, from visible layers."""
+    """Load the outlines and hatches on visible or requested layers of a DXF file's model space."""
     document = importlib.import_module("ezdxf").readfile(file.path)
     # Without $INSUNITS, ezdxf would assume metres.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
@@ -222,7 +224,7 @@ class _Space:
         """Yield the shapes of the model space, or of a block inserted on layer `around`."""
         for entity in entities:
             kind, layer = entity.dxftype(), _layer_of(entity)
-            # Layer 0 of a block stands for the layer of its insertion.
+            # Entities on layer 0 of a block belong to the layer on which the block is inserted.
             layer = around if layer == "0" and around else layer
             if kind in _IGNORED or entity.dxf.get("invisible", 0):
                 continue
@@ -318,7 +320,7 @@ def _chords(path: Path, reach: float) -> Points:
 
 
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
-    """Connect paths whose ends are at most `gap` apart to closed chains.
+    """Connect paths whose ends are at most `gap` apart into closed chains.
 
     ``tips``: ends (2, 3) of each path. A chain is a list of (path number, whether it is reversed).
     """

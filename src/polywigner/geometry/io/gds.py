@@ -1,4 +1,4 @@
-"""Reader of polygons and paths in a GDSII layout, with gdstk."""
+"""Reader of polygons and paths in a GDSII layout, parsed by gdstk."""
 
 from __future__ import annotations
 
@@ -96,10 +96,10 @@ def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
 
 
 def load_gds(file: File) -> Drawing:
-    """Load the polygons and paths of one cell, including its references.
+    """Load the polygons and paths of one cell, including the cells to which it refers.
 
-    A layer is "1" for all data types, or "1/0" for one. Any other name is the cell, by default the
-    only top cell.
+    A layer name is "1" for all data types of layer 1, or "1/0" for a single data type. Any other
+    name selects the cell; the default is the only top-level cell.
     """
     cells = [name for name in file.layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
@@ -141,7 +141,7 @@ def load_gds(file: File) -> Drawing:
             "the cell contains no polygons or paths; choose another cell or layer"
         )
     check_coordinates(np.concatenate(rings))
-    # GDSII polygons reach their holes by cuts, which the fill rule removes.
+    # Cuts connect a GDSII polygon to its holes; the fill rule removes these cuts.
     polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
     if not polygons:
         raise FileFormatError(

@@ -41,7 +41,8 @@ _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"(?![CROP](?![\w.$-]))[A-Za-z_.$][\w.$-]*"
 
-# gerbonara misreads macros with other exposures, and does not rotate the centres of polygons.
+# Macro blocks that are accepted: gerbonara misreads other exposures, and does not rotate the
+# centres of polygons.
 _BLOCK = (
     r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|20|21),\s*[01],|0*5,\s*[01],[^,*]+,\s*0,\s*0,)"
     r"[-+0-9.$xX/(),\s]+)?"
@@ -56,7 +57,7 @@ _STATEMENT = re.compile(
     rf"|{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
     rf"|%AM{_NAME}\*{_BLOCK}(?:\*{_BLOCK})*"
 )
-# Attributes, names, and transformations without effect.
+# Statements without effect on the copper: attributes, names, and identity transformations.
 _NEUTRAL = re.compile(
     r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MIA0B0|LMN|IR0|SR(?:X1Y1I0J0)?|"
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
@@ -64,7 +65,7 @@ _NEUTRAL = re.compile(
 )
 # Warnings about statements that gerbonara reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
-# Largest relative difference of an arc's radii, due to rounded coordinates.
+# Largest relative difference between the radii at the ends of an arc, due to rounded coordinates.
 _RADII = 1e-3
 
 Layers = Iterable[tuple[bool, BaseGeometry]]
@@ -95,7 +96,7 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
 
 
 def _checked(text: str) -> tuple[str, str]:
-    """Return the statements of a Gerber file for gerbonara, and the unit "MM" or "IN"."""
+    """Return a Gerber file's statements as gerbonara accepts them, and the unit "MM" or "IN"."""
     statements: list[str] = []
     unit = ""
     for statement, line in _statements(text):
@@ -111,7 +112,7 @@ def _checked(text: str) -> tuple[str, str]:
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # gerbonara does not accept names of one letter, nor G1 in place of G01.
+        # gerbonara does not accept one-letter names, or G1 in place of G01.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")

@@ -1,4 +1,4 @@
-"""Checks that all file readers use: type and size of the file, encoding, and numbers."""
+"""Checks used by all file readers: type and size of the file, encoding, and numbers."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 def check_coordinates(points: NDArray[Any]) -> None:
     """Raise FileFormatError for coordinates that are not finite or too large."""
-    # Negated, so that NaN also raises an error.
+    # The condition is negated, so that NaN also raises an error.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
             f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or "

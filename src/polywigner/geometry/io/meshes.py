@@ -22,12 +22,13 @@ MESH_SUFFIXES = (".stl", ".ply", ".obj")
 Points = NDArray[np.float64]
 Face = tuple[int, ...]
 
-# Largest distance of merged vertices, as a fraction of the size of the mesh; CAD programs write the
-# corners of each face with separate rounding errors of up to 1e-12.
+# Largest distance between vertices that are merged, as a fraction of the mesh size; CAD programs
+# write the corners of each face with separate rounding errors of up to 1e-12.
 _WELD = 1e-9
-# Largest difference of merged float32 coordinates, in units of the last digit.
+# Largest difference between float32 coordinates that are merged, in units of the last place.
 _LAST_DIGITS = 2
-# Largest distance of a vertex from its face's plane, as a fraction of the size; six digits pass.
+# Largest distance of a vertex from the plane of its face, as a fraction of the mesh size;
+# coordinates with six digits are accurate enough.
 _PLANAR = 1e-5
 
 
@@ -188,9 +189,9 @@ _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER = re.compile(rb"ply\s(.*?)^end_header[ \t]*\r?\n?", re.MULTILINE | re.DOTALL)
 
 Property = tuple[str, str, str]
-"""Name of a property, its type, and the type of a list's length."""
+"""Name of a PLY property, its type, and the type of the length if the property is a list."""
 Take = Callable[[str], Sequence[Any]]
-"""Function that returns the next numbers in a `struct` format."""
+"""Function that reads the next numbers, in a given `struct` format."""
 
 
 def _ply(content: bytes) -> Mesh:
@@ -226,7 +227,7 @@ def _ply(content: bytes) -> Mesh:
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
-    """Return format, and name, row count and properties of each element of a PLY file."""
+    """Return a PLY file's format, and the name, row count and properties of each element."""
     form = ""
     elements: list[tuple[str, int, list[Property]]] = []
     for line in text.splitlines():

@@ -40,11 +40,11 @@ DEFAULT_TOLERANCE = 1 / 2000
 """Largest distance between a curve and its chords, as a fraction of the diagonal of the outline.
 
 A circle becomes a polygon with 52 vertices. A rounded corner, which is a quarter circle with a
-tenth of the outline's size, becomes 8 chords. For an outline of ten wavelengths the distance is
-1/200 of a wavelength.
+tenth of the outline's size, becomes 8 chords. For an outline ten wavelengths across, the distance
+is 1/200 of a wavelength.
 """
 
-# Largest angle of a chord [rad]; even small circles have eight chords.
+# Largest angle that a chord spans [rad]; even small circles have eight chords.
 _LARGEST_STEP = math.pi / 4
 
 Points = NDArray[np.floating[Any]]
@@ -117,7 +117,7 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) at equal steps; the second derivative gives their number."""
+        """Return vertices (n, d) at equal steps; n is chosen from the second derivative."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
         return sampled(self, _chord_count(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
@@ -135,7 +135,7 @@ class Spline:
     """Parameters at the start, between the pieces, and at the end."""
 
     def at(self, t: Points) -> Points:
-        """Return points (n, d) at fractions (n,) of the pieces."""
+        """Return points (n, d) at fractions (n,) of the curve; all pieces have equal weight."""
         count = len(self.breaks)
         return self.evaluate(np.interp(t * (count - 1), np.arange(count), self.breaks))
 
@@ -163,7 +163,7 @@ Curve = Points | Arc | Bezier | Spline
 
 
 def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
-    """Return the image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
+    """Return a curve's image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
     if isinstance(curve, np.ndarray):
         return curve @ matrix + offset
     return curve.transformed(matrix, offset)
@@ -180,7 +180,7 @@ def chords(curve: Curve, reach: float) -> Points:
 
 
 def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
-    """Return the largest distance of chords from curves: `tolerance`, or 1/2000 of the size.
+    """Return the distance allowed between chords and curves: `tolerance`, or 1/2000 of the size.
 
     Raises FileFormatError for coordinates beyond 1e100.
     """
@@ -190,7 +190,7 @@ def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
     ])  # fmt: skip
     check_coordinates(points)
     reach = DEFAULT_TOLERANCE * extent(points) if tolerance is None else tolerance
-    # At least the rounding error of coordinates.
+    # The distance is at least the rounding error of the coordinates.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
@@ -233,7 +233,7 @@ class File:
     path: Path
     content: bytes
     unit_metres: float
-    """Length of the file's unit in metres; ignored if the file itself states its unit."""
+    """Length of the file's unit in metres; ignored if the file itself specifies its unit."""
     tolerance: float | None
     """Largest distance in metres between a curve and its chords; for None see :func:`flattened`."""
     layers: tuple[str, ...]
@@ -265,7 +265,7 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
 
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
-    """Return the polygons that rings fill by the rule "nonzero" or "evenodd"."""
+    """Return the polygons that rings fill under the fill rule "nonzero" or "evenodd"."""
     rings = [ring for ring in rings if len(ring) > 1 and hull_spans_area(ring)]
     if not rings:
         return []
@@ -282,7 +282,7 @@ def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
-    """Return polygons whose holes are the rings inside them; rings inside holes are polygons.
+    """Return polygons whose holes are the rings inside them; a ring in a hole is a new polygon.
 
     With `union`, overlapping rings are joined first. Otherwise, overlaps raise a GeometryError.
     """

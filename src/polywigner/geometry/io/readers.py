@@ -74,13 +74,13 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 def table_rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return line number and columns of each line of a table; # starts a comment."""
+    """Return the line number and the columns of each line of a table; # starts a comment."""
     lines = enumerate(text.splitlines(), start=1)
     return [(n, columns) for n, line in lines if (columns := _columns_of(line.split("#", 1)[0]))]
 
 
 def _columns_of(line: str) -> list[str]:
-    """Split a line at semicolons, then with decimal commas, at commas, or at blanks."""
+    """Split a line at semicolons (commas are then decimal signs), else at commas or at blanks."""
     if ";" in line:
         fields = line.replace(",", ".").split(";")
     elif "," in line:
@@ -94,7 +94,7 @@ def _columns_of(line: str) -> list[str]:
 
 
 def load_csv(file: File) -> Drawing:
-    """Load the ring of a table with one vertex per line and an optional line of names."""
+    """Load a ring from a table with one vertex per line and an optional header line."""
     rows = table_rows(text_of(file.content))
     has_header = rows and not any(map(_NUMBER.match, rows[0][1]))
     vertices = []
@@ -119,7 +119,7 @@ LOADERS: dict[str, Callable[[File], Drawing]] = {
     ".gds": load_gds,
     **dict.fromkeys((".gbr", ".ger", ".gtl", ".gbl", ".art"), load_gerber),
 }
-"""Loader of each file name suffix."""
+"""Loader for each file name suffix."""
 
 _WITH_LAYERS = (load_svg, load_dxf, load_gds)
 # First bytes of each format, for files with an unknown suffix.
@@ -208,7 +208,7 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        # Repeated in the unit of the file, so that the message contains the file's coordinates.
+        # Built again in the unit of the file, so that the message contains the file's coordinates.
         build(1.0)
         raise
 
@@ -249,7 +249,7 @@ def read_aperture(
         is detected from the content. SVG, DXF, GDSII and Gerber need the extra `formats`.
     unit : str or float, default "mm"
         Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or
-        metres; "px" is 1/96 inch. It has no effect for files that state their unit: SVG with a
+        metres; "px" is 1/96 inch. It has no effect for files that specify their unit: SVG with a
         width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
     tolerance : float, optional
         Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. The default is
@@ -278,8 +278,8 @@ def read_aperture(
     QuantityError
         If the unit cannot be parsed.
     ArgumentError
-        If the tolerance is not a length above zero, the path is not a path, or the drawing does not
-        have the layer.
+        If the tolerance is not a length above zero, the path is invalid, or the drawing does not
+        contain the layer.
     MissingExtraError
         If the library of the format is not installed.
 
@@ -307,8 +307,8 @@ def read_aperture(
 def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
     """Read a body from a mesh file (``.stl``, ``.ply``, ``.obj``).
 
-    Vertices that differ by less than 1e-9 of the mesh's size are merged (in single precision, by at
-    most two units of the last digit). Faces of more than three vertices, convex or not, are split
+    Vertices that differ by less than 1e-9 of the mesh's size are merged (in single precision: by at
+    most two units in the last place). Faces of more than three vertices, convex or not, are split
     into triangles. Colours, normals and materials are ignored. A closed surface that is inside out
     is reversed; a surface inside another one is a cavity (see :class:`Polyhedron`).
 
@@ -317,8 +317,8 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
     path : str or path-like
         Mesh file, text or binary.
     unit : str or float, default "mm"
-        Length of one unit of the file, as for :func:`read_aperture`. None of these formats states
-        its unit.
+        Length of one unit of the file, as for :func:`read_aperture`. None of these formats
+        specifies its unit.
 
     Returns
     -------
@@ -335,7 +335,7 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
     QuantityError
         If the unit cannot be parsed.
     ArgumentError
-        If the path is not a path.
+        If the path is invalid.
 
     Warns
     -----
@@ -378,7 +378,7 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     Raises
     ------
     GeometryError
-        If no triangle has an area. Other errors are those of :func:`read_polyhedron`.
+        If no triangle has an area. Other errors are the same as for :func:`read_polyhedron`.
 
     Examples
     --------
@@ -420,14 +420,15 @@ def _body(
         raise type(error)(f"{source}: {error}") from None
 
 
-# Rounding step of normals and relative heights; equal values belong to one plate.
+# Step to which normals and relative heights are rounded; triangles with equal rounded values form
+# one plate.
 _ONE_PLANE = 1e-12
-# Largest relative loss of area by a union.
+# Largest relative loss of area in a union that counts as rounding error.
 _LOST = 1e-9
 
 
 def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[PlacedAperture]:
-    """Return triangles (m, 3) of vertices (n, 3) as plates, one for each plane."""
+    """Return triangles (m, 3) of vertices (n, 3) as plates, one plate for each plane."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
@@ -439,7 +440,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
             "mesh again"
         )
     corners, normals = corners[wide], normals[wide] / lengths[wide, None]
-    # Plates have no front, so parallel triangles get the same sign of the normal.
+    # Plates have no front, so the normals of parallel triangles are given the same sign.
     largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
     normals = normals * np.sign(largest)
     heights = (normals * corners[:, 0]).sum(axis=1, keepdims=True) / np.ptp(vertices, axis=0).max()

@@ -38,8 +38,8 @@ from polywigner.geometry.rings import rings_of_polygon
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-# Accepted attributes; svgelements silently skips other text. Possessive quantifiers limit the
-# matching time.
+# Patterns of accepted attributes; svgelements silently skips other text. Possessive quantifiers
+# limit the matching time.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")
@@ -87,7 +87,7 @@ def _refusal(what: str, text: str) -> FileFormatError:
 
 
 def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
-    """Return a length in user units, and in metres if its unit is absolute; `reference`: 100 %."""
+    """Return a length in user units, and in metres if its unit is absolute; `reference` = 100 %."""
     match = _LENGTH.fullmatch(text)
     if match is None or match[2] not in ("", "px", "%", *_SIZES):
         raise _refusal(f"the {name} as a length in px, mm, cm, Q, in, pt or pc", text)
