@@ -4,10 +4,10 @@ Importing this module selects the LLVM library of Dr.Jit, which is possible only
 loaded. The import also registers the shape ``wigner`` and the sensor ``wigner_receiver`` for all
 variants of Mitsuba. It does not set a variant.
 
-- ``plugins``: emitter shape and receiver sensor, their parameters and estimators
-- ``scenes``: scene files, surfaces and flat mirrors of a scene, and images
+- ``plugins``: the emitter shape and the receiver sensor, with their parameters and estimators
+- ``scenes``: scene files, the surfaces and flat mirrors of a scene, and image rendering
 - ``receive``: received power and complex channels, along direct, specular and scattered paths
-- ``radar``: received power by range, clouds of scatterers, and data cubes of radars
+- ``radar``: received power by range, clouds of scatterers, and radar data cubes
 """
 
 from polywigner import llvm

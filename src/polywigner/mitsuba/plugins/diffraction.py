@@ -1,4 +1,4 @@
-"""Field of a source behind obstacles, with diffraction by their edges. Source: (SB3).
+"""Field of a source behind obstacles, with diffraction at their edges, (SB3).
 
 The field is the sum of the waves of the visible radiating points and of the boundary waves of the
 edges. Lengths are in wavelengths, in the source's frame.
@@ -51,29 +51,32 @@ Floats = NDArray[np.float64]
 Values = tuple[Drjit, ...]
 Point = tuple[Drjit, Drjit, Drjit]
 Field = tuple[Drjit, Drjit]
-"""Real and imaginary part of a field."""
+"""Real and imaginary parts of a field."""
 NodeWave = Callable[[Drjit], Values]
-"""Wave of a node at a point, for the number of the node."""
+"""Function from a node's index to the node's wave at a point."""
 
-# Allowed error of |F|^2 relative to its peak; the error of single diffraction is larger.
+# Allowed error of |F|^2 relative to its peak; the single-diffraction approximation has a larger
+# error.
 _ERROR = 3e-4
 # Largest number of radiating points; each sample traces one ray per point.
 _MOST_POINTS = 1024
 # Quadrature rule along edges; its relative error is at most 9e-6 for random edges.
 _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
-# Smallest contribution of an edge to |U|^2, and smallest |U| of the free field that enters this
-# test, as fractions of the peak values without obstacles.
+# Edges that contribute less than _FAINT to |U|^2 are ignored. In this test, |U| of the free field
+# is assumed to be at least _WEAK. Both constants are fractions of the peak values without
+# obstacles.
 _FAINT, _WEAK = 5e-5, 0.1
-# Largest faces × radiating points and largest faces × nodes with one silhouette per point or node.
+# Largest product of face count and radiating-point count for which each radiating point can get its
+# own silhouette, and largest product of face count and node count for which each node gets its own.
 _FEW_FACES, _MOST_FACES = 1 << 15, 1 << 17
-# Smallest amplitude transmission of a surface; smaller values count as zero.
+# Amplitude transmission of a surface below which the surface counts as opaque.
 _OPAQUE = 2e-3
-# Shift of illuminated points as a fraction of their distance. It keeps points off the boundaries of
-# shadows after rounding to single precision.
+# Shift of illuminated points, as a fraction of their distance from the source's centre. It keeps
+# the points off shadow boundaries after rounding to single precision.
 _ASIDE = 1e-6
-# Tolerance of positions on a surface as a fraction of their distance, and distance between the end
-# of a ray and a surface as a fraction of the ray's length. Both exceed the rounding error of single
-# precision, also at grazing incidence.
+# Tolerance for positions on a surface, as a fraction of their distance from the source's centre,
+# and gap between the end of a ray and a surface, as a fraction of the ray's length. Both values
+# exceed the rounding error of single precision, also at grazing incidence.
 _ENDS, _SHORT = 1e-5, 4e-5
 # Relative tolerance of fields in scalar variants.
 _HOST_ERROR = 1e-4
@@ -82,13 +85,13 @@ _log = logging.getLogger("polywigner.mitsuba")
 
 
 class _Edge(NamedTuple):
-    """Edge with the shortest path from the source's centre over the edge to a point."""
+    """Edge, and the shortest path from the source's centre to a point via the edge."""
 
     row: Drjit
     """Row of the edge in ``EdgeTables.edges``."""
     detour: Drjit
     foot: Drjit
-    """Position of the bend as a fraction of the edge."""
+    """Position of the bend, as a fraction of the edge's length."""
 
 
 class Shadows:
@@ -195,7 +198,7 @@ class Shadows:
         if not self._has_edges:
             return field
         level = ops.sqrt((real * real + imag * imag) * dot(at, at)) * self._inverse_peak
-        # Square of the smallest relative amplitude of an edge wave.
+        # Square of the relative amplitude below which an edge wave is ignored.
         faint = (_FAINT / ops.maximum(level, _WEAK)) ** 2
 
         def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
@@ -206,7 +209,8 @@ class Shadows:
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
                 detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
-                # The wave of an end is EDGE_AMPLITUDE/sqrt(excess) of the wave of a long edge.
+                # Relative to the wave of a long edge, the wave of an end has the amplitude
+                # EDGE_AMPLITUDE/sqrt(excess).
                 least = faint * detour * ops.maximum(excess * EDGE_AMPLITUDE**-2, 1.0)
                 edge = _Edge(row, detour, foot)
 
@@ -225,7 +229,8 @@ class Shadows:
     def _waves_of_nodes(self, at: Point) -> NodeWave:
         """Return a function that returns the wave of a node at a point, given the node's index.
 
-        The wave has a real and an imaginary part, followed by those of its dipoles, if any.
+        The function returns the real and imaginary parts of the wave, followed by the parts of its
+        dipole contribution, if any.
         """
         m, ops, count = self._m, self._ops, self._few_nodes
 
@@ -260,10 +265,10 @@ class Shadows:
         return wave_of
 
     def _edge_change(self, edge: _Edge, at: Point, wave_of: NodeWave) -> Pair:
-        """Return the change of the field that an edge causes.
+        """Return the change in the field that an edge causes.
 
-        The weights of the boundary waves are the nodes' waves at the point near a shadow boundary,
-        and the nodes' waves at the edge elsewhere.
+        Near a shadow boundary, each boundary wave is weighted by the node's wave at the point.
+        Elsewhere, the weight is the node's wave at the edge.
         """
         m, row = self._m, edge.row
         span = m.UInt32(row[10]), m.UInt32(row[11])
@@ -297,7 +302,7 @@ class Shadows:
         return total
 
     def _change_at(self, wave_of: NodeWave, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change that an edge causes to the wave of a node at the point."""
+        """Return the change in a node's wave due to an edge, weighted by the wave at the point."""
         ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
         real, imag, *dipole = wave_of(number)
@@ -317,7 +322,7 @@ class Shadows:
         return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change of a node's wave by an edge, with the wave at the edge as weight."""
+        """Return the change in a node's wave due to an edge, weighted by the wave at the edge."""
         ops, row = self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
@@ -448,7 +453,7 @@ def _obliquity(ops: Any, ahead: Point) -> Pair:
 def _nodes_and_silhouettes(
     obstacles: Obstacles, points: Sequence[equivalent_points.RadiatingPoint]
 ) -> tuple[SourceNodes, list[Silhouette]]:
-    """Return the nodes of a source, and one silhouette in total or one per node."""
+    """Return the nodes of a source, and either a single silhouette or one per node."""
     every = all_points(points)
     central = surfaces.before_plane(obstacles.silhouette(every.centre))
     nodes = nodes_for(points, central.edges)
@@ -472,7 +477,7 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
 
 
 def cast_shadows(scene: mi.Scene) -> None:
-    """Set the obstacles of all sources and receivers with diffraction in a scene."""
+    """Set the scene's obstacles for all sources and receivers with diffraction."""
     plugins = [
         p for p in (*surfaces.sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")
     ]

@@ -63,7 +63,7 @@ _INFINITE_DENSITY = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape, which creates it."""
+    """Emitter of a ``wigner`` shape, created by the shape."""
 
     get_shape: Callable[[], Any]
     is_wigner = True
@@ -84,7 +84,7 @@ class WignerEmitter(VariantPlugin):
         self._update()
 
     def adjustable(self, value: float) -> Drjit:
-        """Return a parameter that does not recompile kernels when its value changes."""
+        """Return a parameter whose value can change without recompiling kernels."""
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
@@ -187,7 +187,7 @@ class WignerEmitter(VariantPlugin):
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return the radiance at positions along unit vectors in the source's frame."""
+        """Return the radiance at positions in directions (unit vectors) in the source's frame."""
         traced = self._traced.wigner if self._is_traced() else None
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
@@ -246,9 +246,9 @@ class WignerEmitter(VariantPlugin):
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
         """Return the probability density of samples per solid angle.
 
-        Sources that rays cannot hit, and the estimator ``exact``, have a practically infinite
-        density instead of the flag ``delta``, for which Mitsuba's ``direct`` is too bright with
-        several emitter samples.
+        The density is practically infinite for sources that rays cannot hit, and for the estimator
+        ``exact``. The flag ``delta`` is not used, because it makes the image of Mitsuba's
+        ``direct`` too bright with several emitter samples.
         """
         front = cosine > 0.0
         density = self.m.Float(_INFINITE_DENSITY)
@@ -258,7 +258,7 @@ class WignerEmitter(VariantPlugin):
         return dr.select(front, density, 0.0)
 
     def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
-        """Return unit vector and distance from x to the point ``it``, in the source's frame."""
+        """Return the unit vector and distance from x to the point ``it``, in the source's frame."""
         r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
@@ -271,7 +271,7 @@ def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Set the triangles of a mesh so that they cover the region that radiates."""
+    """Set the triangles of a mesh so that they cover the radiating region."""
     points, triangles = triangulate(spec.outline)
     set_mesh(shape, vertex_texcoords=points, faces=triangles)
     move(shape, pose, spec)
@@ -360,16 +360,16 @@ def aperture(
         Rigid pose. The aperture lies in the plane z = 0 of its frame and radiates to +z. Default:
         the identity.
     obliquity : str, default "rayleigh-sommerfeld-1"
-        Diffraction integral for the irradiance |U|^2 of surfaces. It is a boundary condition of
+        Diffraction integral for the irradiance |U|^2 on surfaces: a boundary condition of
         :func:`polywigner.amplitude`, or ``paper`` for the radiance W/lambda^2 of the paper.
     power : float or str, optional
-        Power through the hemisphere in front, as defined by :func:`polywigner.radiated_power`, in
-        watts or as a string such as "10 dBm". Default: the power of the unscaled field, with |u|^2
-        in W/m^2.
+        Power radiated into the front hemisphere, as defined by :func:`polywigner.radiated_power`,
+        in watts or as a string such as "10 dBm". Default: the power of the unscaled field, with
+        |u|^2 in W/m^2.
     bsdf : mapping, optional
         Dictionary entry of the BSDF of the source's surface. Default: ``null``, which transmits
         light. With the integrators ``direct``, ``path`` and ``prb``, a surface of this type still
-        blocks the light of lights behind it; see docs/plugin.md.
+        blocks light from sources behind it; see docs/plugin.md.
     scene_unit : float, default 1.0
         Length of one unit of the scene, and of the translation of ``to_world``, in metres. Use 1e-3
         (millimetres) if receivers are within centimetres of the aperture.
@@ -379,8 +379,8 @@ def aperture(
     estimator : str, default "wigner"
         Method that computes the light of the source at an illuminated point. ``wigner``: the signed
         radiance of a random point of the source. ``exact``: the exact irradiance |U|^2, with an
-        error of 1e-4 of its peak at any distance. It has no noise if the entire source is visible
-        from the point (docs/plugin.md).
+        error of 1e-4 of its peak at any distance. The result has no noise if the entire source is
+        visible from the point (docs/plugin.md).
     bandwidth : float or str, optional
         Bandwidth of the radiation (not of noise) in Hz or as a string such as "4 GHz". Requires the
         estimator ``wigner``. Each sample has one frequency of the band (docs/coherence.md).

@@ -41,16 +41,16 @@ if TYPE_CHECKING:
 
 
 # Largest number of equivalent points on the shorter side of their grid. Each point adds code to the
-# kernel, which takes 5 ms to compile.
+# kernel that takes 5 ms to compile.
 _MOST_POINTS = 64
-# Cost of a panel relative to an equivalent point (benchmarks/render_exact.py).
+# Cost of a panel relative to the cost of an equivalent point (benchmarks/render_exact.py).
 _POINTS_PER_PANEL = 25
 
 AWAY = 3.0
-"""Smallest distance of equivalent points in wavelengths, from the bounding box of a source.
+"""Distance from a source's bounding box [wavelengths] beyond which equivalent points are used.
 
-The measured error of |U|^2 is 7e-5 of its peak beyond this distance, for sources of up to 10
-wavelengths.
+Beyond this distance, the measured error of |U|^2 is 7e-5 of its peak, for sources up to 10
+wavelengths in size.
 """
 # Tolerance of the far-field pattern |F|^2 relative to its peak.
 _ERROR = 1.5e-5
@@ -59,10 +59,10 @@ _ERROR = 1.5e-5
 def field_of_points(
     source: SceneSource, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
 ) -> tuple[Floats, Callable[..., tuple[Drjit, Drjit]]] | None:
-    """Return half the sides of a source in wavelengths, and the field of equivalent points.
+    """Return the half-widths of a source in wavelengths, and the field of its equivalent points.
 
-    The field is a function of operations, half the sides, and a point. It omits the phase of the
-    distance from the centre. The result is None if a sum over panels is faster.
+    The field is a function of the operations, the half-widths and a point. It omits the phase due
+    to the distance from the centre. The result is None if a sum over panels is faster.
     """
 
     def pays(counts: Sequence[int]) -> bool:
@@ -71,7 +71,8 @@ def field_of_points(
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
     if grid is None:
         return None
-    # Code size is proportional to the number of points on a line, so lines follow the shorter side.
+    # Code size is proportional to the number of points on a line, so lines run along the shorter
+    # side.
     is_swapped = len(grid.nodes[0]) < len(grid.nodes[1])
     (half, _), (positions, nodes) = grid.half, grid.nodes
     table = np.stack(grid.weights, axis=-1)
@@ -132,7 +133,7 @@ class ExactEstimator:
         self._m, self._unit = m, spec.scene_unit
         source = spec.at_origin
         self.draw = cells_with_field(m, source, self._unit).sample
-        """Sampler of positions with the density |u|^2, where shadow rays end."""
+        """Sampler of the positions where shadow rays end, with the density |u|^2."""
         self._fields = [
             (ExactField(m, field, wavelength, spec.obliquity), stokes)
             for field, stokes in spec.fields_of(source)
@@ -182,7 +183,7 @@ class ExactEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight of a ray, lambda^2 r^2 |U|^2/N with the field U at its end."""
+        """Return the weight of a ray, lambda^2 r^2 |U|^2/N, where U is the field at its end."""
         return self._scale * (distance * distance) * self.intensity(point)
 
     def set_shadows(self, key: str, shadows: Shadows | None) -> None:
@@ -235,7 +236,7 @@ class ExactField:
 
         Coordinates are in units of ``unit`` metres.
         """
-        # Dr.Jit silently returns zero derivatives of nested loops.
+        # Dr.Jit silently returns zero derivatives for nested loops.
         if self._jit and dr.grad_enabled(point):
             raise SceneError(FIXED)
         x, y, z = (c * (unit * self._inverse) for c in (point.x, point.y, point.z))
@@ -274,14 +275,15 @@ class ExactField:
         return real, imag
 
 
-# Tolerance of a curved wave as a sum of plane waves, relative to its modulus.
+# Tolerance for the approximation of a curved wave by a sum of plane waves, relative to the wave's
+# modulus.
 _CURVED_ERROR = 1e-5
 # Largest sum of the moduli of plane waves; the rounding error is 6e-8 times this sum.
 _LARGEST_SUM = 30.0
 # Trial periods of the sum of plane waves, relative to the size of an element. Short periods need
 # more waves, and long periods larger amplitudes.
 _PERIODS = (1.2, 1.5, 2.0, 3.0)
-# Relative cutoff of singular values.
+# Cutoff for singular values, relative to the largest singular value.
 _CUTOFF = 1e-9
 # Largest number of plane waves per axis.
 _MOST_WAVES = 64

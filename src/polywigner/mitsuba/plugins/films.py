@@ -45,7 +45,7 @@ def to_list() -> Iterator[list[str]]:
 
 @contextmanager
 def silent(*appenders: mi.Appender) -> Iterator[None]:
-    """Send Mitsuba's log to the given appenders only."""
+    """Send Mitsuba's log only to ``appenders``."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -77,7 +77,7 @@ def threads_for_openexr() -> Iterator[None]:
 
 
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return the average of the colours of an image, shape (height, width)."""
+    """Return the average over the colour channels of an image, shape (height, width)."""
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
@@ -95,14 +95,14 @@ _MOST_PER_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
-    """Return the refinement factor of a film, which limits samples per pixel; 1 for cameras."""
+    """Return the film refinement factor that limits samples per pixel; it is 1 for cameras."""
     doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
 
 
 @contextmanager
 def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
-    """Set attributes within a ``with`` block; a change is an object, a name and a value."""
+    """Set attributes within a ``with`` block; each change is (object, name, value)."""
     before = [getattr(target, name) for target, name, _ in changes]
     try:
         for target, name, value in changes:
@@ -233,7 +233,7 @@ def seed_of(seed: int, *part: int) -> int:
 
 
 def accepted_samples(sampler: mi.Sampler, count: int) -> int:
-    """Return the number of samples to which a sampler rounds ``count`` up."""
+    """Return ``count`` rounded up to a number of samples that the sampler accepts."""
     probe = sampler.fork()
     with silent():
         probe.set_sample_count(count)

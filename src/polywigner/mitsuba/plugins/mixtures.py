@@ -38,7 +38,7 @@ SceneSource = Aperture | Array | Wavefront
 
 
 def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
-    """Return whether the terms of the radiance from `emissions` depend on the wavelength."""
+    """Return whether the radiance terms that `emissions` returns depend on the wavelength."""
     waves = normal_form(flat_source(source)).frequencies
     return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
 
@@ -46,7 +46,7 @@ def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
 def emissions(
     source: SceneSource, wavelength: float, obliquity: str
 ) -> list[tuple[SceneSource, Forms]]:
-    """Return the sources and obliquity factors of the terms of a source's radiance.
+    """Return the source and the obliquity factor of each term of a source's radiance.
 
     The sum of h W over all terms is the radiance times the square of the wavelength.
     """
@@ -101,8 +101,8 @@ class Mixture:
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
         """Return waves whose weighted mean power is the power of the mixture, shape (n, 4).
 
-        A row contains the shift of the inverse wavelength and the tilts along x and y, in 1/m, and
-        the weight.
+        Each row contains the shift of the inverse wavelength, the tilts along x and y (all in 1/m),
+        and the weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
         wave = self._applied_to(source)
@@ -145,7 +145,7 @@ class Mixture:
 def mixture_of(
     source: Any, wavelength: float, bandwidth: float | None
 ) -> tuple[SceneSource, Mixture]:
-    """Return the source as a coherent source, and its coherence width and bandwidth."""
+    """Return the coherent form of a source, and its coherence width and bandwidth."""
     if bandwidth is not None:
         bandwidth = checked_bandwidth(bandwidth, wavelength)
         if getattr(flat_source(source), "paths", None) is not None:
@@ -158,7 +158,8 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# A source needs its norm when its entry is created, at loading, and after each change.
+# The norm of a source is required when its entry is created, when the entry is loaded, and after
+# each change.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -169,8 +170,8 @@ def norm_of(
 ) -> float:
     """Return the power of the unscaled field of a source in W, with |u|^2 in W/m^2.
 
-    It is the mean power radiated into the hemisphere in front ("radiated"), or the integral of
-    |u|^2 ("aperture"). Raises SceneError if it is zero.
+    This is the mean power radiated into the front hemisphere ("radiated"), or the integral of |u|^2
+    ("aperture"). Raises SceneError if the power is zero.
     """
     if normalise == "aperture":
         return _energy(flat_source(source))

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.scenes.reflectors import Mirror
 
 
-# Relative tolerance of frequencies, for parameters in single precision.
+# Relative tolerance for comparing frequencies, because parameters are in single precision.
 _ROUNDING = 1e-6
-# Factors of x and y in a mirror image.
+# Factors of the x and y coordinates in a mirror image.
 _MIRROR = np.array([-1.0, 1.0])
 
 
@@ -40,8 +40,7 @@ class PlacedSource(SourceParameters):
     medium: Any = None
     """Medium (fog) around the receiver, or None."""
     reach: float = 0.0
-    """Largest coordinate of the source and of adjacent flat surfaces in m, which limits rounding.
-    """
+    """Largest coordinate of the source and adjacent flat surfaces in m, which limits precision."""
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
@@ -71,7 +70,7 @@ class PlacedSource(SourceParameters):
         return result
 
     def touching(self, scene: mi.Scene) -> PlacedSource:
-        """Return a copy with the ``reach`` in a scene."""
+        """Return a copy whose ``reach`` includes the adjacent surfaces of a scene."""
         return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
@@ -167,7 +166,7 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    """Return a parameter in double precision, ``known`` unless a user has changed it."""
+    """Return a parameter in double precision: ``known``, unless a user has changed the value."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
 
@@ -193,7 +192,7 @@ class FacingParts:
     emitter: PlacedSource
     receiver: PlacedSource
     fraction: float
-    """Product of the fractions of |u|^2 in both parts."""
+    """Product of the fractions of |u|^2 that the two parts contain."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:

@@ -66,8 +66,8 @@ def polarisation_summary(
 ) -> str:
     """Describe the polarisations of emitters and receivers in a sentence.
 
-    ``requested`` is the Jones vector where the scene specifies no polarisation, and ``interferes``
-    is true if amplitudes are added instead of powers.
+    ``requested`` is the Jones vector of emitters and receivers whose polarisation the scene does
+    not specify. ``interferes`` is true if amplitudes are added instead of powers.
     """
     if not is_polarised():
         if requested is not None:
@@ -83,7 +83,7 @@ def polarisation_summary(
     return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
-# Channels of four Stokes parameters in three colours, at the end of an image.
+# Number of channels at the end of an image that contain four Stokes parameters in three colours.
 _CHANNELS = 12
 
 
@@ -142,7 +142,7 @@ class Polariser:
         return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
     def received(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
-        """Return half the row by which a receiver weights Stokes parameters."""
+        """Return half the row vector with which a receiver weights Stokes parameters."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
@@ -190,7 +190,7 @@ def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) 
 def axis_rotation(
     m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f
 ) -> tuple[Drjit, Drjit]:
-    """Return cosine and sine of twice the angle from Ludwig's to Mitsuba's first axis."""
+    """Return the cosine and sine of twice the angle from Ludwig's to Mitsuba's first axis."""
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)
     x, y = (dr.dot(basis, frame.to_scene(m.Vector3f(*axis))) for axis in axes)

@@ -118,7 +118,7 @@ _MOST_PASSED = 4
 
 
 class WignerReceiver(VariantPlugin):
-    """Sensor whose film contains received power in W (docs/received_power.md)."""
+    """Sensor whose film contains the received power in W (docs/received_power.md)."""
 
     film: Callable[[], Any]
     sample_wavelengths: Callable[..., Any]
@@ -230,7 +230,7 @@ class WignerReceiver(VariantPlugin):
         return self._frame.axes[2] * self._lift
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Move a ray behind a random number of surfaces; return a factor of its weight."""
+        """Move a ray's start past a random number of surfaces; return a factor for its weight."""
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
@@ -350,8 +350,8 @@ def receiver(
     normalise : str, default "radiated"
         Definition of the antenna gain (docs/received_power.md). ``radiated``: the gain is the
         directivity, so any receiver receives the power lambda^2 L from a sky of radiance L.
-        ``aperture``: the gain is relative to the integral of |u|^2, and is lower by the fraction of
-        the power in evanescent waves.
+        ``aperture``: the gain is relative to the integral of |u|^2, and is lower than the
+        directivity by the fraction of the power in evanescent waves.
     diffraction : bool, default False
         Whether the edges of opaque surfaces in the scene diffract incoming radiation
         (docs/shadows.md). Requires the estimator ``exact``.

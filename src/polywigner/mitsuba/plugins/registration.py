@@ -25,7 +25,7 @@ Logic = TypeVar("Logic")
 _Build = Callable[[str, mi.Properties], mi.Object]
 
 # Mitsuba converts exceptions of plugins to text. The scene loader finds the original exception
-# here, also if several loaders run in parallel.
+# here, even if several loaders run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
 # Mitsuba's kernels contain all emitters and shapes in memory, including unfinished objects of other
 # threads.
@@ -70,7 +70,7 @@ def exclusive() -> Iterator[None]:
 
     Mitsuba cannot load a scene in one thread while another thread renders. Therefore only one
     thread at a time runs functions of this package that use scenes. In programs with several
-    threads, use this context manager around direct calls of Mitsuba, such as ``mi.load_dict`` and
+    threads, use this context manager around direct calls to Mitsuba, such as ``mi.load_dict`` and
     ``mi.render``.
 
     Examples
@@ -88,7 +88,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin that :func:`register` registers, created by ``build(variant, props)``."""
+    """Add a plugin for :func:`register`; ``build(variant, props)`` creates the plugin."""
     _plugins[kind, name] = build
 
 
@@ -100,14 +100,14 @@ def register() -> None:
 
 
 def original_error(error: BaseException) -> PolywignerError | None:
-    """Return the error of this package behind an error of Mitsuba, or None."""
+    """Return the error of this package that caused an error of Mitsuba, or None."""
     text = str(error)
     return next((cause for cause in reversed(_recent_errors) if str(cause) in text), None)
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
-    # Mitsuba looks up the kind of every plugin in scalar_rgb, and fails to load two equal shapes
-    # without it.
+    # Mitsuba looks up the kind of every plugin in scalar_rgb. Without a registration in scalar_rgb,
+    # it fails to load two equal shapes.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
@@ -137,8 +137,8 @@ def set_mesh(mesh: mi.Mesh, **values: Any) -> None:
     """Set parameters of a mesh, such as ``faces`` and ``vertex_positions``, to NumPy arrays."""
     params = mi.traverse(mesh)
     for name, value in values.items():
-        # Lists are copied. With NumPy memory, kernels would depend on its alignment, and freeing a
-        # scene while a kernel is recorded would crash the process.
+        # Lists are copied. If the memory of a NumPy array were used instead, kernels would depend
+        # on its alignment, and freeing a scene while a kernel is recorded would crash the process.
         params[name] = value.ravel().tolist()
     params.update()
 

@@ -30,11 +30,12 @@ if TYPE_CHECKING:
 
 # Largest number of strips per element and of cells in total, for sampling non-uniform fields.
 _STRIPS, _PIECES = 32, 1 << 16
-# Points per lobe (wavelength/size) in the table of directions.
+# Number of points per lobe of width wavelength/size in the table of directions.
 _POINTS_PER_LOBE = 4
 # Smallest and largest number of points along each axis of the table.
 _FEWEST, _MOST = 32, 1024
-# Largest number of samples along each side of a cell, whose mean includes narrow beams.
+# Largest number of samples along each side of a cell. The mean of these samples includes beams that
+# are narrower than the cell.
 _MOST_PER_CELL = 4
 # Fractions of samples drawn from the far-field pattern (for distant surfaces), its square root (for
 # the Wigner function and near surfaces), and a uniform density.
@@ -47,7 +48,7 @@ def opaque(m: Any, value: float) -> Drjit:
 
 
 def single(number: Any, name: str) -> float:
-    """Return a value as a finite number; raise SceneError unless it is a single finite number."""
+    """Return a value as a float; raise SceneError unless it is a single finite number."""
     values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
     if values.size != 1 or not np.isfinite(values).all():
         raise SceneError(f"expected {name} as a single finite number, got {values.tolist()}")
@@ -121,9 +122,9 @@ def directions_of(
 ) -> Directions:
     """Return a sampler of directions for a source.
 
-    ``terms`` are the terms of its radiance from `emissions`, and ``bounds`` its bounding box in
-    metres. The density is a mixture of the far-field pattern g |F|^2, its square root and a uniform
-    density.
+    ``terms`` are the radiance terms that `emissions` returns, and ``bounds`` is the source's
+    bounding box in metres. The density is a mixture of the far-field pattern g |F|^2, its square
+    root and a uniform density.
     """
     low, high = np.reshape(bounds, (2, 2))
     lobes = _POINTS_PER_LOBE * (high - low) / wavelength
@@ -165,7 +166,7 @@ def _mean_pattern(
 
 
 class Frame:
-    """Frame of a source with its origin at the centre."""
+    """Frame of a source, with the origin at the source's centre."""
 
     def __init__(self, m: Any, to_world: mi.Transform4f, centre: Floats) -> None:
         matrix = to_world.matrix

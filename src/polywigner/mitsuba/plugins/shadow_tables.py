@@ -20,11 +20,12 @@ from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNode
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Phase step between samples along an edge [rad], largest number of samples, and smallest half size
-# of a source for this step [wavelengths]. Linear interpolation is accurate to step^2/24.
+# Largest phase step between samples along an edge [rad], largest number of samples, and lower limit
+# for the half size of a source when the phase is computed [wavelengths]. Linear interpolation is
+# accurate to step^2/24.
 _STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE = (0.0, 0.0, 0.0, 1.0)
-# Largest gap between adjacent edges, as a fraction of the largest coordinate.
+# Largest gap between edges that count as adjacent, as a fraction of the largest coordinate.
 _GAP = 1e-6
 # Reference direction, chosen so that edges are unlikely to be perpendicular to it.
 _AXIS = np.array([0.57, 0.31, 0.76])
@@ -40,8 +41,8 @@ class NodeTables(NamedTuple):
     points: Floats
     """Rows (n, 8) of the radiating points: x, y, z, both weights (4 numbers), and 0.
 
-    If there are fewer nodes than points, the fractions of the point that the nodes represent
-    follow, and zeros up to a multiple of four columns.
+    If there are fewer nodes than points, further columns contain the fraction of the point that
+    each node represents, padded with zeros to a multiple of four columns.
     """
 
 
@@ -59,9 +60,9 @@ class EdgeTables(NamedTuple):
 
     Columns 0-5: ends of the edge seen from the centre; 6-9: plane of the face behind the edge;
     10-11: first and end node; 12-13: first row in ``ends`` and row step between nodes; 14-15: first
-    row in ``samples`` and number of intervals; 16: largest detour for weights at the point; 17:
-    largest detour for weights of separate nodes; 18: squared relative amplitude of the edge wave
-    times the detour; 19: zero.
+    row in ``samples`` and number of intervals; 16: detour below which weights are waves at the
+    point; 17: detour above which the centre replaces the nodes; 18: squared relative amplitude of
+    the edge wave times the detour; 19: zero.
     """
     ends: Floats
     """Rows (e, 8) of edges seen from a node: both ends (6) and two zeros."""
@@ -103,9 +104,10 @@ def edge_tables(
     nodes : SourceNodes
         Nodes of the source.
     silhouettes : sequence of Silhouette
-        One for each node, or a single one for all nodes.
+        One silhouette for each node, or a single silhouette for all nodes.
     margin : float
-        Tolerance of positions on a face, as a fraction of the distance of the edge in front of it.
+        Tolerance for positions on a face, as a fraction of the distance from the source's centre to
+        the edge in front of the face.
     """
     blocked = shadows.blocked_edges(obstacles, silhouettes, nodes.centre)
     parts: list[_Edges] = []
@@ -254,7 +256,7 @@ def _positions_along(ends: Floats, side: int) -> Floats:
 
 
 def _hulls(ends: Floats, labels: Indices) -> Floats:
-    """Return, for each edge (m, 2, 3), the ends (m, 6) of the union of edges of its label."""
+    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with its label."""
     _, label = np.unique(labels, axis=0, return_inverse=True)
     label = label.ravel()
     corners = []
@@ -314,7 +316,7 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
 
 
 def _pyramids(corners: Floats) -> Floats:
-    """Return side normals and heights (t, 10) of pyramids from triangles (t, 3, 3) to the origin.
+    """Return side normals and heights (t, 10) of pyramids from bases (t, 3, 3) to the origin.
 
     The normals are divided by twice the area of the triangle.
     """

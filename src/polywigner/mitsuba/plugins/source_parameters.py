@@ -96,7 +96,7 @@ class SourceParameters:
 
     @property
     def at_origin(self) -> SceneSource:
-        """Source with its centre at the origin, where single precision is best."""
+        """Source with its centre at the origin, where single precision is most accurate."""
         moved: SceneSource = normal_form(self.source).moved(-self.support.centre).public
         return moved
 
@@ -118,8 +118,8 @@ class SourceParameters:
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
         """Divide a polarised source into scalar sources, each with a Stokes vector.
 
-        Their Stokes vectors, weighted by their irradiances, add up to the Stokes vector of the
-        light.
+        The sum of the Stokes vectors, weighted by the irradiances of the scalar sources, is the
+        Stokes vector of the light.
         """
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
@@ -289,7 +289,7 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return one of the ``known`` names, described by ``kind`` such as "an estimator"."""
+        """Return a parameter that is one of ``known``; ``kind`` names it, as in "an estimator"."""
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
         if name not in known:

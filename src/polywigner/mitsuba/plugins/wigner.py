@@ -1,6 +1,6 @@
 """The estimator ``wigner``, which evaluates the Wigner function of a source in render kernels.
 
-`TracedSource` evaluates it with derivatives with respect to vertices and weights.
+`TracedSource` adds derivatives of this function with respect to vertices and weights.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ class WignerEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return the irradiance L cos/r^2 from the position ``x``, over its density."""
+        """Return the irradiance L cos/r^2 from the position ``x``, divided by its density."""
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
         return value / (distance * distance * self.density)
@@ -230,23 +230,23 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight h W cos/N of a ray, over the density of positions, in scene units."""
+        """Return the ray weight h W cos/N, divided by the density of positions in scene units."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
 
-# Relative area of overlaps of elements that are rounding errors.
+# Overlaps between elements below this fraction of the total area are treated as rounding errors.
 _OVERLAP = 1e-9
-# Largest number of pairs of edges in differentiable sources. Each pair takes 7 ms to compile, and
-# the compiler fails at 9,000 pairs.
+# Largest number of edge pairs in a differentiable source. Each pair takes 7 ms to compile, and the
+# compiler fails at 9,000 pairs.
 _MOST_CUTS = 4096
 
 
 class TracedSource:
     """Vertices and weights of a source as differentiable parameters of a scene.
 
-    Both are None in scalar variants, and for sources with non-uniform fields, overlapping elements,
-    several polarisations or too many edges.
+    The attributes ``vertices`` and ``weights`` are None in scalar variants, and for sources with
+    non-uniform fields, overlapping elements, several polarisations or too many edges.
     """
 
     def __init__(self, m: Any, spec: SourceParameters) -> None:

@@ -23,7 +23,7 @@ from polywigner.propagation.stores import write_netcdf
 from polywigner.source import Array
 from polywigner.transforms.xarray_arguments import arrays_of
 
-# Scatterers per block; their responses take tens of megabytes.
+# Number of scatterers per block; the responses to a block take tens of megabytes.
 _CHUNK = 1 << 16
 # Relative tolerance of fields at scatterers.
 _TOLERANCE = 1e-6

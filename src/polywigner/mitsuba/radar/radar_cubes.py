@@ -1,4 +1,4 @@
-"""Data cubes of radars: samples by receiver, emitter, repetition and time, (RC1).
+"""Radar data cubes: samples by receiver, emitter, repetition and time, (RC1).
 
 The signal is the sum over coherent paths and over a cloud of scatterers with random complex
 amplitudes (speckle).
@@ -41,17 +41,17 @@ Velocities = dict[str, Floats]
 
 # Relative tolerance of non-uniform FFTs over scatterers.
 _SUMS_ERROR = 1e-7
-# Largest change of delay times bandwidth in a block of repetitions, for a phase below 2 rad in
-# series.
+# Largest change in (delay x bandwidth) within a block of repetitions; it keeps the phase in the
+# series expansion below 2 rad.
 _MOST_CYCLES = 1.25
-# Largest motion within a repetition [range bins], for a relative error of 5e-5.
+# Largest motion within a repetition [range bins]; it limits the relative error to 5e-5.
 _MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
-# Largest signal that is not a dask array [bytes].
+# Size of a signal above which the signal is a dask array [bytes].
 _MOST_BYTES = 1 << 30
-# Relative tolerance of frequencies.
+# Relative tolerance for frequencies at the limits of the band.
 _ROUNDING = 1e-9
-# Offset of shadow rays from surfaces, relative to the distance of the emitter.
+# Gaps between the ends of a shadow ray and surfaces, relative to the distance of the emitter.
 _RAY_OFFSET = 1e-3
 
 
@@ -64,7 +64,7 @@ class _Radar:
     receivers: list[list[PlacedSource]]
     """The receiver itself or its elements, for each receiver of the scene."""
     noise_power: Floats
-    """Noise power per sample in W of each receiver, NaN without a temperature."""
+    """Noise power per sample of each receiver in W; NaN if the temperature is not specified."""
     chirp_times: Floats
     """Start times of repetitions in s, shape (emitter, chirp + 1)."""
     frequency: float
@@ -83,7 +83,7 @@ class _Cloud:
     emitted: Complex
     """Square roots of scattered radiant intensities, shape (emitter, scatterer)."""
     delays: Floats
-    """Delays at the time 0 in s, shape (emitter, scatterer)."""
+    """Delays at time zero in s, shape (emitter, scatterer)."""
     rates: Floats
     """Rates of change of the delays in s/s, shape (scatterer,)."""
     excess: Floats
@@ -111,10 +111,10 @@ def radar_cube(
 
     The signal is the sum of coherent paths, scattered fields and thermal noise (docs/radar.md,
     (RC1)). Coherent paths are the line of sight (leakage), specular paths via flat mirrors, and
-    echoes of conducting bodies, with their complex couplings at all frequencies of the band.
-    Scattered fields have random amplitudes (speckle), and the exact response of each receiving
-    element. The delay of each path changes from sample to sample, so moving objects migrate through
-    range bins.
+    echoes from conducting bodies, with their complex couplings at all frequencies of the band.
+    Scattered fields have random amplitudes (speckle), and are weighted by the exact response of
+    each receiving element. The delay of each path changes from sample to sample, so moving objects
+    migrate through range bins.
 
     Parameters
     ----------
@@ -132,10 +132,10 @@ def radar_cube(
         Maximum number of specular reflections per path, 0 to 3.
     elements : bool, default False
         Whether to record each element of an array separately. This applies to receivers whose
-        source is a :class:`polywigner.Array`, whose weights are then ignored. The elements of the
-        receiver "rx" are named "rx[0]", "rx[1]", ...
+        source is a :class:`polywigner.Array`. The weights of the array are then ignored. The
+        elements of the receiver "rx" are named "rx[0]", "rx[1]", ...
     points : int, default 20000
-        Largest number of scatterers of each receiver; 0 omits scattered fields.
+        Largest number of scatterers for each receiver; 0 omits scattered fields.
     rays : int, optional
         Number of rays from each receiver, as in :func:`scatterers`. With more rays, smaller objects
         appear in the data.
@@ -335,7 +335,7 @@ def _rate_of(
 
 
 def _owner(name: str) -> str:
-    """Return the id of the receiver of an element such as "rx[3]"."""
+    """Return the id of the receiver to which an element such as "rx[3]" belongs."""
     return name.partition("[")[0] if name.endswith("]") else name
 
 
@@ -352,7 +352,7 @@ def _moving_image(
 def _distance_rate(
     first: Floats, first_velocity: Floats, second: Floats, second_velocity: Floats
 ) -> float:
-    """Return the rate of change of the distance of two points in m/s."""
+    """Return the rate of change of the distance between two points in m/s."""
     offset = first - second
     return float(offset @ (first_velocity - second_velocity) / np.linalg.norm(offset))
 
@@ -366,7 +366,7 @@ def _cloud(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers of a receiver, or None."""
+    """Return the scatterers of a receiver, or None if there are none."""
     receivers = radar.receivers[number]
     others = {_owner(each[0].name) for each in radar.receivers if each is not receivers}
     outside = others | {body.name for body in options.bodies}
@@ -393,7 +393,7 @@ def _cloud(
 
 
 def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
-    """Return the responses of elements in m, and path lengths in m relative to their mean."""
+    """Return the responses in m, and path lengths in m relative to their mean over elements."""
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
         raise SceneError(
@@ -411,11 +411,11 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
 def _sending(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
 ) -> tuple[Complex, Floats]:
-    """Return square roots of scattered intensities, and path lengths in m, by emitter.
+    """Return the square roots of scattered intensities, and path lengths in m, for each emitter.
 
-    After a single reflection, a scatterer of intensity I has the intensity I E_j / sum_i E_i for
-    emitter j, where E_j is the irradiance of emitter j. The sum over scatterers is unbiased, and
-    the signals of the emitters are coherent.
+    If a path has a single reflection, the intensity I of its scatterer is divided among the
+    emitters: emitter j contributes I E_j / sum_i E_i, where E_j is the irradiance from emitter j.
+    The sum over scatterers is unbiased, and the signals of the emitters are coherent.
     """
     intensity, paths = cloud["intensity"].values, cloud["path_length"].values
     names = cloud["emitter"].values
@@ -526,7 +526,7 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
-    """Yield the terms of ``exp(2 pi i amounts along)`` as pairs of factors."""
+    """Yield the power-series terms of ``exp(2 pi i amounts along)`` as pairs of factors."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))

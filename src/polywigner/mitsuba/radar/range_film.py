@@ -90,7 +90,7 @@ def is_transient(integrator: Any) -> bool:
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
-    """Return an integrator of mitransient that traces the same paths as another one."""
+    """Return an integrator of mitransient that traces the same paths as ``integrator``."""
     require_transients()
     checked_scene(scene)
     # Mitsuba places lights at infinity on a sphere of arbitrary size.
@@ -144,7 +144,7 @@ def _counterpart(integrator: Any) -> mi.Integrator:
     return mi.load_dict({"type": _COUNTERPARTS[name], **parameters})
 
 
-# Largest number of bins of all pixels, which take 2 GiB in float64.
+# Largest total number of bins of all pixels; these bins take 2 GiB in float64.
 _MOST_SUMS = 2**28
 
 
@@ -153,8 +153,8 @@ def sorted_by_range(
 ) -> Floats:
     """Render power or radiance by path length, shape (height, width, bins + 2).
 
-    The first and last values belong to shorter and longer paths. ``edges`` are in scene units. A
-    receiver has a single pixel.
+    The first and last values belong to paths shorter and longer than all bins. ``edges`` are in
+    scene units. A receiver has a single pixel.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -184,7 +184,7 @@ def _rendered(
 
 
 def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
-    """Return a sensor with the rays of another one, and a refined film by range."""
+    """Return a sensor with the rays of ``sensor`` and a refined film that sorts by range."""
     size, window, offset = film_sizes(sensor, factor)
     check_sums(window, edges)
     about = mi.Properties("range_film")
@@ -209,7 +209,7 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
 
 
 class RangeFilm(VariantPlugin):
-    """Film that sums power by path length in double precision, also outside all bins."""
+    """Film that sums power by path length in double precision, including power outside all bins."""
 
     crop_size: Callable[[], Any]
     crop_offset: Callable[[], Any]
@@ -265,7 +265,7 @@ def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
 
 
 class RangeSensor(VariantPlugin):
-    """Sensor with the rays of another sensor, and a film by range."""
+    """Sensor with the rays of another sensor and a film that sorts power by range."""
 
     film: Callable[[], RangeFilm]
     sampler: Callable[[], Any]
@@ -293,7 +293,10 @@ class RangeSensor(VariantPlugin):
         return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
-        """Return the distance to the start of a ray: near clip of a camera, lift of a receiver."""
+        """Return the distance from the sensor to the start of a ray.
+
+        This is the near-clip distance of a camera, or the lift-off distance of a receiver.
+        """
         if is_receiver(self._sensor):
             return dr.dot(self._sensor.lift, ray.d)
         if self._sensor.class_name() not in CAMERAS:
@@ -302,5 +305,5 @@ class RangeSensor(VariantPlugin):
         return dr.dot(ray.o - self.m.Point3f(centre), ray.d)
 
     def release(self) -> None:
-        """Delete the references to sensor and film, to free them."""
+        """Delete the references to the sensor and the film, so that both are freed."""
         del self._sensor, self._film

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest number of range bins, which take 0.1 GB per light and receiver.
+# Largest number of range bins; these bins take 0.1 GB per light and receiver.
 _MOST_BINS = 2**20
 
 
@@ -92,10 +92,10 @@ def range_profile(
         Id of the receiver, or its index in the sorted list of receiver ids. Default: all receivers.
     integrator : str or mi.Integrator, optional
         Integrator of mitransient: ``transient_path`` for surfaces, or ``transient_prbvolpath`` for
-        surfaces and fog. An integrator of Mitsuba is replaced by the first one if it is path,
-        direct or prb, and by the second one if it is volpath, volpathmis or prbvolpath, with the
-        same depths. Default: the integrator of the scene, or the default of
-        :func:`polywigner.mitsuba.render` if the scene has no integrator.
+        surfaces and fog. Mitsuba's path, direct and prb are replaced by ``transient_path``, and its
+        volpath, volpathmis and prbvolpath by ``transient_prbvolpath``, with the same depths.
+        Default: the integrator of the scene, or the default of :func:`polywigner.mitsuba.render` if
+        the scene has no integrator.
     reflections, tolerance
         Options of direct light, as in :func:`polywigner.mitsuba.received_power`.
     bandwidth, temperature, noise_figure
@@ -210,9 +210,10 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
 
 
 def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
-    """Return the direct power by range in W, shape (bins + 2,), with shorter and longer ranges.
+    """Return the direct power by range in W, shape (bins + 2,).
 
-    The amplitudes of interfering paths are added within each bin.
+    The first and last values belong to ranges below and above all bins. The amplitudes of
+    interfering paths are added within each bin.
     """
     result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
     for path in paths:
@@ -230,8 +231,8 @@ Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
 def _bins_of(by_light: Floats, direct: Floats) -> Values:
     """Return the variables that contain power by range.
 
-    ``by_light`` is scattered power (receivers, lights, batches, values), ``direct`` is direct power
-    (receivers, lights, values), in W.
+    ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
+    direct power (receivers, lights, values), both in W.
     """
     each = by_light.sum(axis=1)
     scattered, error = each.mean(axis=1), standard_error(each, axis=1)
@@ -301,7 +302,7 @@ def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
     }
 
 
-# Renders per image; progress is reported after each.
+# Number of renders per image; progress is reported after each render.
 _PARTS = 4
 
 
@@ -319,8 +320,8 @@ def range_frames(
     """Render the radiance of a camera by range, one frame for each bin.
 
     Range is half the length of a path from a point on a source to the camera, as in
-    :func:`range_profile`. The path length includes the distance from the camera to its near clip.
-    Sources are visible, as in :func:`polywigner.mitsuba.render`. The film has a box filter. See
+    :func:`range_profile`. The path length includes the near-clip distance of the camera. Sources
+    are visible, as in :func:`polywigner.mitsuba.render`. The film has a box filter. See
     docs/range.md.
 
     Parameters
@@ -339,7 +340,7 @@ def range_frames(
         As in :func:`range_profile`.
     progress : callable, optional
         Function that is called after each of 4 parts with the number of finished parts and the
-        number of all parts.
+        total number of parts.
 
     Returns
     -------

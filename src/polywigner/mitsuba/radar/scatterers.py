@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Rays per launch; each takes a few hundred bytes.
+# Number of rays per launch; each ray takes a few hundred bytes.
 _WAVEFRONT = 2**17
 
 
@@ -63,10 +63,10 @@ class Cloud:
     def thinned(self, count: int, rng: np.random.Generator, for_elements: bool) -> Cloud:
         """Select at most ``count`` events at random, with unbiased sums.
 
-        Probabilities are proportional to power or, ``for_elements``, to the mean of the relative
-        power and the relative intensity, so that the nulls of an array do not depend on a few
-        events. Systematic sampling in order of path length preserves the distribution of path
-        lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
+        Probabilities are proportional to the power. With ``for_elements``, they are proportional to
+        the mean of the relative power and the relative intensity, so that the nulls of an array do
+        not depend on a few events. Systematic sampling in order of path length preserves the
+        distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
         """
         if len(self.power) <= count:
             return self
@@ -107,10 +107,10 @@ def cloud_of(
 def _batch(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
 ) -> tuple[Events, Floats, Floats]:
-    """Return the events, powers and intensities of a batch, whose sums are unbiased."""
+    """Return the events of a batch, with powers and intensities whose sums are unbiased."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    # The unused seventh dimension preserves the clouds of existing seeds.
+    # The unused seventh dimension ensures that existing seeds still produce the same clouds.
     draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
@@ -127,7 +127,7 @@ def _batch(
 
 
 def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
-    """Return random paths, weights and solid angles, whose product with a radiance is in W."""
+    """Return random paths, weights and solid angles; radiance x weight x solid angle is in W."""
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
     ray, watts, weight = sensor.ray_along(angles, 0.0, others.x, position)
@@ -139,7 +139,7 @@ def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
-    """Return probabilities with the sum ``count``, proportional to ``measure`` up to 1."""
+    """Return probabilities that sum to ``count``, proportional to ``measure`` but at most 1."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
     # If k probabilities are 1, the sum of the remaining ones is count - k.
@@ -151,7 +151,7 @@ def _probabilities(measure: Floats, count: int) -> Floats:
 
 
 def _thinning_error(power: Floats, probabilities: Floats) -> float:
-    """Return the standard error of random selection in W, by Hajek's approximation."""
+    """Return the standard error due to random selection in W, by Hajek's approximation."""
     missing = 1.0 - probabilities
     if not missing.any():
         return 0.0
@@ -162,9 +162,9 @@ def _thinning_error(power: Floats, probabilities: Floats) -> float:
 # Default number of rays per scatterer, and smallest number of rays.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# Largest speed [m/s]; the Doppler shift is linear to 1e-3.
+# Largest speed [m/s]; up to this speed, the Doppler shift is linear to 1e-3.
 _FASTEST = 1e5
-# Largest numbers of scatterers and of rays, whose events take up to 2 GB.
+# Largest number of scatterers, and largest number of rays. The events of all rays take up to 2 GB.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -210,7 +210,7 @@ def scatterers(
     receiver : int or str, optional
         As in :func:`received_power`.
     rays : int, optional
-        Number of rays from the receiver. Default: four times ``count``, at least 4096.
+        Number of rays from the receiver. Default: four times ``count``, but at least 4096.
 
     Returns
     -------
@@ -341,7 +341,7 @@ def _number(kind: str, thing: Any) -> int:
 
 
 def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
-    """Convert a mapping from ids to velocities in m/s to arrays."""
+    """Check a mapping from ids to velocities in m/s, and return the velocities as arrays."""
     if not isinstance(velocities, Mapping):
         raise ArgumentError(
             f"expected velocities as a mapping from ids to (vx, vy, vz), got {velocities!r}"

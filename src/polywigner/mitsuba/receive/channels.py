@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     import xarray
 
 _MOST_FREQUENCIES = 1 << 16
-# Numbers of Chebyshev nodes; each set contains the previous one.
+# Numbers of Chebyshev nodes to try in turn; each set of nodes contains the previous set.
 _NODE_COUNTS = (5, 9, 17, 33, 65)
 # Polarisation match below which a note recommends specifying polarisations.
 _GOOD_MATCH = 0.99
@@ -187,11 +187,11 @@ class CoherentPath:
 
     route: Route
     distance: float
-    """Length between the centres of emitter and receiver in m."""
+    """Length of the path between the centres of the emitter and the receiver in m."""
     transmission: float
     """Amplitude transmission of obstacles, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """Polarisation factor ``e_r . E`` of each pair of polarised parts."""
+    """Polarisation factor ``e_r . E`` and facing parts, for each pair of polarised parts."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
     """Ratio b/b_0 as a function of the wavelength in m, or None without diffraction."""
@@ -205,7 +205,7 @@ class CoherentPath:
 
 @dataclass(frozen=True, eq=False)
 class NormalisedSource:
-    """Emitter or receiver with normalised power, divided by polarisation."""
+    """Emitter or receiver with normalised power, divided into parts by polarisation."""
 
     source: PlacedSource
     parts: tuple[tuple[PlacedSource, Complex], ...]
@@ -290,7 +290,7 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # Unpolarised ends match, so the line of sight has the scalar coupling.
+    # Ends without a specified polarisation match, so the line of sight has the scalar coupling.
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
@@ -308,7 +308,7 @@ def _path(
 def _polarised(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E of two Jones vectors."""
+    """Return the polarisation factor e_r . E for two Jones vectors."""
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
@@ -334,7 +334,7 @@ def _leg_to(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path via a body, by reciprocity from two transmitting ends."""
+    """Return the path via a body, computed by reciprocity from two transmitting ends."""
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
@@ -431,7 +431,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the amplitudes at one frequency, without the phases of delays."""
+    """Return the amplitudes of paths at one frequency, without the phases due to delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))

@@ -60,9 +60,9 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     total = 0.0
-    # coupling() and norm_of() scale the source field differently for some obliquities, which
-    # cancels in ratios of radiated powers. Waves of a mixture need a common scale, the integral of
-    # |u|^2.
+    # For some obliquities, coupling() and norm_of() scale the source field differently. The
+    # difference cancels in ratios of radiated powers. The waves of a mixture, however, require a
+    # common scale: the integral of |u|^2.
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
     try:
@@ -106,7 +106,7 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Return the direct paths from an emitter to a receiver, with hidden sources."""
+    """Return the direct paths from an emitter to a receiver; the scene's sources must be hidden."""
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
@@ -152,7 +152,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
 def _received(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the total coupling, and the fraction of power in matched polarisation."""
+    """Return the total coupling, and the fraction of the power in the receiver's polarisation."""
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -165,7 +165,7 @@ def _received(
     return total, max(received / passed, 0.0) if passed > 0 else 0.0
 
 
-# Distance of a point that stands for a direction, in units of max(R^2/wavelength, R) for a receiver
+# Distance of a point that represents a direction, in units of max(R^2/wavelength, R) for a receiver
 # of radius R.
 _FAR = 1e6
 # Relative tolerance of fields.
@@ -260,7 +260,7 @@ def _starts(
 ) -> tuple[Floats, Floats]:
     """Return the starts of rays from a light to ``end``, and the mirror image of the light.
 
-    The image of a directional light is a point at 1 m from the receiver.
+    The image of a directional light is a point 1 m away from the receiver.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
@@ -268,7 +268,7 @@ def _starts(
     if not light.is_infinite:
         point = _row(sample.p) * unit
         return np.broadcast_to(point, end.shape), reflected_points(point, chain)
-    # Directional light starts outside of the scene and of its mirror images.
+    # Rays of directional lights start outside the scene and its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
     direction = reflected_points(_row(sample.d), chain) - reflected_points(np.zeros(3), chain)
@@ -309,7 +309,7 @@ _SAMPLES = 24
 
 
 def _colours() -> list[Drjit]:
-    """Return samples of the spectrum in nm, or one empty sample without wavelengths."""
+    """Return samples of wavelengths in nm, or one empty sample if the variant has none."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
     if not count:
@@ -320,7 +320,7 @@ def _colours() -> list[Drjit]:
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return the effective areas in m^2 of a receiver, which replace couplings."""
+    """Return the effective areas of a receiver in m^2, which replace couplings."""
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:

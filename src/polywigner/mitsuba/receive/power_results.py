@@ -114,7 +114,7 @@ class ReceivedPower:
     notes: tuple[str, ...] = ()
     """Sentences about effects in this scene that are not included."""
     polarisation: str = ""
-    """Polarisations of the result, with the names of the emitters and receivers."""
+    """Description of the polarisations, with the names of the emitters and receivers."""
 
     @property
     def direct(self) -> float:
@@ -260,7 +260,7 @@ class ReceiveOptions:
     coherent: bool = False
     """Whether the direct paths of one emitter interfere."""
     polarisation: Any = None
-    """Jones vector where the scene specifies no polarisation."""
+    """Jones vector of emitters and receivers whose polarisation the scene does not specify."""
     bodies: Any = None
     """Conducting bodies, converted to a tuple of :class:`Body`."""
 
@@ -283,7 +283,7 @@ class ReceiveOptions:
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Return noise parameters, which replace the noise parameters of a receiver."""
+        """Return noise parameters; an option that is None is replaced by the receiver's value."""
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
         return {n: spec.noise[n] if value is None else value for n, value in noise.items()}
 

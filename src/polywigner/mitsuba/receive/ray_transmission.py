@@ -27,9 +27,9 @@ from polywigner.numerics import Floats
 
 # Largest number of null surfaces per path; longer paths count as blocked.
 _MOST_PASSED = 64
-# Samples of fog density between two surfaces.
+# Number of samples of the fog density between two surfaces.
 _FOG_SAMPLES = 32
-# Largest angle between equal directions [rad].
+# Largest angle between directions that count as equal [rad].
 _SAME_DIRECTION = 1e-3
 # Sampled wavelengths in spectral variants [nm].
 _WAVELENGTHS = (450.0, 520.0, 590.0, 660.0)
@@ -40,11 +40,12 @@ _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
     """Convert arrays of shape (n, 2) or (n, 3) to points of Mitsuba, in batches.
 
-    Compiled variants have one batch with n points, and scalar variants n batches with one point.
+    Compiled variants have one batch with n points, and scalar variants have n batches of one point
+    each.
     """
     kinds = [{2: mi.Point2f, 3: mi.Point3f}[array.shape[1]] for array in arrays]
     if dr.is_jit_v(mi.Float):
-        # Lists, because kernels would depend on the alignment of NumPy memory.
+        # Values are passed as lists, because kernels would depend on the alignment of NumPy memory.
         columns = [[mi.Float(column.tolist()) for column in array.T] for array in arrays]
         yield tuple(kind(*part) for kind, part in zip(kinds, columns, strict=True))
         return
@@ -53,7 +54,7 @@ def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
 
 
 def joined(values: Iterable[Drjit]) -> Floats:
-    """Join the values of several batches to one NumPy array."""
+    """Join the values of several batches into one NumPy array."""
     return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
 
 
@@ -89,12 +90,12 @@ class _Pane:
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
         """Return the transmittances for s and p polarisation.
 
-        ``total`` is the transmittance in Mitsuba, with textures and masks.
+        ``total`` is Mitsuba's transmittance, including textures and masks.
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
         mean, across, along = _on_host(self._without_masks, cosine)
-        # The scale contains the texture and the unmasked fraction of the surface.
+        # The scale includes the texture and the unmasked fraction of the surface.
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
 
@@ -287,7 +288,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _across(normal: Any, direction: Any) -> Drjit:
-    """Return the unit normal of the plane of incidence, or any transverse unit vector."""
+    """Return a unit normal of the plane of incidence, which is arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _NORMAL_INCIDENCE

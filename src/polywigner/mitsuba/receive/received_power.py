@@ -190,7 +190,7 @@ def received_powers(
 
 
 def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the index of a receiver by id, by index, or None for a single receiver."""
+    """Return the index of a receiver from its id or index; None selects the only receiver."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
@@ -300,7 +300,7 @@ def _direct(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter and of all delta lights, with hidden sources."""
+    """Return the direct light of each emitter and of all delta lights; sources must be hidden."""
     chains, echoes, notes = routes_in(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
@@ -322,7 +322,7 @@ def _interfering(
     routes: list[Route],
     options: ReceiveOptions,
 ) -> DirectLight:
-    """Return the direct light of an emitter with interfering paths, with hidden sources."""
+    """Return the direct light of an emitter with interfering paths; sources must be hidden."""
     wavelength = emitter.wavelength
     paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
@@ -381,7 +381,8 @@ def _result(
     )
 
 
-# Pixels per side of an arrival map and samples per pixel, for compiled and scalar variants.
+# Number of pixels per side of an arrival map, and number of samples per pixel, for compiled and for
+# scalar variants.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 
@@ -406,7 +407,8 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     return mean_of_colours(image)
 
 
-# Largest number of labels in an arrival map, and smallest fraction of power of a labelled shape.
+# Largest number of labels in an arrival map, and fraction of the total power above which a shape is
+# labelled.
 _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 
 

@@ -1,8 +1,8 @@
 """Power that surfaces and fog scatter to a receiver, with its standard error from batches.
 
-The contribution of a source is the difference of two renders with the same seed, with and without
-the source. A fraction S of the samples is aimed at boxes around small shapes, in the receiver's
-angles (alpha, psi), whose area element is a solid angle. The density of samples is
+The contribution of a source is the difference between two renders with the same seed, with and
+without the source. A fraction S of the samples is aimed at boxes around small shapes, in the
+receiver's angles (alpha, psi), whose area element is a solid angle. The density of samples is
 
     S sum_k p_k [in box k]/Omega_k + (1 - S) p(alpha, psi),
 
@@ -49,15 +49,17 @@ _AIMED = 1 / 8
 _EQUAL = 0.5
 # Largest number of boxes per receiver, because each sample tests all boxes.
 _MOST_BOXES = 64
-# Largest numbers of pieces and faces of a mesh with one box per piece.
+# Largest number of pieces, and largest number of faces, for which each piece of a mesh gets its own
+# box.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
-# Largest fraction of unaimed samples in a box at which samples are aimed.
+# Samples are aimed at a box if less than this fraction of the unaimed samples is in the box.
 _MOST_UNAIMED = 1 / 16
 # Smallest width of a box [rad], limited by single precision.
 _NARROWEST = 1e-5
-# Relative margin of a box of angles, because straight sides in space are curved in angles.
+# Relative margin around a box of angles. It is required because sides that are straight in space
+# are curved in angle coordinates.
 _MARGIN = 0.02
-# Points along each side of a box in space, and of a box of angles.
+# Number of points along each side of a box in space, and along each side of a box of angles.
 _POINTS = 3
 _PROBES = 5
 
@@ -81,7 +83,7 @@ def _boxes(shape: Any) -> list[Floats]:
     shape_box = [bounds_of(shape)]
     if "faces" not in mi.traverse(shape) or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    # Meshes with normals contain vertices several times.
+    # Meshes with normals contain the same vertex several times.
     points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
     faces = numbers.ravel()[faces_of(shape)]
     first, second, third = faces.T
@@ -107,7 +109,7 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _targets(sensor: Any, boxes: Floats) -> Floats:
-    """Return rows (n, 5): low and high (alpha, psi), and fraction of aimed samples."""
+    """Return rows (n, 5): lower and upper (alpha, psi), and fraction of the aimed samples."""
     vectors = _vectors(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
@@ -139,7 +141,7 @@ def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
 
 
 class AimedDirections:
-    """Sampler of directions in boxes of angles or from another sampler."""
+    """Sampler that draws directions in boxes of angles, or from another sampler."""
 
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
         self._m, self._others = m, directions
@@ -254,7 +256,7 @@ class Scattering:
 
 
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
-    """Return the lights with separate renders, where None represents all incoherent lights."""
+    """Return the lights that are rendered separately; None represents all incoherent lights."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 

@@ -18,7 +18,7 @@ from polywigner.numerics import Floats
 
 # Random numbers per step: two for a light, three for a direction, one for termination.
 _SAMPLES = 6
-# Bounces before Russian roulette, and its largest probability of survival, as in Mitsuba.
+# Number of bounces before Russian roulette starts, and largest survival probability, as in Mitsuba.
 _ROULETTE = 5
 _SURVIVORS = 0.95
 # Integral of the luminosity function [nm], as in Mitsuba's films.
@@ -44,7 +44,7 @@ class Paths:
 
     @classmethod
     def along(cls, ray: Drjit, weight: Drjit, zero: Drjit) -> Paths:
-        """Return the start of paths along rays of a receiver."""
+        """Return paths that start along the rays of a receiver."""
         active = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
         throughput = mi.Spectrum(weight) + zero
@@ -52,7 +52,7 @@ class Paths:
 
 
 class Steps:
-    """Function that moves all paths to the next surface, with hidden coherent sources."""
+    """Function that moves all paths to the next surface; coherent sources must be hidden."""
 
     def __init__(self, scene: Any, most_bounces: int, meets_lights: bool) -> None:
         self._scene, self._most = scene, most_bounces

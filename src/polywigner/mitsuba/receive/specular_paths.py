@@ -48,7 +48,7 @@ from polywigner.source.polarisation import ludwig_axes
 Mesh = tuple[Floats, NDArray[np.intp]]
 """Vertices (n, 3) of a mesh, and vertex indices (t, 3) of its triangles."""
 
-# Tolerance of hits in the plane of a mirror, relative to the coordinates.
+# Tolerance for points in the plane of a mirror, relative to the coordinates.
 _IN_PLANE = 4 * ROUNDING
 
 
@@ -64,7 +64,7 @@ class PassingRays(NamedTuple):
     fractions: Floats
     """Transmission of each ray, shape (n, 1, 1), or Mueller matrices, shape (n, 4, 4)."""
     panes: list[Floats]
-    """Mean matrices (3, 3) of the panes on each segment, which multiply the electric field."""
+    """Mean matrix (3, 3) of the panes on each segment, which multiplies the electric field."""
 
     @property
     def power(self) -> Floats:
@@ -74,7 +74,8 @@ class PassingRays(NamedTuple):
     def amplitude(self) -> float:
         """Mean square root of the transmission, including blocked rays.
 
-        The sum over all orders of the mirrors in a corner is the mean for the corner.
+        For mirrors that form a corner, the sum over all orders of the mirrors is the mean for the
+        corner.
         """
         return float(np.sqrt(self.fractions[:, 0, 0]).sum() / _ray_count())
 
@@ -115,7 +116,7 @@ def points_on(receiver: PlacedSource) -> Floats:
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
     """Return the points of specular rays via the planes of mirrors.
 
-    The order is end, mirrors in reverse order, start.
+    The order of the points is: end, mirrors in reverse order, start.
     """
     images = [start]
     for mirror in chain:
@@ -136,7 +137,7 @@ class CentralPath(NamedTuple):
     points: Floats
     """Points (n, 3) from the emitter to the receiver in m."""
     panes: list[Floats]
-    """Matrices of the panes of each segment, which multiply the electric field."""
+    """Matrix of the panes on each segment, which multiplies the electric field."""
 
     @classmethod
     def between(
@@ -154,7 +155,7 @@ class CentralPath(NamedTuple):
 
     @property
     def transmission(self) -> float:
-        """Amplitude transmission of the panes on the first segment, unpolarised."""
+        """Amplitude transmission of the panes on the first segment for unpolarised light."""
         along = self.points[1] - self.points[0]
         along /= np.linalg.norm(along)
         across = self.panes[0] @ (np.eye(3) - np.outer(along, along))
@@ -173,9 +174,9 @@ class CentralPath(NamedTuple):
 
 # Tolerance of the far-field pattern of radiating points, relative to its peak.
 _POINTS_ERROR = 1e-6
-# Distance between a mirror and the ends of its rays, relative to the segment.
+# Distance between a mirror and the ends of its rays, relative to the length of the segment.
 _GAP = 1e-3
-# Half the step of a central difference [wavelengths], with a relative error of 7e-8.
+# Half the step of the central difference [wavelengths]; the relative error is 7e-8.
 _STEP = 1e-4
 
 
@@ -214,9 +215,10 @@ def diffracted_ratio(
 def _receiving(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return positions and complex weights, whose sum over the incident field is received.
+    """Return positions and complex weights; the receiver receives the weighted sum of the field.
 
-    By reciprocity, a dipole receives the normal derivative of the field, computed as a difference.
+    By reciprocity, a dipole receives the normal derivative of the field, computed as a finite
+    difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
     field, slope = (np.array(w) for w in zip(*((p.field, p.slope) for p in points), strict=True))
@@ -235,7 +237,7 @@ def unobstructed_rays(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """Return the rays of `passing_rays` without obstacles."""
+    """Return the rays of `passing_rays`, as if the scene contained no obstacles."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
@@ -266,7 +268,7 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # Only obstacles on the same side of the mirror as the segment affect it.
+                # Only obstacles on the same side of the mirror as the segment affect the segment.
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
@@ -328,7 +330,7 @@ def traced(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> tuple[Floats, list[Floats]]:
-    """Trace rays along given points between a receiver and an emitter with hidden sources.
+    """Trace rays through ``points`` from a receiver to an emitter; sources must be hidden.
 
     The ``points`` are in m, on the receiver, on the mirrors in reverse order, and on the
     emitter. Rays end at the last point if ``emitter`` is None.
@@ -409,7 +411,7 @@ BLOCKED = "there is no line-of-sight path: obstacles block it (ray test, without
 
 
 class OpenPath(NamedTuple):
-    """Path via flat mirrors that is not blocked."""
+    """Unblocked path via flat mirrors."""
 
     parts: FacingParts
     """Parts of the emitter's image and of the receiver that face each other."""

@@ -24,14 +24,15 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
 
 
-# Largest number of planes of a shape that is not curved.
+# Number of planes above which a shape counts as curved.
 MOST_FACES = 32
-# Largest number of sequences of mirrors; each takes some milliseconds.
+# Largest number of mirror sequences; each sequence takes a few milliseconds.
 _MOST_CHAINS = 5000
-# Tolerance of positions in a plane, relative to the coordinates.
+# Largest difference between the normals, and between the offsets relative to the coordinates, of
+# planes that count as equal.
 _FLAT = 1e-5
-# Smallest component of a normal that is not a rounding error. A tilt by this angle shifts an image
-# at 100 m by 10 um, about a radian of phase at terahertz frequencies.
+# Components of a normal below this value are treated as rounding errors. A tilt by this angle
+# shifts an image at 100 m by 10 um, which is about a radian of phase at terahertz frequencies.
 _AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
 
@@ -263,7 +264,7 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
 # Tolerance of an echo, relative to the coherent sum over all illuminated parts of the body. The
 # error of physical optics is much larger.
 ECHO_ERROR = 1e-3
-# Largest number of paths via bodies; each takes some milliseconds.
+# Largest number of paths via bodies; each path takes a few milliseconds.
 _MOST_PATHS = 5000
 
 

@@ -299,7 +299,7 @@ def render(
 
 # Class names of integrators that render radiance.
 _OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
-# Largest number of specular reflections of delta lights.
+# Largest number of specular reflections of the light from delta lights.
 _MOST_MIRRORS = 2
 
 
@@ -326,8 +326,8 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
     return result.astype(np.float32)
 
 
-# Scale of the mesh of a hidden source. A fraction of rays equal to its square still hits the mesh,
-# with zero radiance.
+# Scale factor of the mesh of a hidden source. A fraction of the rays, the square of this factor,
+# still hits the mesh, which has zero radiance.
 _HIDDEN_SCALE = 1e-3
 
 
@@ -353,7 +353,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 def polarised_by_default(
     scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set the Jones vector of sources and receivers without a polarisation."""
+    """Set the Jones vector of sources and receivers whose polarisation is not specified."""
     changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         sensors = [sensor for _, sensor in surfaces.receivers_of(scene)]

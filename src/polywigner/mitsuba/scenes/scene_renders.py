@@ -80,8 +80,8 @@ class SceneParts:
     ) -> npt.NDArray[np.float64]:
         """Compute the parts that are missing in a store, and return all values.
 
-        ``variable`` contains name and unit, and ``sizes`` the lengths of the axes. ``keeping``
-        contains ``scheduler``, ``threads`` and ``progress``.
+        ``variable`` contains the name and the unit, and ``sizes`` the lengths of the axes.
+        ``keeping`` contains ``scheduler``, ``threads`` and ``progress``.
         """
         name, units = variable
         attrs = {**vars(self.file), **settings}

@@ -250,7 +250,7 @@ def translate_error(error: Exception) -> PolywignerError:
 
 
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
-    """Convert an error of Mitsuba; ``state`` of its parser adds the name of the damaged file."""
+    """Convert an error of Mitsuba; the parser's ``state`` adds the name of the damaged file."""
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
@@ -327,8 +327,8 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 def _resolving(file: Path | None) -> Iterator[None]:
     """Resolve relative file names in the folder of a scene file.
 
-    Mitsuba loads plugin libraries from the resolver's folders. Its own folder is the first one, so
-    that no library next to a scene is loaded.
+    Mitsuba loads plugin libraries from the resolver's folders. Mitsuba's own folder is the first
+    one, so that no library next to a scene is loaded.
     """
     resolver = mi.FileResolver(mi.file_resolver())
     if file is not None:

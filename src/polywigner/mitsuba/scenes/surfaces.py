@@ -1,8 +1,8 @@
 """Emitters, sensors and shapes of a scene, and the end points of rays.
 
-Objects are sorted by id, because Mitsuba's order changes if it merges meshes. Mitsuba also ends
-shadow rays early by 9e-4 of their length. Rays of this package end at a height that exceeds only
-the rounding error of single precision.
+Objects are sorted by id, because Mitsuba's order changes if it merges meshes. Mitsuba also shortens
+shadow rays by 9e-4 of their length. The rays of this package instead end at a height above the
+surface that just exceeds the rounding error of single precision.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _emitter_key(emitter: mi.Emitter) -> _Key:
 
 def _shape_key(shape: mi.Shape) -> _Key:
     emitter = shape.emitter()
-    # `hide_emitters` changes the bounds of the meshes of sources, but not their poses.
+    # `hide_emitters` changes the bounds of source meshes, but not the poses of the sources.
     if hasattr(emitter, "spec"):
         return shape.id(), np.ravel(emitter.spec.pose).tolist(), ""
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
@@ -74,7 +74,7 @@ def sensors_of(scene: Any) -> list[mi.Sensor]:
 
 
 def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
-    """Return the receivers of a scene and their sensor indices, sorted by id; at least one."""
+    """Return sensor indices and receivers, sorted by id; raise SceneError if there are none."""
     receivers = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
     if not receivers:
         raise SceneError(
@@ -112,7 +112,7 @@ def vertices_of(mesh: mi.Mesh) -> Floats:
 
 
 def faces_of(mesh: mi.Mesh) -> Indices:
-    """Return the triangles of a mesh as indices of vertices, shape (t, 3)."""
+    """Return the triangles of a mesh as vertex indices, shape (t, 3)."""
     return np.array(mi.traverse(mesh)["faces"], np.intp).reshape(-1, 3)
 
 
@@ -155,7 +155,7 @@ def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
 
 
 def bounds_of(shape: mi.Shape) -> Floats:
-    """Return the bounding box (2, 3) of a shape, also if Mitsuba has merged its mesh."""
+    """Return the bounding box (2, 3) of a shape, even if Mitsuba has merged its mesh."""
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
         points = vertices_of(shape)
@@ -178,7 +178,7 @@ def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) ->
     # Without a normal, Mitsuba does not offset the start of the ray.
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
-    # Derivatives refer to the end point only.
+    # Only the end point has derivatives.
     return end + dr.detach(start + (short - start) * longer - end)
 
 
@@ -190,7 +190,7 @@ def number_of(kind: str, thing: Any) -> Drjit:
 
 
 class Reaches:
-    """Largest coordinates of the shapes of a scene, which limit the rounding of hits."""
+    """Largest coordinates of the shapes of a scene, which limit the precision of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
@@ -204,7 +204,7 @@ class Reaches:
             self._table = mi.Float(sizes.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
-        """Return the largest coordinate of an intersection and its shape."""
+        """Return the largest coordinate of an intersection point and of its shape."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
             key = id(si.shape)
@@ -229,9 +229,10 @@ _SAGITTA = 0.01
 # Radius of the largest sphere with this accuracy [wavelengths], and largest number of chords around
 # a circle.
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
-# Largest total number of faces, which take about 1 GB.
+# Largest total number of faces; these faces take about 1 GB.
 _MOST_FACES = 1 << 21
-# Largest height of vertices in a common plane, relative to the size of the body.
+# Largest distance between a plane and the vertices that count as lying in it, relative to the size
+# of the body.
 _FLATNESS = 1e-6
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
@@ -304,7 +305,7 @@ def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """Return a unit sphere, whose ``radius`` in wavelengths determines its resolution."""
+    """Return a unit sphere with the resolution for a sphere of ``radius`` wavelengths."""
     radius = min(radius, _LARGEST_SPHERE)
     latitudes = np.linspace(-math.pi / 2, math.pi / 2, _chords(radius) // 2 + 1)
     sizes = np.cos(latitudes)
