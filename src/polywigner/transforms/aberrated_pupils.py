@@ -38,10 +38,10 @@ from polywigner.transforms.aberrations import Aberration
 TOLERANCE = 1e-10
 """Default tolerance of integrals over aberrated pupils, as a fraction of the largest value."""
 
-# Numbers of additional nodes along a side, compared with a linear phase, in the order of trials.
+# Numbers of nodes along a side to try in turn, in addition to the nodes for a linear phase.
 _EXTRA = (1, 3, 6, 10, 16, 24, 34)
-# Largest number of quadrature nodes of a rule, and nodes per block, which takes some tens of
-# megabytes.
+# Largest number of nodes in a quadrature rule, and number of nodes per block (some tens of
+# megabytes).
 _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
@@ -51,7 +51,8 @@ def _bilinear(count_u: int, count_v: int) -> Floats:
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
 
-# Sample points of the phase gradient in a cell. Trapezoids may extend across the complete pupil.
+# Points at which the phase gradient is sampled in a cell. Trapezoids need more points, because they
+# may extend across the entire pupil.
 _IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
 # Number of additional nodes above which a rule also has more nodes per phase cycle, because the
 # phase may be steeper between the sample points.
@@ -130,17 +131,17 @@ class AberratedPupil:
 
     @cached_property
     def content(self) -> float:
-        """Upper bound of the integral of |u| over the pupil, where u is the field."""
+        """Upper bound on the integral of |u| over the pupil, where u is the field."""
         return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
 
     @cached_property
     def energy(self) -> float:
-        """Upper bound of the integral of |u|^2 over the pupil, where u is the field."""
+        """Upper bound on the integral of |u|^2 over the pupil, where u is the field."""
         return float((np.abs(self.weights) * self.amplitudes) ** 2 @ shapely.area(self.polygons))
 
     @cached_property
     def amplitudes(self) -> Floats:
-        """Upper bound of the field on each element, without the weight of the element."""
+        """Upper bound on |u| on each element, without the weight of the element."""
         return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
 
     def cycles(self, x: Floats) -> Floats:
@@ -161,7 +162,7 @@ class AberratedPupil:
         return np.asarray(total)
 
     def waves(self, numbers: Indices, x: Floats) -> Complex:
-        """Return the field of the element of each point, without weights and aberration."""
+        """Return the field at points on the specified elements, without weights and aberration."""
         values = np.ones(len(x), np.complex128)
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
@@ -186,9 +187,9 @@ class AberratedPupil:
     ) -> list[tuple[Floats, Floats]]:
         """Return the nodes and weights of quadrature rules on an element.
 
-        The nodes have the shape (n, m, 2), with equal x in a row. The field is multiplied by waves
-        exp(-2 pi i nu.x), and ``band`` contains the lowest and the highest frequency nu along each
-        axis.
+        The nodes have the shape (n, m, 2), and all nodes of a row have the same x. The field is
+        multiplied by waves exp(-2 pi i nu.x), and ``band`` contains the lowest and the highest
+        frequency nu along each axis.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
@@ -241,7 +242,7 @@ class Slices:
     second: Indices
     """Index of the element that contains x - xi/2, in the copy shifted by xi/2."""
     weights: Complex
-    """Product of one element's weight and the conjugate of the other."""
+    """Weight of the first element times the conjugate of the weight of the second."""
     polygons: NDArray[Any]
 
 
@@ -331,7 +332,7 @@ def _summed(index: Indices, values: Complex, count: int) -> Complex:
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength. Raises ArgumentError if it or the aberration is invalid.
+    """Return the wavelength. Raises ArgumentError if the wavelength or the aberration is invalid.
 
     ``has_gradients`` specifies whether Dr.Jit coefficients are allowed.
     """

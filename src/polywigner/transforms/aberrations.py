@@ -142,13 +142,13 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
 # Step of finite differences for path functions, as a fraction of the pupil's radius.
 _STEP = 1e-6
 _HIGHEST_RADIAL_ORDER = 200
-# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest. Below, the
-# polynomials are linearly dependent on the pupil.
+# Ratio of the smallest to the largest diagonal element of the Gram-Schmidt matrix. If the ratio is
+# smaller, the polynomials are treated as linearly dependent on the pupil.
 _DEPENDENT = 1e-10
 
 
 class Modes(Protocol):
-    """Functions on a pupil. A weighted sum of them, with coefficients in m, is a path length."""
+    """Functions on a pupil. The path length is their sum, weighted with coefficients in m."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
         """Return the values of the functions at positions in m, one row for each function."""
@@ -198,7 +198,7 @@ class PowerModes:
 
 @dataclass(frozen=True, eq=False)
 class FunctionMode:
-    """A path function of the user, whose coefficient is a dimensionless factor."""
+    """A user-defined path function, whose coefficient is a dimensionless factor."""
 
     path: Path
     radius: float
@@ -304,7 +304,7 @@ class Aberration:
         Raises
         ------
         ArgumentError
-            If there are not k finite numbers.
+            If ``coefficients`` does not consist of k finite numbers.
 
         Examples
         --------
@@ -333,7 +333,7 @@ class Aberration:
         """Return the derivatives of the path length W along x and y, shape (..., 2).
 
         The positions x and y are in m, and the derivatives are dimensionless. A ray from (x, y)
-        meets the focal plane at a distance from the axis that is the derivative times the focal
+        meets the focal plane at a point whose coordinates are the derivatives times the focal
         length. If W is a function, the derivatives are central differences.
         """
         points = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))

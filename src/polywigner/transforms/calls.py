@@ -73,11 +73,11 @@ class Transform:
     units: Any = content_units
     is_real: bool = False
     plane: tuple[str, ...] = ()
-    """Names of the position or lag, and of the frequency, that an optical system maps together."""
+    """Names of the two arguments, position or lag and frequency, that an optical system maps."""
     full: str | None = None
     """For a marginal, the transform that equals the marginal if its other argument is zero."""
     takes_degree: bool = False
-    """Whether partial coherence adds a factor, the degree of coherence at the last argument."""
+    """Whether partial coherence adds the degree of coherence at the last argument as a factor."""
 
 
 TRANSFORMS = {

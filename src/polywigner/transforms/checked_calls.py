@@ -21,7 +21,8 @@ PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
 
-# Frequencies per block, for transforms that are sums. The temporary arrays take some 60 MiB.
+# Number of frequencies per block, for transforms that are computed as sums. The temporary arrays
+# take some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 

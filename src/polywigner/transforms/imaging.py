@@ -41,19 +41,20 @@ from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
 
-# Largest number of intersections of polygons, which take some minutes and 2 GB of memory.
+# Largest number of polygon intersections. Computing this number takes some minutes and 2 GB of
+# memory.
 _MOST = 1 << 20
-# Values of waves per block, which takes 64 MB.
+# Number of plane-wave values per block, which takes 64 MB.
 _BLOCK = 1 << 22
-# Pairs of diffraction orders per block.
+# Number of pairs of diffraction orders per block.
 _PAIRS = 1 << 15
 # Relative size below which diffraction orders and image contributions are treated as rounding
 # errors.
 _ROUNDING = 1e-15
 # Allowed error of integrals over aberrated pupils, relative to the power of the condenser.
 _PRECISE = 1e-9
-# Overlap of two elements of a mask, relative to an element's area, that is treated as a rounding
-# error.
+# Overlap of two elements of a mask, relative to an element's area, below which the overlap is
+# treated as a rounding error.
 _OVERLAP = 1e-9
 
 
@@ -89,8 +90,8 @@ def transmission_cross_coefficient(
         Apertures of the condenser, in the same form as ``pupil``. The elements are incoherent with
         one another.
     xi_1, xi_2 : array_like, shape (..., 2)
-        Lags in the pupil in m. A lag is the wavelength, times the distance, times a frequency of
-        the object.
+        Lags in the pupil in m. A lag is the product of the wavelength, the distance and a frequency
+        of the object.
     defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`.
     pupil_radius : float, optional
@@ -205,7 +206,7 @@ def partially_coherent_image(
     Examples
     --------
     >>> import polywigner as pw
-    >>> lines = pw.shapes.rectangle(1e-6, 2e-6)  # of 1 um, every 2 um
+    >>> lines = pw.shapes.rectangle(1e-6, 2e-6)  # 1 um wide, every 2 um
     >>> pupil, condenser = pw.shapes.square(10e-3), pw.shapes.square(5e-3)
     >>> light = pw.partially_coherent_image(
     ...     lines, (2e-6, 2e-6), pupil, condenser, [(0, 0), (1e-6, 0)], 0.5e-6, 10e-3
@@ -296,7 +297,7 @@ class _System:
         return total * chirp[first] * chirp[second].conj() / self.power
 
     def _integrals(self, polygons: Any, nu: Floats, ahead: Floats, behind: Floats) -> Complex:
-        """Return the integral of exp(-2 pi i nu.x + 2 pi i [W(x + ahead) - W(x + behind)]).
+        """Return integrals of exp(-2 pi i nu.x + 2 pi i [W(x + ahead) - W(x + behind)]).
 
         Each integral extends over one of the polygons, and W is the path length in cycles.
         """
@@ -343,12 +344,12 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
 
 
 def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
-    """Return the part of the condenser whose light passes the pupil, for each lag."""
+    """Return the part of the condenser whose light passes through the pupil, for each lag."""
     return shapely.intersection(shifted(np.full(len(lags), pupil, object), -lags), light)
 
 
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Return the Fourier transform of each polygon at one frequency, (F2)."""
+    """Return the Fourier transform of each polygon at its own frequency, (F2)."""
     nu = np.asarray(frequencies, np.float64)
     begin, end, of, origin = edges_of(np.asarray(polygons, object))
     # A ring may be far smaller than its distance from the origin, so triangles start at a corner of
@@ -363,7 +364,7 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
 
 
 def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Return the frequencies of a lattice at which light of the condenser can pass the pupil."""
+    """Return the lattice frequencies at which light from the condenser can pass the pupil."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)

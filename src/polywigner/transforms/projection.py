@@ -75,7 +75,7 @@ def projections(
     """Compute the projections of a phase-space function onto pairs of its four coordinates.
 
     A projection, also called a tile, is the integral of the function over two of its coordinates.
-    The tiles are those of the paper's Fig. (projs) and those of two further pairs of coordinates.
+    The tiles are those in the paper's Fig. (projs), and tiles for two further pairs of coordinates.
     Each tile is named after its two remaining coordinates:
 
     =================  ============================  ==========================================
@@ -111,7 +111,7 @@ def projections(
     kind : {"autocorrelation", "wigner", "ambiguity"}, default "wigner"
         Function to be integrated.
     samples : int, default 129
-        Number of samples along every axis without ``coordinates``, from 2 to 4096. An odd number
+        Number of samples along each axis not in ``coordinates``, from 2 to 4096. An odd number
         includes zero frequency and zero lag. With the width b of the source, positions extend
         beyond the outline by b/16, lags extend to 9 b/8, and frequencies extend to 8/b. Along y, b
         is the height of the source.
@@ -128,8 +128,8 @@ def projections(
     xarray.Dataset
         The tiles. They are complex for "ambiguity", and for the "autocorrelation" of an Array or of
         a source with an illumination. All other tiles are real. Each tile has the attributes
-        ``units``, ``long_name``, ``method``, which names its closed form, and ``error``, which is
-        an upper bound of the rounding error for \\|nu\\| times diameter up to 1e3.
+        ``units``, ``long_name``, ``method`` (the name of its closed form) and ``error`` (an upper
+        bound on the rounding error for \\|nu\\| times diameter up to 1e3).
 
     Raises
     ------

@@ -46,7 +46,7 @@ def fourier(
     The transform is the integral of u(x) exp(-2 pi i nu.x) over the source, where u is the field.
     It has a closed form at any frequency nu, including zero (docs/theory.md, (F2), (F3), (S1),
     (C1), (I1)). The error is 1e-13 of the length, area or volume of the source, or 2e-6 in single
-    precision, for any size and direction of nu. Polyhedra and outlines with thin walls, and
+    precision, for any magnitude and direction of nu. Polyhedra and outlines with thin walls, and
     lattices of more than 100 cycles, lose digits (docs/accuracy.md).
 
     In contrast, the paper's eq. (FVT) has the kernel exp(+2 pi i nu.x) and is singular at nu = 0.
@@ -155,7 +155,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     if isinstance(source, PlacedAperture):
         uniform = uniform.placed(source.pose)
     frequencies = field.frequencies @ rotation.T
-    # Phases of waves are relative to the origin of the placed aperture, not of the world.
+    # Phases of waves are relative to the origin of the placed aperture, not to the world origin.
     amplitudes = field.amplitudes * shift_phases(frequencies, shift)
     for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
         shifted, lost = _difference(nu, kappa)
@@ -175,7 +175,7 @@ def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of an array, (C1), or from the array factor, (L3)."""
+    """Return the Fourier transform of an array from its elements, (C1), or array factor, (L3)."""
     if array.repeated is not None:
         first, shifts = array.repeated
         plane = in_plane(nu) if shifts.shape[1] == 2 else nu

@@ -41,8 +41,8 @@ from polywigner.transforms.pupil_gradients import (
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Smallest ratio of a pupil's energy to the sum of its elements' energies. Cancelled fields leave a
-# ratio of 1e-15. At 1e-13, normalised values have hardly any correct digits.
+# Smallest accepted ratio of a pupil's energy to the sum of its elements' energies. If the fields
+# cancel, the ratio is about 1e-15. At 1e-13, normalised values have hardly any correct digits.
 _DARK = 1e-13
 
 
@@ -75,14 +75,14 @@ def otf(
         origin. A curved wave with the radius of curvature r is equivalent to a defocus of a^2/(2
         wavelength r) waves.
     xi : array_like, shape (..., d)
-        Lags in the pupil in m. A lag is the wavelength, times the image distance, times the spatial
-        frequency in the image.
+        Lags in the pupil in m. A lag is the product of the wavelength, the image distance and the
+        spatial frequency in the image.
     defocus : float, default 0
         Wavefront aberration w = W20 at ``pupil_radius``, in waves.
     pupil_radius : float, optional
         Radius a in m. The default is the largest distance of a vertex from the origin. For a disc
         of radius R pass R: ``otf(shapes.disc(R), xi, defocus, R)``. The disc is a polygon with n
-        vertices and the area of the disc, so its vertices are farther out than R. With the default
+        vertices and the area of the disc, so its vertices lie outside radius R. With the default
         radius, the error for one wave of defocus is up to 1.3e-3 for n = 64 and 2e-2 for n = 16.
         With the radius R it is up to 1e-5 and 1.4e-3.
     aberration : Aberration, optional
@@ -106,7 +106,8 @@ def otf(
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type, shape or range, or an aberration has no wavelength.
+        If an argument has the wrong type, shape or range, or the wavelength of an aberration is
+        missing.
     IlluminationError
         For an Array whose fields cancel everywhere, and for partly coherent sources, because their
         images are not linear in the field of the object.
@@ -146,7 +147,7 @@ def _otf_jets(
 ) -> Jets:  # fmt: skip
     """Return the OTF at one wavelength and its derivatives, as jets of shape (n, 1 + m).
 
-    ``bend`` is the defocus in waves over the squared pupil radius.
+    ``bend`` is the defocus in waves divided by the squared pupil radius.
     """
     if wavelength is not None:
         source = source.at_wavelength(wavelength)

@@ -164,7 +164,8 @@ class Edges:
         """Return the nodes and weights of quadrature rules on parts of edges.
 
         Each node has two weights: the weight of the rule times 1 - t and times t, where t is the
-        fraction of the edge. For ``slopes`` and ``half_band`` see :func:`region_integrals`.
+        position of the node as a fraction of the edge. For ``slopes`` and ``half_band`` see
+        :func:`region_integrals`.
         """
         edge, low, high = parts
         begin, vector, length = self.begin[edge], self.vector[edge], high - low
@@ -178,7 +179,7 @@ class Edges:
         return x, fractions * np.outer(length, weights)[..., None]
 
     def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
-        """Return the sums at all vertices of the terms at the ends of edges, times the normals."""
+        """Return the sum of the end terms, times normals, of the edges that meet at each vertex."""
         total = np.zeros((len(self.begin), 2, *terms.shape[:-2]), np.complex128)
         moments = terms[..., None] * self.normals[edge][:, None]
         np.add.at(total, self.ends[edge], np.moveaxis(moments, (-3, -2, -1), (0, 1, 2)))
@@ -239,8 +240,7 @@ class _OfSlices:
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
         pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
         for row, i, j, weight in pairs:
-            # Relative to the copy with the element ``i``, the other copy is displaced by minus the
-            # lag.
+            # A point p in the copy with element ``i`` is p minus the lag in the other copy.
             ahead = self._along_edges(edges, i, j, -regions.lags[row])
             behind = self._along_edges(edges, j, i, regions.lags[row]).conj()
             total[row, edges[i].vertices] += weight * ahead
@@ -250,9 +250,9 @@ class _OfSlices:
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
         """Return the derivatives with respect to the vertices of element ``one`` of one copy.
 
-        They are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges, with the
-        normal N and the fraction t of an edge, over points p for which p + shift lies in element
-        ``other``.
+        They are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges, over points
+        p for which p + shift lies in element ``other``. N is the normal of an edge, and t is the
+        position of p as a fraction of the edge.
         """
         pupil, moving = self.pupil, edges[one]
         near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())
@@ -289,7 +289,7 @@ class _OfSlices:
 def _pieces(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
 ) -> tuple[Parts, Floats]:
-    """Return parts of edges in a shifted polygon, and factors of 1 inside, 1/2 on its edges."""
+    """Return the parts of edges inside a shifted polygon (factor 1) or on its edges (1/2)."""
     begin, vector = edges.begin + shift, edges.vector
     edge, cut = _cuts(begin, vector, others, near)
     is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
@@ -304,7 +304,7 @@ def _pieces(
 
 
 def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
-    """Return edge indices and fractions at which edges end or cross another polygon, sorted."""
+    """Return the sorted edge indices and fractions at which edges end or cross another polygon."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]

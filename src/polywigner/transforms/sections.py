@@ -40,9 +40,9 @@ _BLOCK = 1 << 20
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""Function that converts the frequencies of pairs of waves, each of shape (m, 2), to frequency
-shifts of the transform and to rates, the frequencies of the pair's phase along the coordinates
-of a tile."""
+"""Function (first frequencies, second frequencies), each of shape (m, 2), of m pairs of waves. It
+returns the frequency shifts of the transform, and the phase rates: the frequencies of a pair's
+phase along the coordinates of a tile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def field_of(source: Aperture | Array) -> PlaneField:
 
 @dataclass(frozen=True)
 class Sections:
-    """Intervals of y with weights, each of which belongs to one of ``count`` values of x."""
+    """Weighted intervals of y. Each interval belongs to one of ``count`` values of x."""
 
     count: int
     row: Indices
@@ -104,7 +104,7 @@ class _Upright:
     left: Floats
     right: Floats
     step: NDArray[Any]
-    """Change of the field if the edge is crossed upwards."""
+    """Change in the field where the edge is crossed in the direction of +y."""
     element: Indices
 
 
@@ -155,7 +155,7 @@ def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
 def _row_sums(
     row: Indices, count: int, columns: int, term: Callable[[Indices], tuple[Floats, Floats]]
 ) -> Complex:
-    """Return the sum of cosine - i sine over entries with the same, ascending, index in ``row``."""
+    """Return sums of cosine - i sine over the entries of each row; ``row`` must be ascending."""
     total = np.zeros((count, columns), np.complex128)
     rank = np.arange(len(row)) - np.searchsorted(row, row)
     for k in range(rank.max(initial=-1) + 1):
@@ -198,7 +198,7 @@ def phase(centre: float, nu: Floats) -> Complex:
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Boundary edges of regions with weights, each of which belongs to one of ``count`` rows."""
+    """Boundary edges of weighted regions. Each region belongs to one of ``count`` rows."""
 
     count: int
     row: Indices
@@ -316,8 +316,8 @@ def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
 def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[Any]:
     """Return twice the integral of the product of a uniform field and its mirror image.
 
-    The image is reflected at the vertical line at x, moved up by the lag, and conjugated, (P5). The
-    result has one row for each x and one column for each lag.
+    The image is reflected about the vertical line at x, moved up by the lag, and conjugated, (P5).
+    The result has one row for each x and one column for each lag.
     """
     edges = _upright(field)
     left, right = edges.left, edges.right

@@ -66,9 +66,9 @@ def differentiable(
     Raises
     ------
     ArgumentError
-        If an array has the wrong kind or number of entries.
+        If an array has the wrong type or number of entries.
     GeometryError
-        If the vertices form no valid outline, or reverse the orientation of an outline.
+        If the vertices do not form a valid outline, or reverse the orientation of an outline.
     IlluminationError
         If the weights are not finite numbers, or all zero.
 

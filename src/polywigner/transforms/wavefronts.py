@@ -1,10 +1,10 @@
 """Transforms of curved and partially coherent sources.
 
 The Fourier transform of a curved wave is a sum of Fresnel integrals along edges. Partial coherence
-multiplies A and R by the degree of coherence exp(-xi^2/(2 width^2)), (PC3), the mean of exp(2 pi i
-t.xi) over tilts t with a normal density and the standard deviation 1/(2 pi width), (PC2). W has a
-closed form, (I5). W of large arrays, power spectra and exact fields are averages over tilts. The
-number of tilts depends on the longest lag, the size of the bounding box.
+multiplies A and R by the degree of coherence exp(-xi^2/(2 width^2)), (PC3). It is the mean of
+exp(2 pi i t.xi) over normally distributed tilts t with the standard deviation 1/(2 pi width),
+(PC2). W has a closed form, (I5). Power spectra, exact fields and the W of large arrays are averages
+over tilts. The number of tilts depends on the longest lag, which is the size of the bounding box.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from polywigner.transforms.checked_calls import Values, broadcast_shape
 TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of averages over tilts in double and single precision, relative to the largest A."""
 
-# Largest ratio of the coherence width to the diagonal of a source, in double and in single
-# precision, for the closed form of W, which loses digits by cancellation. For larger ratios, W
-# equals the coherent W plus a term proportional to 1/width^2. The next term is 1.3e-13 of W, or
-# 8e-7.
+# Largest ratio of the coherence width to the diagonal of a source, in double (True) and single
+# precision, for which the closed form of W is used. It loses digits by cancellation at larger
+# ratios, so W is computed as the coherent W plus a term proportional to 1/width^2. The next term is
+# 1.3e-13 of W, or 8e-7.
 _WIDEST = {True: 1e3, False: 20.0}
 
 _BLOCK = 1 << 20
@@ -158,7 +158,7 @@ def within_widths(
     nu: Any,
     double: bool,
 ) -> Values:
-    """Return W for any coherence width, from ``closed_form(source, x, nu)`` for limited widths."""
+    """Return W for any coherence width; ``closed_form(source, x, nu)`` has a largest width."""
     most, width = _WIDEST[double] * math.hypot(*sides_of(wave.bounds)), wave.coherence_width
     values = closed_form(wave._with(coherence_width=min(width, most)), x, nu)
     if width <= most:
@@ -172,8 +172,8 @@ def mean_over_tilts(
 ) -> Values:
     """Return the mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
 
-    ``nu`` and ``others`` broadcast. The tilts form the last axis of the samples, so that each slice
-    is computed once.
+    ``nu`` and ``others`` broadcast. The tilts form the last axis of the samples, so each slice is
+    computed once for all tilts.
     """
     tilts, weights = tilts_of(source, TILT_ERROR[double])
     arrays = [np.asarray(points) for points in (*others, nu)]
