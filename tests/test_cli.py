@@ -9,6 +9,7 @@ import pytest
 
 from polywigner.cli import main
 from polywigner.cli.options import check_writable, targets, writing
+from polywigner.cli.sources import frequency_text
 from polywigner.errors import ArgumentError
 
 HEAVY = ("numpy", "shapely", "matplotlib", "drjit", "mitsuba", "rich")
@@ -110,3 +111,11 @@ def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
         check_writable([tmp_path / "folder.png"])
     check_writable([tmp_path / "new" / "a.png"])
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("wavelength", "text"),
+    [(299792458 / 94e9, "94 GHz"), (1e-6, "299.8 THz"), (3e9, "0.09993 Hz")],
+)
+def test_titles_state_the_frequency_of_a_wavelength(wavelength, text):
+    assert frequency_text(wavelength) == text

@@ -245,6 +245,16 @@ def failing_child(script, library=""):
     return subprocess.CompletedProcess([], 1, "", "NameError: name '_drjit_ext' is not defined")
 
 
+def test_the_version_is_the_last_word_that_the_kernels_print(machine, monkeypatch):
+    library(machine / "system", "libLLVM.so")
+    child = subprocess.CompletedProcess([], 0, "jit_init(): 1 warning\n20.1.8\n", "")
+    monkeypatch.setattr(module, "run_in_child", lambda script, library: child)
+    assert module.prepare().version == "20.1.8"
+    monkeypatch.setattr(module, "run_in_child", failing_child)
+    monkeypatch.setattr(module, "_status", None)
+    assert module.prepare().version == "20.1.8"  # as remembered
+
+
 # --- installation ------------------------------------------------------------------------------
 
 # Stands for apt: offers nothing before `update`, then libatomic1, and LLVM from a file $LLVM.
