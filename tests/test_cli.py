@@ -21,7 +21,7 @@ def test_help_imports_no_heavy_library():
         f"print('HEAVY', [m for m in {HEAVY} if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert "HEAVY []" in run.stdout
+    assert "HEAVY []" in run.stdout and not run.stderr
     assert all(command in run.stdout for command in ("render", "transform", "doctor"))
 
 
@@ -119,3 +119,9 @@ def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
 )
 def test_titles_state_the_frequency_of_a_wavelength(wavelength, text):
     assert frequency_text(wavelength) == text
+
+
+def test_a_range_profile_may_have_65536_bins(capsys):
+    for bins, words in (("65536", "none.xml"), ("65537", "--bins")):
+        assert main(["receive", "none.xml", "--range", "9 m", "--bins", bins]) == 2
+        assert words in capsys.readouterr().err

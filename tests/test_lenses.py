@@ -154,6 +154,7 @@ def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: 
         assert (tmp_path / f"pupil_{kind}.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("unrendered_figures")
 def test_commands_take_zernike_coefficients_and_a_numerical_aperture(
     tmp_path: Any, pupil_file: Any
 ) -> None:
