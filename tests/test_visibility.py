@@ -143,8 +143,9 @@ def over_a_floor(distance: float, estimator: str, **parts: Any) -> tuple[Any, An
     return scene, one, other
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
-@pytest.mark.parametrize("estimator", [pytest.param("exact", marks=pytest.mark.slow), "wigner"])
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
 def test_a_wall_close_to_either_end_blocks_scattered_light(compiled: None, estimator: str) -> None:
     free, *_ = over_a_floor(100.0, estimator)
     expected = pm.received_power(free, spp=4096, seed=1).scattered

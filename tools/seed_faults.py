@@ -73,7 +73,7 @@ AREAS = {  # subpackages of an area, and words in the names of its test files
 }
 # Imported once, for all processes that are forked; not Dr.Jit, which has threads.
 LIBRARIES = ("hypothesis", "matplotlib.pyplot", "mpmath", "pytest", "scipy", "shapely", "xarray")
-SHORTEST, SECONDS = 40, 60.0  # number of tests that run first; sum of the durations of all tests
+SHORTEST, SECONDS = 12, 30.0  # number of tests that run first; sum of the durations of all tests
 Table = dict[tuple[str, int], list[str]]
 
 _COMPARED = {"Lt": "GtE", "LtE": "Lt", "Gt": "LtE", "GtE": "Gt", "Eq": "NotEq", "NotEq": "Eq"}
