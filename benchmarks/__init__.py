@@ -1,6 +1,6 @@
-"""The comparison behind ``make bench``, and studies of one thing each.
+"""The comparison of ``make bench``, and separate studies.
 
-``python -m benchmarks`` asks the ``questions`` one after the other, each case in a process of its
-own in which we and the ``peers`` take turns, and writes a table, JSON and figures into
-``benchmarks/results``. The other scripts in this folder are studies: run one with ``python``.
+``python -m benchmarks`` runs the ``questions``, each case in a separate process in which polywigner
+and the ``peers`` take turns, and writes a table, JSON and figures to ``benchmarks/results``. The
+other scripts in this folder are studies: run one with ``python``.
 """

@@ -1,8 +1,8 @@
-"""The whole comparison in one go: ``python -m benchmarks``, or ``make bench``.
+"""Run the complete comparison: ``python -m benchmarks``, or ``make bench``.
 
-Every question is asked of every case, each in a separate process, in which polywigner and its
-peers take turns. Peers that are not installed are listed as such. Writes comparison.md,
-comparison.json, rates.png and ratios.png.
+Each case of each question runs in a separate process, in which polywigner and its peers take turns.
+Peers that are not installed are listed. Writes comparison.md, comparison.json, rates.png and
+ratios.png.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RESULTS = Path(__file__).resolve().parent / "results"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, write, say where; 1 if a process failed, 2 (by SystemExit) for wrong options."""
+    """Run all cases and write the results; return 1 if a process failed."""
     parser = _parser()
     options = parser.parse_args(arguments)
     if options.list:
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ]
     if not chosen:
         parser.error(f"expected a --case that there is, got {options.case!r}; see --list")
-    try:  # better now than after half an hour
+    try:  # before half an hour of work
         report.check_writable(options.out)
     except OSError as error:
         parser.error(f"expected a folder to write into, got {options.out}: {error.strerror}")

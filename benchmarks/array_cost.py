@@ -1,11 +1,11 @@
-"""What does a sample of W cost on an array of N elements, against one element, and how accurately?
+"""What does a sample of W cost on an array of N elements, against one element, and how accurate is
+it?
 
 Rows: N = 1 to 1024 square patches, on a lattice with equal weights, with a separable taper and a
-steering phase, with any weights; and scattered at random at the same density. Times are the
-engine's, arrays in it, as ratios to one patch measured in turn; errors are against the sum over all
-pairs of elements, in units of the energy. And the array factor against phased-array-modeling, the
-package that an antenna engineer would install. Times are CPU seconds: a busy machine slows all
-alike.
+steering phase, or with any weights; and at random positions with the same density. Times are ratios
+to one patch measured in turn, for arrays of the engine; errors are relative to the sum over all
+pairs, in units of the energy. The array factor is compared with phased-array-modeling. Times are
+CPU seconds.
 
     python benchmarks/array_cost.py [--samples 262144] [--threads 1]
 """
@@ -24,14 +24,14 @@ import numpy as np
 
 import polywigner as pw
 
-PITCH = 1.4  # patches of side 1
+PITCH = 1.4  # for patches of side 1
 SIDES = (1, 2, 4, 8, 16, 32)
-CHECKED = 24  # points at which errors are measured
+CHECKED = 24  # number of points with an error
 REPEATS = 5
 
 
 def arrays(side: int) -> dict[str, Any]:
-    """The arrays of side^2 patches by kind."""
+    """Return arrays of side^2 patches by kind."""
     patch, rng = pw.shapes.square(1.0), np.random.default_rng(side)
     count = side * side
     if side == 1:
@@ -58,7 +58,7 @@ def points(side: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pair_sum(array: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """W as the sum over all pairs, each the patch's own W at the midpoint."""
+    """Return W as the sum over all pairs, each W of the patch at the midpoint."""
     element, places = array.repeated
     first, second = np.triu_indices(len(places))
     mean, apart = (places[first] + places[second]) / 2, places[first] - places[second]
@@ -74,7 +74,7 @@ def pair_sum(array: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 
 def error(array: Any, precision: str) -> float:
-    """The largest, relative to the energy of the field."""
+    """Return the largest error relative to the energy of the field."""
     if isinstance(array, pw.Aperture):
         return 0.0
     x, nu = points(math.isqrt(len(array)), CHECKED)
@@ -102,7 +102,7 @@ def engine_arrays(double: bool, side: int, samples: int) -> tuple[Any, Any]:
 
 
 def costs(double: bool, samples: int) -> list[tuple[str, int, float, float, float]]:
-    """(kind, N, seconds of the first call, ns a sample, ratio to one patch measured in turn)."""
+    """Return (kind, N, seconds of the first call, ns per sample, ratio to one patch)."""
     import drjit
 
     def call(source: Any, where: tuple[Any, Any]) -> Callable[[], None]:
@@ -127,7 +127,7 @@ def costs(double: bool, samples: int) -> list[tuple[str, int, float, float, floa
 
 
 def tapered() -> dict[str, Any]:
-    """Rectangles with fields by name."""
+    """Return rectangles with fields by name."""
     sides = (1.0, 0.8)
     taylor = pw.taylor_taper(*sides, 30, 4)
     fields = {
@@ -140,7 +140,7 @@ def tapered() -> dict[str, Any]:
 
 
 def product_costs(double: bool, samples: int) -> None:
-    """W and A of tapered rectangles against a uniform one, measured in turn."""
+    """Print W and A of tapered rectangles against a uniform rectangle, measured in turn."""
     import drjit
 
     from polywigner.execution import ops_for
@@ -183,7 +183,7 @@ def product_costs(double: bool, samples: int) -> None:
 
 
 def peer_factor(samples: int) -> None:
-    """The array factor in scattered directions, compared with phased-array-modeling."""
+    """Print the array factor in random directions, compared with phased-array-modeling."""
     try:
         import phased_array
     except ImportError:
@@ -217,7 +217,7 @@ def peer_factor(samples: int) -> None:
         pairs = [(timed(ours), timed(theirs)) for _ in range(REPEATS)]
         own, peer = (min(column) * 1e3 for column in zip(*pairs, strict=True))
         ratio = statistics.median(t / o for o, t in pairs)
-        # the peer's factor has exp(+i k.r): the opposite direction
+        # The peer's factor has exp(+i k.r), so the direction is opposite.
         gap = np.abs(pw.array_factor(places, weights, -nu) - results["peer"]).max() / side**2
         print(f"| {side**2} | {own:.2f} | {peer:.1f} | {ratio:.0f} | {gap:.1e} |")
 

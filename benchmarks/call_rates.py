@@ -1,16 +1,16 @@
-"""What does a call by users cost, as a multiple of a fixed piece of work in NumPy?
+"""What does a user's call cost, as a multiple of a fixed computation in NumPy?
 
-Default engine and NumPy arrays in and out. Each case has separate processes, forked after
-polywigner's own modules are there, with no kernel on disk from earlier ones: the first call (the
-better of two processes), and the median of the next ones, in turns with the peer. Processor seconds
-of all threads: shared machines have no other clock. The peer is the edge sum of a 16-gon's F at
-4096 frequencies, written in NumPy, some milliseconds.
+Default engine, NumPy arrays in and out. Each case runs in separate processes, forked after the
+import of polywigner, with no compiled kernels on disk: the first call (the better of two
+processes), and the median of the next calls, in turns with the peer. Times are processor seconds of
+all threads, which do not depend on the load of the machine. The peer is F of a 16-gon at 4096
+frequencies in NumPy, some milliseconds.
 
     python benchmarks/call_rates.py [--only SOURCE ...] [--functions wigner ...] [--into FILE]
                                     [--against FILE]
 
-Adds the results to a JSON file, and prints the whole file as a table; ``--against`` another file,
-with ratios to it, and their geometric means.
+Adds the results to a JSON file, and prints the file as a table; ``--against`` adds ratios to
+another file, and their geometric means.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ Row = dict[str, float]
 
 
 def peer() -> Any:
-    """F of a 16-gon at 4096 frequencies, edge by edge."""
+    """Return F of a 16-gon at 4096 frequencies, a sum over edges."""
     ring = np.exp(2j * np.pi * np.arange(16) / 16)
     nu = np.linspace(0.1, 9.0, 4096) * np.exp(1j * np.arange(4096))
     total = np.zeros(4096, complex)
@@ -68,7 +68,7 @@ def _seconds(action: Any) -> float:
 
 
 def _measured(case: Case) -> tuple[float, float]:
-    """The first call and the next ones, over the peer."""
+    """Return the times of the first call and of the next calls over the peer's time."""
     source = SOURCES[case.source]()
     given, function = arguments(case, source), getattr(pw, case.function)
     before = [_seconds(peer) for _ in range(5)]
@@ -82,13 +82,13 @@ def _measured(case: Case) -> tuple[float, float]:
 
 
 def in_child(case: Case) -> tuple[float, float]:
-    """The same in a separate process; infinite where it does not end."""
+    """Return the times from a separate process, or infinity if it fails."""
     reader, writer = os.pipe()
     home = tempfile.mkdtemp()
     child = os.fork()
     if child == 0:
         os.close(reader)
-        os.environ["HOME"] = home  # Dr.Jit keeps compiled kernels there
+        os.environ["HOME"] = home  # Dr.Jit stores compiled kernels there
         try:
             os.write(writer, pickle.dumps(_measured(case)))
         except Exception:
@@ -106,7 +106,7 @@ def in_child(case: Case) -> tuple[float, float]:
 
 
 def table(rows: dict[str, Row], reference: dict[str, Row]) -> list[str]:
-    """First call / next calls, by number of samples; ratios to a reference in brackets."""
+    """Return rows of times of the first and the next calls, with ratios in brackets."""
     lines = ["| | " + " | ".join(f"{n:,}" for n in SIZES) + " |", "|---|" + "---|" * len(SIZES)]
     groups = dict.fromkeys(key.rsplit(" | ", 1)[0] for key in rows)
     for group in groups:

@@ -2,10 +2,10 @@
 
 python benchmarks/coherence.py
 
-Wigner function of a square, a hexagon, a chevron and two of them at 4096 random points, at one
-place with a grid of 64 x 64 frequencies, the radiant intensity in 2000 directions, which is a mean
-over tilts, and the irradiance of rays at 50 points. Both lights in turn. Widths of coherence as a
-share of the side of the source's box.
+W of a square, a hexagon, a chevron and two chevrons at 4096 random points, and at one position on a
+grid of 64 x 64 frequencies; the radiant intensity in 2000 directions, a mean over tilts; and the
+irradiance of rays at 50 points. Both sources in turn. Coherence widths are relative to the side of
+the source's bounds.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ SOURCES = {
     "chevron": pw.shapes.chevron(SIDE, 0.6 * SIDE, 0.2 * SIDE),
     "two chevrons": pw.shapes.chevron_pair(SIDE, 0.6 * SIDE, 0.2 * SIDE),
 }
-# A mean over more points takes minutes.
 MOST_TILTS = 3000
 SHARES = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 
 
 def fastest(*calls: Callable[[], Any], rounds: int = 5) -> list[float]:
-    """The least time of each call in s, of calls in turn."""
+    """Return the shortest time of each call in s, of calls in turn."""
     times: list[list[float]] = [[] for _ in calls]
     for _ in range(rounds + 1):
         for call, took in zip(calls, times, strict=True):
@@ -62,7 +61,7 @@ def main() -> None:
     for name, source in SOURCES.items():
         for share in SHARES:
             partly = source.partially_coherent(share * SIDE)
-            tilts = len(tilts_of(partly, TILT_ERROR[True])[1])  # of the intensity
+            tilts = len(tilts_of(partly, TILT_ERROR[True])[1])  # for the radiant intensity
             cells = []
             for what, call in calls.items():
                 if what == "intensity" and tilts > MOST_TILTS:

@@ -1,9 +1,9 @@
-"""Question: how far from exact are W, R and A where all edges coincide, and F far off the origin?
+"""How accurate are W, R and A if all edges coincide, and F far from the origin?
 
-Random outlines that are mirror images of themselves, or nearly, at their centres, at lags of 0 and
-along edges: regular and irregular polygons of 3 to 1000 vertices, sheared, turned and shifted, and
-rings of them. And array factors of lattices 10 to 10,000 diameters off the origin, turned or not.
-Prints the worst errors, in units of the area or of the sum of weights, and their seeds. Takes some
+Random outlines with (nearly) mirror symmetry, at their centres, at lags of 0 and along edges:
+regular and irregular polygons of 3 to 1000 vertices, sheared, rotated and shifted, and rings of
+them. And array factors of lattices 10 to 10,000 diameters off the origin, rotated or not. Prints
+the largest errors, relative to the area or to the sum of weights, and their seeds. Takes some
 seconds for each outline.
 
     python benchmarks/coincident_accuracy.py [--outlines 500] [--arrays 200] [--seed 0]
@@ -27,15 +27,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles import exact
 
-SAMPLES = 264  # beyond what NumPy takes as rows of a table, ...
-MOST_VERTICES = 40  # ... which takes seconds for more of them
+SAMPLES = 264  # more than NumPy computes without chunks
+MOST_VERTICES = 40  # takes seconds for more vertices
 CYCLES = (0.0, 0.7, 4.0)  # |nu| times the diameter
 DECADES = (1, 10, 100, 1000)
 Worst = dict[tuple[str, ...], tuple[float, int]]
 
 
 def outline(seed: int) -> tuple[str, list[np.ndarray], np.ndarray]:
-    """Its kind, its rings (a hole second), and its centre."""
+    """Return kind, rings (a hole second), and centre."""
     rng = np.random.default_rng([1, seed])
     n = int(np.exp(rng.uniform(np.log(3), np.log(1000))))
     angle = 2 * np.pi * np.arange(n) / n + rng.uniform(0, 7)
@@ -58,7 +58,7 @@ def outline(seed: int) -> tuple[str, list[np.ndarray], np.ndarray]:
 
 
 def places(rng: np.random.Generator, ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions relative to the centre, and lags."""
+    """Return positions relative to the centre, and lags."""
     edges = np.roll(ring, -1, axis=0) - ring
     edge = edges[rng.integers(len(edges))]
     jitter = 10 ** rng.uniform(-17, -9, (2, 1)) * rng.normal(size=(2, 2))
@@ -67,7 +67,7 @@ def places(rng: np.random.Generator, ring: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def outline_errors(seed: int, engines: list[str]) -> Iterator[tuple[tuple[str, ...], float]]:
-    """((kind, function, engine, precision), error over area), one for each form of the call."""
+    """Yield ((kind, function, engine, precision), error over area) for each form of the call."""
     kind, rings, centre = outline(seed)
     rng = np.random.default_rng([2, seed])
     source = pw.Aperture(shapely.Polygon(rings[0], rings[1:]))
@@ -105,7 +105,7 @@ def outline_errors(seed: int, engines: list[str]) -> Iterator[tuple[tuple[str, .
 
 
 def lattice(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (n, 2), the pitch, and the rotation (2, 2) of the rows."""
+    """Return positions (n, 2), the pitch, and the rotation (2, 2) of the rows."""
     rng = np.random.default_rng([3, seed])
     counts, pitch = rng.integers(4, 24, 2), 10 ** rng.uniform(-3, 1) * rng.uniform(0.5, 1.5, 2)
     turn = rng.choice([0.0, rng.uniform(0, 7)])
@@ -118,14 +118,14 @@ def lattice(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def exact_factor(sites: np.ndarray, nu: np.ndarray) -> complex:
-    """The array factor with exact phases."""
+    """Return the array factor with exact phases."""
     p, q = (Fraction(c) for c in nu.tolist())
     turns = [p * Fraction(x) + q * Fraction(y) for x, y in sites.tolist()]
     return complex(np.exp(-2j * np.pi * np.array([float(t - round(t)) for t in turns])).sum())
 
 
 def lattice_errors(seed: int, engines: list[str]) -> Iterator[tuple[tuple[str, ...], float]]:
-    """((|nu| D, engine), error over the number of sites), at random and near grating lobes."""
+    """Yield ((|nu| D, engine), error over the number of sites)."""
     sites, pitch, turned = lattice(seed)
     rng, extent = np.random.default_rng([4, seed]), np.hypot(*np.ptp(sites, axis=0))
     for decade in DECADES:
@@ -146,7 +146,6 @@ def _report(worst: Worst) -> None:
 
 
 def main() -> None:
-    """Search and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--outlines", type=int, default=500)
     parser.add_argument("--arrays", type=int, default=200)

@@ -1,12 +1,12 @@
-"""Question: how far are black edges, and soft and hard edges one at a time, from exact fields?
+"""How far are fields at black, soft and hard edges, one edge at a time, from exact fields?
 
 Run ``python benchmarks/conducting_edges.py``; takes a minute. Prints Markdown tables of levels in
 dB. Lengths are in wavelengths.
 
 - A half-plane and a block of 90 degrees: exact fields of a point source are integrals along the
   edge (Svensson, Fred and Vanderkooy, J. Acoust. Soc. Am. 106, 2331, 1999).
-- A strip in a plane wave: integral equations for the field of its currents. The field of a long
-  plate differs from the field of the strip by waves that pass from one edge to the other.
+- A strip in a plane wave: integral equations for the currents. The field of a long plate differs
+  from the field of the strip by waves from one edge to the other.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ ANGLES = (2.0, 5.0, 10.0, 20.0, 40.0)  # degrees into the shadow
 STARTS = (90.0, 40.0)  # degrees of the source from the half-plane
 WIDTHS = (0.5, 1.0, 3.0, 10.0)  # of strips
 TILTS = (0.0, 40.0, 75.0)  # degrees of the plane wave from the normal of the strip
-LONG = 1e5  # length of plates that stand for infinite ones
-DISTANCE = 1e6  # of the source that stands for a plane wave
-FLOOR = -30.0  # dB of the free field: darker points are left out
+LONG = 1e5  # length of quasi-infinite plates
+DISTANCE = 1e6  # of a point source in place of a plane wave
+FLOOR = -30.0  # lowest compared level in dB relative to the free field
 
 
 def field_of_wedge(kind: str, outside: float, start: float, angles: Array) -> Array:
-    """u over exp(ikR)/R in the shadow of a wedge, at ``angles`` from its illuminated face.
+    """Return u over exp(ikR)/R in the shadow of a wedge, at ``angles`` from its illuminated face.
 
     ``outside``: the angle of space, in rad; ``start``: angle of the source. Source and points are
     at the distance AWAY from the edge, and not on the boundary of the shadow.
@@ -57,12 +57,12 @@ def field_of_wedge(kind: str, outside: float, start: float, angles: Array) -> Ar
 
 
 def behind_plate(edge: Any, start: float, angles: Array) -> Array:
-    """u over exp(ikR)/R of a large plate, z = 0 and x < 0, at ``angles`` from its front."""
+    """Return u over exp(ikR)/R of a large plate, z = 0 and x < 0, at ``angles`` from its front."""
 
     def at(angle: Any) -> Array:
         return AWAY * np.stack([-np.cos(angle), 0 * angle, -np.sin(angle)], axis=-1)
 
-    # a plate like an M, whose other edges are far away; see double_edges.py
+    # An M-shaped plate, whose other edges are far away; see double_edges.py.
     corners = [(0.0, -1.0), (0.0, 1.0), (-0.6, 1.2), (-0.4, 0.0), (-0.6, -1.2)]
     plate = pw.Aperture([(LONG * x, LONG * y) for x, y in corners]).placed(np.eye(4))
     source, points = at(np.array(start)), at(angles)
@@ -93,7 +93,7 @@ def edges_table() -> None:
 
 
 class Strip:
-    """The field of a soft or hard strip, |x| < width/2 and z = 0, in a plane wave."""
+    """Field of a soft or hard strip, |x| < width/2 and z = 0, in a plane wave."""
 
     def __init__(self, kind: str, width: float, tilt: float) -> None:
         self.kind, self.half = kind, width / 2
@@ -104,7 +104,7 @@ class Strip:
         apart = np.abs(self.x[:, None] - self.x)
         m = np.arange(1, count)
         waves = np.cos(np.outer(theta, m))
-        # quadrature of ln|cos(theta) - cos(theta')| on the nodes, for even periodic functions
+        # Quadrature of ln|cos(theta) - cos(theta')| on the nodes, for even periodic functions.
         logs = -self.step * (np.log(2.0) + 2 * (waves / m) @ waves.T)
         safe = np.where(apart > 0.0, apart, 1.0)
         smooth = 0.25j * hankel1(0, K * safe) + j0(K * safe) / K * np.log(safe / self.half)
@@ -123,7 +123,7 @@ class Strip:
         self.current = heavy @ jumps
 
     def field(self, x: Array, z: Array) -> Array:
-        """u at points (n,) away from the strip; the incident wave has the amplitude 1."""
+        """Return u at points (n,) away from the strip, for an incident wave of amplitude 1."""
         incident = np.exp(1j * K * (x * np.sin(self.tilt) + z * np.cos(self.tilt)))
         away = np.hypot(x[:, None] - self.x, z[:, None])
         if self.kind == "soft":
@@ -134,7 +134,7 @@ class Strip:
 
 
 def near_long_plate(edge: Any, width: float, tilt: float, x: Array, z: Array) -> Array:
-    """u at points (x, 0, z) of a long plate."""
+    """Return u at points (x, 0, z) of a long plate."""
     angle = np.radians(tilt)
     plate = pw.shapes.rectangle(width, LONG).placed(np.eye(4))
     lamp = pw.PointSource((-DISTANCE * np.sin(angle), 0.0, -DISTANCE * np.cos(angle)), DISTANCE)
@@ -144,7 +144,7 @@ def near_long_plate(edge: Any, width: float, tilt: float, x: Array, z: Array) ->
 
 
 def off_in_dB(field: Array, exact: Array) -> float:
-    """The rms difference of levels at points with a level above FLOOR."""
+    """Return the rms difference of levels at points above FLOOR."""
     bright = np.abs(exact) > 10 ** (FLOOR / 20)
     off = 20 * np.log10(np.abs(field[bright]) / np.abs(exact[bright]))
     return float(np.sqrt(np.mean(off**2)))

@@ -1,12 +1,11 @@
-"""How much longer does a call take with the default engine than with the best engine for it?
+"""How much slower is the default engine than the best engine for a call?
 
-A matrix of sources, functions, numbers of samples and layouts. Each call runs in a process of its
-own, forked after polywigner's own modules are there: the first call, with Dr.Jit's import, tables
-and compiling (no kernel is on disk from an earlier process), and the best of the next calls (three
-seconds of them), in processor seconds of all threads: shared machines have no other clock. Regret
+A matrix of sources, functions, numbers of samples and layouts. Each call runs in a separate
+process, forked after the import of polywigner: the first call, with Dr.Jit's import, tables and
+compilation (no compiled kernels are on disk), and the best of the next calls (three seconds of
+them), in processor seconds of all threads, which do not depend on the load of the machine. Regret
 is the time of ``engine="auto"`` over the shortest time of all engines; calls below 20 ms do not
-count, and where both are the other engines do not run. The thresholds of
-:mod:`polywigner.execution.choice` are read from the output.
+count. The thresholds of :mod:`polywigner.execution.choice` follow from the output.
 
     python benchmarks/default_regret.py [--quick] [--only SOURCE ...]
                             [--functions wigner ...] [--sizes 1 100 ...] [--layouts points ...]
@@ -46,7 +45,7 @@ CYCLES = 10.0
 
 
 def coastline(count: int, seed: int = 1) -> pw.Aperture:
-    """An outline about 2 cm wide without any symmetry."""
+    """Return an outline about 2 cm wide without symmetry."""
     rng = np.random.default_rng(seed)
     angle = 2 * np.pi * (np.arange(count) + 0.3 * rng.random(count)) / count
     walk = 0.25 * np.cumsum(rng.normal(size=count)) / np.sqrt(count)
@@ -93,7 +92,7 @@ SOURCES: dict[str, Callable[[], Any]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A call to be timed."""
+    """A call to measure."""
 
     source: str
     function: str
@@ -105,7 +104,7 @@ class Case:
 
 
 def cases(chosen: argparse.Namespace) -> Iterator[Case]:
-    """All sensible combinations."""
+    """Yield all valid combinations."""
     sizes = chosen.sizes or (QUICK_SIZES if chosen.quick else SIZES)
     combinations = itertools.product(chosen.only, chosen.functions, chosen.layouts, sizes)
     for name, function, layout, samples in combinations:
@@ -121,7 +120,6 @@ def cases(chosen: argparse.Namespace) -> Iterator[Case]:
 
 
 def arguments(case: Case, source: Any) -> tuple[Any, ...]:
-    """The arguments of the call."""
     rng = np.random.default_rng(case.samples)
     size = float(np.max(np.ptp(_extent(source), axis=0)))
     dimension = {pw.Slits: 1, pw.Polyhedron: 3}.get(type(source), 2)
@@ -164,20 +162,20 @@ def _extent(source: Any) -> Any:
 
 @dataclass(frozen=True)
 class Timed:
-    """Seconds of a first call in a separate process, and of the best of the next."""
+    """Seconds of the first call in a separate process, and of the best of the next calls."""
 
     first: float
     next: float
 
 
 def timed(case: Case, engine: str) -> Timed:
-    """A case by one engine."""
+    """Measure a case with one engine."""
     reader, writer = os.pipe()
     home = tempfile.mkdtemp()
     child = os.fork()
     if child == 0:
         os.close(reader)
-        os.environ["HOME"] = home  # Dr.Jit keeps compiled kernels there
+        os.environ["HOME"] = home  # Dr.Jit stores compiled kernels there
         try:
             source = SOURCES[case.source]()
             given = arguments(case, source)

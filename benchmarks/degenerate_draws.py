@@ -1,4 +1,4 @@
-"""How exact are W and A where edges of the two copies coincide?
+"""How accurate are W and A if edges of the two copies coincide?
 
     python benchmarks/degenerate_draws.py               4,000 draws
     python benchmarks/degenerate_draws.py --outlines 1000 --each 100
@@ -6,7 +6,8 @@
 Random outlines with holes, parts that touch, slivers and vertices on a coarse grid, at positions
 and lags at which edges coincide or nearly do, against exact clipping in rational numbers
 (``tests/oracles``). Prints the largest error by function, precision and engine, relative to the
-area and relative to the diameter times the perimeter, which bounds the effect of rounded vertices.
+area and relative to the diameter times the perimeter, which bounds the effect of rounded
+vertices.
 """
 
 from __future__ import annotations
@@ -31,7 +32,6 @@ PRECISIONS = ("double", "single")
 
 
 def main() -> None:
-    """Print a table of errors."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--outlines", type=int, default=80)
     parser.add_argument("--each", type=int, default=25)

@@ -1,10 +1,10 @@
-"""Question: how does the time of a render whose shadows diffract grow?
+"""How does the time of a render with diffracted shadows grow?
 
 Run ``python benchmarks/diffraction_cost.py``; takes some minutes. A square at 94 GHz illuminates a
-floor 0.3 m below, with square plates or a ball halfway; one sample a pixel. Two examples follow.
-Processor seconds of the first and the second render of each scene, and of the second render of the
-same scene without diffraction. ``--check`` adds the second render from all points of the source,
-and the largest difference of both images, over the free and over the diffracted peak.
+floor at 0.3 m, with square plates or a ball halfway and one sample per pixel. Two examples follow.
+Processor seconds of the first and the second render of each scene, and of the second render without
+diffraction. ``--check`` adds the second render from all points of the source, and the largest
+difference of both images, over the free and over the diffracted peak.
 
 A second table contains processor seconds of the second call of ``pw.amplitude`` behind the balls,
 with the accuracy of ``pw.irradiance``. ``--check`` adds 32² points, by nodes and from all points of

@@ -1,9 +1,9 @@
-"""Question: how fast do transforms of an n-gon approach transforms of a disc of equal area?
+"""How fast do transforms of an n-gon converge to transforms of a disc of equal area?
 
 Run ``python benchmarks/disc_convergence.py``; ``--plot FILE`` draws the table. References are exact
 (``tests/oracles/disc.py``): Bessel functions, and the transforms of lenses. Errors are the largest
-of a few directions and sizes of the arguments, in units of the disc's area; "inscribed" is the
-regular polygon with its corners on the circle.
+of a few directions and arguments, relative to the disc's area; "inscribed" is the regular polygon
+with its corners on the circle.
 """
 
 from __future__ import annotations
@@ -45,7 +45,6 @@ def _plot(path: str, table: dict[str, np.ndarray]) -> None:
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--plot", metavar="FILE")
     arguments = parser.parse_args()

@@ -1,11 +1,11 @@
-"""Question: where do waves over two edges, one behind the other, matter?
+"""Where do waves over two successive edges matter?
 
 Run ``python benchmarks/double_edges.py FOLDER``; takes some minutes, writes double_edges.png, and
-prints a Markdown table of the differences in dB for some separations. A
-plane wave passes two half planes, which reach down from their edges. Shadows by silhouettes, one
-edge at a time, are compared with two screens of Kirchhoff in a row: the field in the plane of the
-second one, behind the first, is integrated over what the second leaves open. Lengths are in
-wavelengths; angles of points are seen from the second edge, down from the wave's direction.
+prints a Markdown table of the differences in dB for some separations. A plane wave passes two half
+planes, which extend downwards from their edges. Shadows by silhouettes, with one edge at a time,
+are compared with two successive Kirchhoff screens: the field behind the first screen is integrated
+over the open part of the second screen. Lengths are in wavelengths; angles of points are at the
+second edge, downwards from the direction of the wave.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ import polywigner as pw
 Array = np.ndarray
 
 SEPARATIONS = np.geomspace(0.5, 1000.0, 34)
-GRAZING = 0.03  # root of the separation times this: height of the second edge, up or down
+GRAZING = 0.03  # height of the second edge over the root of the separation
 TILTS = np.linspace(-19.5, 19.5, 40)  # degrees, of the line from the first edge to the second
 ANGLES = np.linspace(-20.0, 45.0, 66)  # degrees into the shadow of the second edge
-APART = 30.0  # the edges', where the tilt varies
-BEHIND = 100.0  # of points from the second edge
-# Angles, separations, and heights of the second edge as functions of the separation, of the table.
+APART = 30.0  # separation of the edges for varying tilt
+BEHIND = 100.0  # distance of points from the second edge
+# Angles, separations, and heights of the second edge over the separation, of the table.
 SHOWN = (0.0, 5.0, 10.0, 20.0, 40.0)
 SPACINGS = (1.0, 10.0, 100.0, 300.0)
 HEIGHTS = {
@@ -37,17 +37,22 @@ HEIGHTS = {
     "just in the shadow": lambda n: -GRAZING * n**0.5,
     "5° below the boundary": lambda n: -n * np.tan(np.radians(5.0)),
 }
-FLOOR = -36.0  # dB of the free field: darker points are left out
-DISTANCE = 1e5  # of the source that stands for a plane wave: probes beside edges are 1e-7 of it off
-REACH = 1500.0  # of the half planes
-WINDOW, TAPER, NODES = 150.0, 75.0, 4.0  # of the integral: length, its soft end, nodes per length
+FLOOR = -36.0  # lowest compared level in dB relative to the free field
+DISTANCE = 1e5  # distance of a point source in place of a plane wave
+REACH = 1500.0  # length of the half planes
+WINDOW, TAPER, NODES = (
+    150.0,
+    75.0,
+    4.0,
+)  # of the integral: length, length of its taper, nodes per unit length
 
 
 def half_plane(top: float, z: float) -> Any:
-    """Opaque below x = top: a plate like an M, of which only the upper edge is nearest to points.
+    """Return an M-shaped plate that is opaque below x = top, with only its upper edge close to
+    points.
 
-    An edge sends most from its position nearest to a point. That of the other edges are corners,
-    whose waves are weaker by the root of the distance.
+    The strongest wave of an edge comes from its point nearest to the receiver. For the other edges,
+    these are corners, whose waves are weaker by the root of the distance.
     """
     pose = np.eye(4)
     pose[0, 3], pose[2, 3] = top, z
@@ -56,19 +61,21 @@ def half_plane(top: float, z: float) -> Any:
 
 
 def behind(obstacles: Any, x: Array, z: Array | float) -> Array:
-    """u at (x, 0, z), 1 without obstacles; the wave comes from far down the z axis."""
+    """Return u at (x, 0, z), 1 without obstacles; the wave comes from far down the z axis."""
     points = np.stack(np.broadcast_arrays(x, 0.0, z), axis=-1)
     source = pw.PointSource((0.0, 0.0, -DISTANCE), DISTANCE)
-    # as a wave that is 1 at z = 0, in which half wavelengths of its long path are not lost
+    # Normalised to 1 at z = 0, without loss of phase over the long path.
     result = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=obstacles, tolerance=1e-4)
     return np.asarray(result * np.exp(-2j * np.pi * (DISTANCE % 1.0)))
 
 
 def cascade(top: float, separation: float, x: Array, z: Array) -> Array:
-    """u at points (x, 0, z) behind both half planes, by Kirchhoff's integral over the second one.
+    """Return u at points (x, 0, z) behind both half planes, by Kirchhoff's integral over the second
+    one.
 
-    What the first one lets through, less what falls onto the second: with G the outgoing wave of a
-    line, the integral of u dG/dz - G du/dz over the blocked part of the plane.
+    The field behind the first half plane minus the field that the second one blocks: with G the
+    outgoing wave of a line, the integral of u dG/dz - G du/dz over the blocked part of the
+    plane.
     """
     count = round((WINDOW + TAPER) * NODES)
     step = (WINDOW + TAPER) / count
@@ -86,7 +93,7 @@ def cascade(top: float, separation: float, x: Array, z: Array) -> Array:
 
 
 def compared(top: float, separation: float, degrees: Any = ANGLES) -> tuple[Array, Array]:
-    """|u| at all angles: by silhouettes, and by two screens in a row."""
+    """Return |u| at all angles by silhouettes and by two successive screens."""
     angles = np.radians(degrees)
     x, z = top - BEHIND * np.sin(angles), separation + BEHIND * np.cos(angles)
     both = [half_plane(0.0, 0.0), half_plane(top, separation)]
@@ -94,7 +101,7 @@ def compared(top: float, separation: float, degrees: Any = ANGLES) -> tuple[Arra
 
 
 def differences(result: list[tuple[Array, Array]]) -> Any:
-    """Levels of silhouettes minus levels of the cascade in dB (angle, point), at bright points."""
+    """Return level differences in dB (angle, point) at bright points."""
     single, double = (np.maximum(np.array(part).T, 1e-6) for part in zip(*result, strict=True))
     off = 20 * np.log10(single / double)
     return np.ma.masked_where(20 * np.log10(double) < FLOOR, off)
@@ -126,7 +133,7 @@ def draw(lit: Any, hidden: Any, tilted: Any) -> Any:
 
 
 def print_table() -> None:
-    """Print levels of silhouettes minus levels of the cascade in dB, and the latter."""
+    """Print differences in dB of silhouettes from the cascade, and levels of the cascade."""
     print("| second edge | separation | " + " | ".join(f"{a:g}°" for a in SHOWN) + " |")
     print("|---|--:|" + "--:|" * len(SHOWN))
     for name, height in HEIGHTS.items():
@@ -137,7 +144,6 @@ def print_table() -> None:
 
 
 def main(folder: Path) -> None:
-    """Draw both figures, and print the table."""
     print_table()
     level = [[compared(side * GRAZING * n**0.5, n) for n in SEPARATIONS] for side in (1, -1)]
     tilted = [compared(APART * np.tan(np.radians(tilt)), APART) for tilt in TILTS]

@@ -1,13 +1,13 @@
-"""Question: what do exact fields cost at optical wavelengths, and how exact are they?
+"""What do exact fields cost at optical wavelengths, and how accurate are they?
 
-Run ``python benchmarks/exact_fields.py``; takes five minutes and 6 GB. A wave along z at 550 nm
-falls on a star of 1 mm. Each method computes a plane of 2 mm: polywigner at 400 x 400 points, an
-FFT by its angular spectrum on a raster of 4 or 16 mm, whichever has the smaller error. Pixels at
-the edges are weighted by their open fraction.
+Run ``python benchmarks/exact_fields.py``; takes five minutes and 6 GB. A wave along z at 550 nm is
+incident on a star of 1 mm. Each method computes a plane of 2 mm: polywigner at 400 x 400 points, an
+FFT (angular spectrum) on a raster of 4 or 16 mm, whichever has the smaller error. Pixels at the
+edges are weighted by their open fraction.
 
-Prints a Markdown table: processor seconds, of the second of two calls for polywigner (the first
-compiles) and without making the raster for the FFT; and the largest error at 20 points, as a
-fraction of the incident amplitude, against integrals along the edges with 25 digits
+Prints a Markdown table: processor seconds, for polywigner of the second of two calls (the first
+compiles), for the FFT without the raster; and the largest error at 20 points, relative to the
+incident amplitude, against integrals along the edges with 25 digits
 (``tests/oracles/edge_integrals.py``).
 """
 
@@ -33,13 +33,13 @@ ZONES = (5, 200)
 HALF, WINDOWS = 2 * RADIUS, (8 * RADIUS, 32 * RADIUS)
 POINTS, PIXELS, CHECKED = 400, (2048, 8192), 20
 METHOD_OF_FFT = "rayleigh-sommerfeld-1"
-ROWS = 256  # of a raster at a time
+ROWS = 256  # number of raster rows per block
 
 Array = np.ndarray
 
 
 def seconds(call: Callable[[], Array]) -> tuple[Array, float]:
-    """Return what a call returns, and its processor seconds."""
+    """Return the result of a call, and its processor seconds."""
     start = time.process_time()
     field = call()
     return field, time.process_time() - start
@@ -86,7 +86,7 @@ def angular_spectrum(open_: Array, window: float, z: float) -> Array:
 
 
 def miss(field: Array, x: Array, z: float, method: str) -> float:
-    """Return the largest error at some points of a plane, drawn from those around the star."""
+    """Return the largest error at some points of a plane around the star."""
     rng = np.random.default_rng(7)
     inner = np.flatnonzero(np.abs(x) <= HALF)
     errors = []
@@ -102,7 +102,6 @@ def miss(field: Array, x: Array, z: float, method: str) -> float:
 
 
 def rows() -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table."""
     distances = [RADIUS**2 / (zones * WAVELENGTH) for zones in ZONES]
     x = np.linspace(-HALF, HALF, POINTS)
     for method in ("rayleigh-sommerfeld-1", "kirchhoff", "fresnel"):
@@ -126,7 +125,6 @@ def rows() -> Iterator[tuple[str, ...]]:
 
 
 def main() -> None:
-    """Print the table."""
     columns = ["method", "points"]
     for zones in ZONES:
         columns += [f"{zones} Fresnel zones: s", "error"]

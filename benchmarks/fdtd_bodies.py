@@ -1,16 +1,16 @@
-"""Question: how far are shadows by silhouettes from the field behind a real box?
+"""How far are shadows by silhouettes from the field behind a real box?
 
-Run ``python benchmarks/fdtd_bodies.py``; takes ten to thirty minutes of CPU. The wave equation is
-solved by finite differences in time (FDTD) around a cube of three wavelengths, in a plane wave that
-arrives head on or aslant, and compared with ``pw.amplitude(obstacles=)`` behind the cube, wherever
-FDTD's level is above -20 dB of the free field. Prints a Markdown table. Lengths are in wavelengths.
+Run ``python benchmarks/fdtd_bodies.py``; takes ten to thirty minutes of CPU. Finite differences in
+time (FDTD) solve the wave equation around a cube of three wavelengths in a plane wave at normal or
+oblique incidence, for comparison with ``pw.amplitude(obstacles=)`` behind the cube, at points above
+-20 dB of the free field. Prints a Markdown table. Lengths are in wavelengths.
 
-The cube, or a plate a quarter of a wavelength thick, is one of these:
+The cube, or a plate a quarter of a wavelength thick, has one of these boundary conditions:
 
-    jumps:   u and its slope jump by those of the incident wave on the lit faces: Kirchhoff's black
-             body. Silhouettes are exact for it, and what differs is the lattice.
-    matched: u/v is that of a wave that falls in at right angles: a thin absorber. The body that
-             an engineer calls black; aslant it reflects.
+    jumps:   u and its slope jump by those of the incident wave on the illuminated faces:
+             Kirchhoff's black body, for which silhouettes are exact except for the lattice.
+    matched: u/v of a wave at normal incidence: a thin absorber, which reflects at oblique
+             incidence.
     soft, hard: u = 0, or du/dn = 0.
 
 ``--store FILE`` writes the levels of the finest grid for tests/test_shadow_physics.py.
@@ -34,35 +34,35 @@ import polywigner as pw
 __all__ = ["CASES", "SHAPES", "Body", "Waves", "field_around", "silhouette_field"]
 
 Body = Literal["jumps", "matched", "soft", "hard"]
-HALF = 1.5  # half a side of the cube, whose centre is the origin
+HALF = 1.5  # half a side of the cube, which is centred at the origin
 THIN = 0.125  # half of the plate's thickness
 SHAPES = {"cube": HALF, "plate": THIN}
 CASES: tuple[tuple[Body, str], ...] = (
     ("jumps", "cube"), ("jumps", "plate"), ("matched", "plate"), ("matched", "cube"),
     ("soft", "cube"), ("hard", "cube"),
 )  # fmt: skip
-ANGLES = (0.0, 30.0)  # degrees from the z axis towards x, of the incident wave's direction
-CELLS = (16, 24)  # per wavelength: a coarse grid, and the one that counts
-# The space that is kept: |x| and y from 0, which is a mirror, up to WIDE, z from NEAR to FAR.
+ANGLES = (0.0, 30.0)  # degrees from the z axis towards x, of the incident wave
+CELLS = (16, 24)  # per wavelength: a coarse and a fine grid
+# Extents of the grid: |x| and y from 0, a mirror plane, to WIDE; z from NEAR to FAR.
 WIDE, NEAR, FAR = 4.0, -2.0, 6.0
-PLANES = (2.5, 4.0, 5.5)  # where levels are compared
-STRIDE = 0.25  # between points that are compared
-STORED = 4  # every fourth value is kept for the tests
+PLANES = (2.5, 4.0, 5.5)  # planes of comparison
+STRIDE = 0.25  # distance of compared points
+STORED = 4  # every fourth value is stored for the tests
 FLOOR = -20.0  # dB of the free field
-RAMP = 4.0  # periods in which the incident wave rises
-SETTLING = 6.0  # periods in which waves around the cube die down
-# Absorbing layers: thickness, and the amplitude that comes back at normal incidence.
+RAMP = 4.0  # rise time of the incident wave in periods
+SETTLING = 6.0  # decay time of waves around the cube in periods
+# Absorbing layers: thickness, and reflected amplitude at normal incidence.
 LAYER, REFLECTION = 1.0, 1e-4
-# The source that stands for a plane wave: so far away that its wave bends by 1e-5.
+# Distance of a point source in place of a plane wave, with a curvature of 1e-5.
 DISTANCE = 1e6
 
 Array = np.ndarray
 
 
 class Room:
-    """Leapfrog steps of p, at centres of cells, and v, at their faces; all ends absorb but y = 0.
+    """Leapfrog steps of p at cell centres and v at cell faces; all ends absorb except y = 0.
 
-    v is scaled so that it falls by the difference of p in a step.
+    v is scaled to decrease by the difference of p in a step.
     """
 
     def __init__(self, shape: tuple[int, int, int], courant: float, layer: int) -> None:
@@ -73,12 +73,12 @@ class Room:
         self.layers = [list(self._absorbing(axis, layer)) for axis in range(3)]
 
     def _absorbing(self, axis: int, layer: int) -> Iterator[list[Any]]:
-        """Convolutional layers: of the differences of p and v: positions, factors and memories."""
+        """Yield positions, factors and memories of convolutional absorbing layers."""
         n = self.p.shape[axis]
         for is_v, start in product((True, False), (True, False)):
             if start and axis == 1:
-                continue  # the mirror
-            depth = (np.arange(layer) + (0.0 if is_v else 0.5)) / layer  # 0 at the layer's begin
+                continue  # mirror plane
+            depth = (np.arange(layer) + (0.0 if is_v else 0.5)) / layer  # 0 at its start
             depth = (depth + (1 / layer if is_v else 0.0))[:: -1 if start else 1]
             strength = -2.0 * np.log(REFLECTION) / layer * self.courant * depth**3
             factor = np.exp(-strength).reshape([-1 if k == axis else 1 for k in range(3)])
@@ -123,7 +123,7 @@ def _along(axis: int, index: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class Waves:
-    """The field around a cube, at centres of cells."""
+    """Field around a cube at cell centres."""
 
     x: Array
     y: Array
@@ -134,7 +134,7 @@ class Waves:
 
 @dataclass(frozen=True)
 class _Face:
-    """A face of the cube: where it is in v, the cells outside and inside, and waves there."""
+    """A face of the cube: its slice of v, the cells on both sides, and the waves there."""
 
     axis: int
     inwards: int
@@ -150,7 +150,7 @@ def field_around(
     body: Body, angle: float, cells: int = CELLS[-1], depth: float = HALF, half: float = HALF,
     wide: float = WIDE, near: float = NEAR, far: float = FAR,
 ) -> Waves:  # fmt: skip
-    """u around |x|, |y| < half, |z| < depth in a plane wave, at cells of a wavelength's 1/cells."""
+    """Return u around |x|, |y| < half, |z| < depth in a plane wave."""
     sides = np.array([round(half * cells), round(half * cells), round(depth * cells)])
     h, layer = 1.0 / cells, round(LAYER * cells)
     low = np.array([-round(wide * cells) - layer, 0, round(near * cells) - layer])
@@ -181,7 +181,7 @@ def field_around(
             if body == "soft":
                 total += 2 * face.inwards * p
             elif body == "matched":
-                # u/v of the mean of this step and the next, which is solved for below
+                # u/v of the mean of this step and the next step, solved below.
                 p += (face.wave_outside * _phase((n + 1) / steps)).real
                 total[:] = face.inwards * p / (2 * courant)
             v[face.v] = total - (face.flow * now).real
@@ -207,7 +207,7 @@ def field_around(
 
 
 def _face(axis: int, side: int, sides: Array, low: Array, h: float, k: Array, steps: int) -> _Face:
-    """The face of the cube at ``side`` of an axis; the incident wave's v, and p, there."""
+    """Return the face of the cube at ``side`` of an axis, with the incident wave's v and p."""
     spans: list[Any] = [slice(max(-m, n) - n, m - n) for m, n in zip(sides, low, strict=True)]
     at_v, outside, inside = (list(spans) for _ in range(3))
     place = side * sides[axis] - low[axis]
@@ -227,10 +227,11 @@ def _face(axis: int, side: int, sides: Array, low: Array, h: float, k: Array, st
 
 
 def _time_steps(h: float, direction: Array) -> tuple[int, float, float]:
-    """Steps of a period, the fewest that are stable, c dt/h, and the lattice's wave number.
+    """Return steps per period, c dt/h, and the wave number of the lattice.
 
-    Waves on a lattice are slower than others, along its axes most. A long step makes up for it in
-    one direction, 20 degrees off an axis: sin^2(pi/steps) = (c dt/h)^2 sum_j sin^2(k_j h/2).
+    The steps are the fewest that are stable. Waves on a lattice are slow, most along its axes. A
+    long step compensates this in one direction, 20 degrees off an axis: sin^2(pi/steps) = (c
+    dt/h)^2 sum_j sin^2(k_j h/2).
     """
     true = np.array([np.sin(np.radians(20.0)), 0.0, np.cos(np.radians(20.0))])
     mean = (np.sin(np.pi * h * true) ** 2).sum()
@@ -238,7 +239,7 @@ def _time_steps(h: float, direction: Array) -> tuple[int, float, float]:
     while np.sin(np.pi / steps) / np.sqrt(mean) >= 0.98 / np.sqrt(3):
         steps += 1
     k = 2 * np.pi
-    for _ in range(20):  # Newton's steps towards the same sine in the wave's own direction
+    for _ in range(20):  # Newton steps towards the same sine in the direction of the wave
         angles = k * direction * h / 2
         slope = (np.sin(2 * angles) * direction * h / 2).sum()
         k -= ((np.sin(angles) ** 2).sum() - mean) / slope
@@ -246,13 +247,13 @@ def _time_steps(h: float, direction: Array) -> tuple[int, float, float]:
 
 
 def _phase(periods: float) -> complex:
-    """exp(-i omega t) as it rises."""
+    """Return exp(-i omega t) with a smooth rise."""
     rise = min(periods / RAMP, 1.0)
     return complex(np.sin(np.pi / 2 * rise) ** 2 * np.exp(-2j * np.pi * periods))
 
 
 def silhouette_field(points: Array, angle: float, depth: float = HALF, half: float = HALF) -> Array:
-    """u at points (n, 3) behind the body by its silhouette, 1 without the body."""
+    """Return u at points (n, 3) behind the body by its silhouette, 1 without the body."""
     corner = half, half, depth
     corners = [[corner[c] * (2 * ((n >> c) & 1) - 1) for c in range(3)] for n in range(8)]
     faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
@@ -263,7 +264,7 @@ def silhouette_field(points: Array, angle: float, depth: float = HALF, half: flo
 
 
 def sampled(waves: Waves) -> tuple[Array, Array]:
-    """Points (n, 3) on the planes behind the cube, and |u| there."""
+    """Return points (n, 3) on the planes behind the cube, and |u| there."""
     h = waves.x[1] - waves.x[0]
     every = max(1, round(STRIDE / h))
     x, y = waves.x[every // 2 :: every], waves.y[every // 2 :: every]
@@ -277,7 +278,7 @@ def sampled(waves: Waves) -> tuple[Array, Array]:
 
 
 def compared(points: Array, result: Array, angle: float, depth: float) -> str:
-    """Rms and largest difference in dB where FDTD is above the floor, and how many points are."""
+    """Return the rms and the largest difference in dB above the floor, and the number of points."""
     model = np.abs(silhouette_field(points, angle, depth))
     chosen = 20 * np.log10(result) > FLOOR
     off = 20 * np.log10(model[chosen] / result[chosen])
@@ -285,7 +286,6 @@ def compared(points: Array, result: Array, angle: float, depth: float) -> str:
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", type=int, nargs="+", default=list(CELLS))
     parser.add_argument("--store", type=Path)

@@ -1,19 +1,19 @@
-"""Question: how far are rays and diffraction integrals from the field behind real screens?
+"""How far are rays and diffraction integrals from the field behind real screens?
 
-Run ``python benchmarks/fdtd_screens.py``; takes four minutes of CPU. The wave equation is solved by
-finite differences in time (FDTD) behind the paper's square, 10 mm wide at 94 GHz, with a plane wave
-at normal incidence, and compared with Wigner rays and with ``pw.amplitude``. Prints Markdown tables
-on two grids, whose difference is what the finer one may still be wrong by: the rms difference of
-levels in dB, of fields the rms of what is missing over that of the field, and times. Lengths are
-in wavelengths.
+Run ``python benchmarks/fdtd_screens.py``; takes four minutes of CPU. Finite differences in time
+(FDTD) solve the wave equation behind the paper's square, 10 mm wide at 94 GHz, in a plane wave at
+normal incidence, for comparison with Wigner rays and with ``pw.amplitude``. Prints Markdown tables
+for two grids, whose difference estimates the error of the finer grid: the rms difference of levels
+in dB, the relative rms error of fields, and times. Lengths are in wavelengths.
 
-The field scattered by a soft screen is even in z, by a hard one odd. So half of the space will do:
+The field scattered by a soft screen is even in z, and by a hard screen odd, so that a half space
+suffices:
 
     soft: u = 0 on the screen,      du/dz = du_inc/dz in the hole
     hard: du/dz = 0 on the screen,  u = u_inc in the hole
 
-Kirchhoff's screen is black: its field is the mean of the two that have u = u_inc, or its slope, in
-the hole and nothing on the screen. There the integrals are exact, and what differs is the lattice.
+Kirchhoff's black screen is the mean of two fields with u = u_inc, or du/dz = du_inc/dz, in the hole
+and zero on the screen. The integrals are exact for it, except for the lattice.
 
 ``--store FILE`` writes the black screen's irradiance for the figure ``volrender_fdtd`` instead.
 """
@@ -39,21 +39,21 @@ METHODS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 RAYS = "rays"
 """Wigner rays with Kirchhoff's obliquity."""
 WIDTH = 10e-3 * 94e9 / pw.SPEED_OF_LIGHT
-CELLS = (12, 20)  # per wavelength: a coarse grid, and the one that counts
+CELLS = (12, 20)  # per wavelength: a coarse and a fine grid
 DISTANCES = (2.0, 3.0, 4.0, 5.0, 6.0)
-ANGLES = (30.0, 60.0)  # degrees off the axis, seen from the centre of the hole
+ANGLES = (30.0, 60.0)  # degrees off the axis at the centre of the hole
 FLOOR = -30.0  # dB of the largest level on the plane
-STRIDE = 0.2  # between nodes that are compared
-# A half-line of nodes of a square lattice on which u is given reaches so many cells beyond its
-# last node: sqrt((1 - s)(1 - b s)), b = 3 - sqrt(8), the Wiener-Hopf factor of the lattice's
-# Laplacian on the line, is sqrt(1 - s) shifted by so much as s -> 1.
+STRIDE = 0.2  # distance of compared nodes
+# Effective extent of a half-line of nodes beyond its last node, in cells: the Wiener-Hopf factor
+# sqrt((1 - s)(1 - b s)), b = 3 - sqrt(8), of the lattice's Laplacian on the line is sqrt(1 - s)
+# shifted by this value as s -> 1.
 TIP = (2 - np.sqrt(2)) / 4
-RAMP = 4.0  # periods in which the incident wave rises
-# Off the axis, of waves that are as fast on the lattice as they should be: most are about there.
+RAMP = 4.0  # rise time of the incident wave in periods
+# Angle off the axis of waves with the correct speed on the lattice.
 TRUE_ANGLE = np.radians(20.0)
-# Periods after the rise has reached the farthest corner, in which waves across the hole die down.
+# Periods after the rise, in which waves across the hole decay.
 SETTLING = 8.0
-# Absorbing layers: thickness, and the amplitude that comes back at normal incidence.
+# Absorbing layers: thickness, and reflected amplitude at normal incidence.
 LAYER, REFLECTION = 1.0, 1e-4
 
 Array = np.ndarray
@@ -61,14 +61,14 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Field:
-    """u behind the screen, of an incident wave exp(ikz), at the nodes of a quarter of the space."""
+    """u behind the screen for an incident wave exp(ikz), at the nodes of a quarter of the space."""
 
     spacing: float
     values: Array
     """(n, n, m) complex, from the axis x = y = 0 and the screen z = 0 on."""
 
     def plane(self, z: float) -> tuple[Array, float, Array]:
-        """Positions x = y (n,), the height of the nodes next to z, and u (n, n) there."""
+        """Return positions x = y (n,), the height of the nodes next to z, and u (n, n) there."""
         layer = round(z / self.spacing)
         x = self.spacing * np.arange(len(self.values))
         return x, self.spacing * layer, self.values[:, :, layer]
@@ -77,8 +77,8 @@ class Field:
 class Lattice:
     """Leapfrog steps of p and its gradient v, with absorbing layers at the far ends (PML).
 
-    p has three parts, one for each direction, as the layers damp them differently. Units:
-    v is scaled so that it falls by the difference of p in a step.
+    p has three parts, one per direction, because layers damp them differently. v is scaled to
+    decrease by the difference of p in a step.
     """
 
     def __init__(self, shape: tuple[int, int, int], courant: float, layer: int) -> None:
@@ -94,7 +94,7 @@ class Lattice:
         return tuple(n - (k == axis) for k, n in enumerate(shape))
 
     def _absorbing(self, axis: int, layer: int) -> list[tuple[Any, Array, Array]]:
-        """Where v and p are damped, and by what before and after a step."""
+        """Return slices of v and p, and their damping before and after a step."""
         last = self.v[axis].shape[axis]
         place = _along(axis, slice(last - layer, last))
         shape = [-1 if k == axis else 1 for k in range(3)]
@@ -108,7 +108,7 @@ class Lattice:
         return result
 
     def step(self, flow: Array | float) -> None:
-        """One step; ``flow`` is v on the plane z = 0, as far as it is given there."""
+        """Advance by one step; ``flow`` is the given part of v on the plane z = 0."""
         for axis in range(3):
             self._step_along(axis, flow if axis == 2 else 0.0)
         np.add(self.parts[0], self.parts[1], out=self.p)
@@ -123,7 +123,7 @@ class Lattice:
         v -= spare
         v[in_v] *= after_v
         np.subtract(v[high], v[low], out=spare[high])
-        spare[first] = 2 * (v[first] - flow)  # what is even in p is odd in v
+        spare[first] = 2 * (v[first] - flow)  # If p is even, v is odd.
         spare *= np.float32(self.courant**2)
         part[in_p] *= before_p
         part[low] -= spare
@@ -137,10 +137,10 @@ def _along(axis: int, index: Any) -> tuple[Any, ...]:
 def field_behind(
     screen: Screen, cells: int = CELLS[-1], width: float = WIDTH, reach: float = DISTANCES[-1]
 ) -> Field:
-    """u behind a square hole, for |x|, |y| and z up to ``reach``, about ``cells`` a wavelength."""
-    # what is given on all of the plane changes halfway between two nodes
+    """Return u behind a square hole for |x|, |y| and z up to ``reach``."""
+    # Values on the complete plane change halfway between two nodes.
     tip = {"soft": -TIP, "hard": TIP}.get(screen, 0.5)
-    last = round(cells * width / 2 - tip)  # the last node on the screen's, or in the hole
+    last = round(cells * width / 2 - tip)  # last node on the screen, or in the hole
     spacing = width / 2 / (last + tip)
     layer, size = round(LAYER / spacing), round(reach / spacing) + 1
     steps, courant = _time_steps(spacing)
@@ -148,7 +148,7 @@ def field_behind(
     hole = np.zeros(lattice.p.shape[:2], bool)
     inside = last + (screen != "soft")
     hole[:inside, :inside] = True
-    # v of the incident wave halfway between two planes of nodes, and its mean on a plane
+    # v of the incident wave halfway between two planes of nodes, and its mean on a plane.
     half = np.arcsin(np.sin(np.pi / steps) / courant)
     flow = hole * np.float32(np.sin(half) * np.cos(half) / np.sin(np.pi / steps))
     periods = RAMP + SETTLING + np.sqrt(3) * reach + width
@@ -169,10 +169,10 @@ def field_behind(
 
 
 def _time_steps(spacing: float) -> tuple[int, float]:
-    """Steps of a period, the fewest that are stable, and c dt/h.
+    """Return steps per period, the fewest that are stable, and c dt/h.
 
-    Waves on a lattice are slower than others, along its axes most. So long a step makes up for it
-    in one direction: sin^2(pi/steps) = (c dt/h)^2 sum_j sin^2(k_j h/2).
+    Waves on a lattice are slow, most along its axes. A long step compensates this in one direction:
+    sin^2(pi/steps) = (c dt/h)^2 sum_j sin^2(k_j h/2).
     """
     direction = np.array([np.sin(TRUE_ANGLE), np.cos(TRUE_ANGLE)])
     mean = (np.sin(np.pi * spacing * direction) ** 2).sum()
@@ -188,7 +188,7 @@ def _incident(periods: float) -> np.float32:
 
 
 def field_of(screen: str, cells: int) -> Field:
-    """The field behind one of ``SCREENS``."""
+    """Return the field behind a screen of ``SCREENS``."""
     if screen != "black":
         return field_behind(screen, cells)  # type: ignore[arg-type]
     one, other = (field_behind(kind, cells) for kind in ("given field", "given slope"))
@@ -196,14 +196,14 @@ def field_of(screen: str, cells: int) -> Field:
 
 
 def compared(field: Field, name: str, angle: float) -> str:
-    """The differences on all planes, in dB and, of fields, as a part of the field."""
+    """Return the differences on all planes in dB, and relative errors of fields."""
     levels, missing, whole = [], 0.0, 0.0
     for distance in DISTANCES:
         points, result = _sampled(field, distance)
         above = 20 * np.log10(np.abs(result) / np.abs(result).max()) > FLOOR
         chosen = above & (np.hypot(*points[:, :2].T) < np.tan(np.radians(angle)) * points[:, 2])
         model, some = values_of(name, points[chosen]), result[chosen]
-        # irradiances of rays may be negative near nulls: they count as the floor
+        # Irradiances of rays may be negative near nulls, and count as the floor.
         least = 10 ** (FLOOR / 20) * np.abs(result).max()
         size = np.maximum(np.abs(model), least)
         levels.append(20 * np.log10(size / np.maximum(np.abs(some), least)))
@@ -214,7 +214,7 @@ def compared(field: Field, name: str, angle: float) -> str:
 
 
 def values_of(name: str, points: Array) -> Array:
-    """The field of the square at points (n, 3) by an integral, or its modulus by rays."""
+    """Return the field of the square at points (n, 3) by an integral, or its modulus by rays."""
     source = pw.shapes.square(WIDTH)
     if name != RAYS:
         return pw.amplitude(source, points, 1.0, method=name, tolerance=1e-4)  # type: ignore[arg-type]
@@ -223,7 +223,7 @@ def values_of(name: str, points: Array) -> Array:
 
 
 def _sampled(field: Field, distance: float) -> tuple[Array, Array]:
-    """Points (n, 3) on a plane, some nodes apart, and u there."""
+    """Return points (n, 3) on a plane, some nodes apart, and u there."""
     x, z, u = field.plane(distance)
     every = slice(None, None, max(1, round(STRIDE / field.spacing)))
     points = np.stack(np.meshgrid(x[every], x[every], [z], indexing="ij"), axis=-1)
@@ -231,7 +231,7 @@ def _sampled(field: Field, distance: float) -> tuple[Array, Array]:
 
 
 def store(path: Path) -> None:
-    """|u|^2 behind the black screen, at every second node, in float16."""
+    """Write |u|^2 behind the black screen, at every second node, in float16."""
     field = field_of("black", CELLS[0])
     values = np.abs(field.values[::2, ::2, ::2]) ** 2
     np.savez_compressed(path, irradiance=values.astype(np.float16), spacing=2 * field.spacing)
@@ -239,7 +239,6 @@ def store(path: Path) -> None:
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", type=int, nargs="+", default=list(CELLS))
     parser.add_argument("--store", type=Path)

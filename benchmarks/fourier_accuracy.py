@@ -1,10 +1,10 @@
-"""Question: how far are F, W and A from exact values, and where do other formulas fail?
+"""How accurate are F, W and A, and where do other formulas fail?
 
 Run ``python benchmarks/fourier_accuracy.py``; takes some minutes. Prints three Markdown tables of
-worst errors in units of the content (length, area, volume), by class of source and |nu| times
-diameter: F and then W and A in float64 and float32; and F by polywigner, by the form factors of
-coxeter (``pip install coxeter``; left out without it) and by the vertex formula, on the same cases.
-Sources, hard directions and exact values come from the tests (``tests/oracles``).
+largest errors relative to the content (length, area, volume), by class of source and |nu| times
+diameter: F, then W and A, in float64 and float32; and F by polywigner, by the form factors of
+coxeter (optional, ``pip install coxeter``) and by the vertex formula, on the same cases. Sources,
+difficult directions and exact values come from the tests (``tests/oracles``).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def _heading(first: str, columns: list[str]) -> None:
 
 
 def fourier_table(count: int, engine: str) -> None:
-    """Worst error of F by class and decade."""
+    """Print the largest error of F by class and decade."""
     print(f"\n### F, engine {engine}: worst error over content\n")
     _heading("class", [name for name, _ in RANGES])
     for kind, sources in SOURCES.items():
@@ -82,7 +82,7 @@ def fourier_table(count: int, engine: str) -> None:
 
 
 def _slit_slices(source: pw.Slits, x: float, xi: float) -> Iterator[list[tuple[Any, Any]]]:
-    """The lag slice at x and the position slice at xi, as exact intervals."""
+    """Yield the lag slice at x and the position slice at xi as exact intervals."""
     ends = [(Fraction(a), Fraction(b)) for a, b in source.intervals.tolist()]
     p, half = Fraction(x), Fraction(xi) / 2
     doubled = [(2 * (a - p), 2 * (b - p)) for a, b in ends]
@@ -100,7 +100,7 @@ def _exact_on_intervals(intervals: list[tuple[Any, Any]], nu: Array) -> complex:
 
 
 def _exact_phase_space(source: Any, x: Array, xi: Array, nu: Array) -> tuple[Array, Array]:
-    """W(x, nu) and A(nu, xi)."""
+    """Return W(x, nu) and A(nu, xi)."""
     if isinstance(source, pw.Slits):
         both = [
             [_exact_on_intervals(piece, n) for piece in _slit_slices(source, p, q)]
@@ -114,7 +114,7 @@ def _exact_phase_space(source: Any, x: Array, xi: Array, nu: Array) -> tuple[Arr
 
 
 def _places(source: Any, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-    """Positions and lags at which edges of the copies coincide, up to ulps, or ends of slits."""
+    """Return positions and lags at which edges, or ends of slits, coincide up to ulps."""
     if isinstance(source, pw.Slits):
         ends, near = source.intervals.ravel(), np.diff(source.intervals, axis=1).min()
         first, second = rng.choice(ends, (2, count, 1))
@@ -125,14 +125,14 @@ def _places(source: Any, rng: np.random.Generator, count: int) -> tuple[Array, A
 
 
 def phase_space_table(count: int, engine: str) -> None:
-    """Worst error of W and A by class and decade."""
+    """Print the largest error of W and A by class and decade."""
     print(f"\n### W and A, engine {engine}: worst error over content\n")
     _heading("class", [name for name, _ in RANGES])
     for kind in (*PLANE, "slits", "thin slits"):
         worst: dict[tuple[str, str], list[float]] = {}
         for number, (name, source) in enumerate(SOURCES[kind].items()):
             if name == "64-gon":
-                continue  # rational arithmetic takes a second for each of its slices
+                continue  # rational arithmetic takes a second per slice
             rng = np.random.default_rng([2, number])
             for k, (_, decades) in enumerate(RANGES):
                 nu = np.concatenate([frequencies(rng, source, d, count) for d in decades])
@@ -151,7 +151,7 @@ def phase_space_table(count: int, engine: str) -> None:
 
 
 def coxeter_form_factor(source: Any, nu: Array) -> Array:
-    """coxeter's, at q = 2 pi nu; it knows simple polygons and polyhedra."""
+    """Return coxeter's form factor at q = 2 pi nu, of simple polygons and polyhedra."""
     import coxeter
 
     if isinstance(source, pw.Polyhedron):
@@ -159,7 +159,7 @@ def coxeter_form_factor(source: Any, nu: Array) -> Array:
         return np.asarray(shape.compute_form_factor_amplitude(2 * np.pi * nu))
     q = 2 * np.pi * np.column_stack([nu, np.zeros(len(nu))])
     total = np.zeros(len(nu), complex)
-    for ring in source.rings:  # holes run in the opposite direction, and count as negative
+    for ring in source.rings:  # holes have the opposite orientation, and count as negative
         flat = np.column_stack([ring, np.zeros(len(ring))])
         sign = 1.0 if shapely.LinearRing(ring).is_ccw else -1.0
         polygon = coxeter.shapes.Polygon(flat[:: int(sign)], normal=[0, 0, 1])
@@ -168,7 +168,7 @@ def coxeter_form_factor(source: Any, nu: Array) -> Array:
 
 
 def vertex_formula(source: Any, nu: Array) -> Array:
-    """sum w sum_k exp(z_k)/prod_j (z_k - z_j) over simplices, z = -2 pi i nu.V: the textbook's."""
+    """Return sum w sum_k exp(z_k)/prod_j (z_k - z_j) over simplices, z = -2 pi i nu.V."""
     tiling = simplices.simplices_of(source)
     weights = np.array([float(weight) for weight, _ in tiling])
     corners = np.array([[[float(x) for x in p] for p in points] for _, points in tiling])
@@ -179,7 +179,7 @@ def vertex_formula(source: Any, nu: Array) -> Array:
 
 
 def _verdict(errors: list[Array], refused: int) -> str:
-    """Median / worst, the number of NaN, and sources that are not taken at all."""
+    """Return median, maximum, the number of NaN, and the number of rejected sources."""
     if not errors:
         return "refused"
     every = np.concatenate(errors)
@@ -193,7 +193,7 @@ def _verdict(errors: list[Array], refused: int) -> str:
 
 
 def peer_table(count: int) -> None:
-    """Worst errors of F by this package, coxeter and the vertex formula."""
+    """Print the largest errors of F by this package, coxeter and the vertex formula."""
     formulas: dict[str, Formula] = {"polywigner": pw.fourier}
     try:
         import coxeter
@@ -216,7 +216,7 @@ def peer_table(count: int) -> None:
                 for formula, transform in formulas.items():
                     try:
                         got = transform(source, nu)
-                    except ValueError:  # inputs that a peer rejects are part of the result
+                    except ValueError:  # rejected inputs are a result
                         continue
                     worst[formula].append(np.abs(got - expected) / content(source))
             cells = [_verdict(errors, len(sources) - len(errors)) for errors in worst.values()]
@@ -224,7 +224,6 @@ def peer_table(count: int) -> None:
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=20, help="frequencies per decade and source")
     parser.add_argument("--engine", default="numpy")

@@ -1,13 +1,12 @@
-"""What does a value of F cost against the number of vertices, and what does the first call cost?
+"""What do values of F and the first call cost, for different numbers of vertices?
 
-Run ``python benchmarks/fourier_cost.py``. Time for one value of F at scattered frequencies, for
-polygons of 3 to 1024 vertices, and the cost added by the first call of a process: time and memory,
-with no compiled kernel on disk. (The cost of a grid, compared with finufft and others: ``make
-bench``.)
+Run ``python benchmarks/fourier_cost.py``. Time of F at scattered frequencies, for polygons of 3 to
+1024 vertices, and time and memory of the first call of a process, without compiled kernels on disk.
+(``make bench`` compares grids with finufft and others.)
 
-All contenders take turns in one process, and the median of the rounds counts. One process with one
-thread, in CPU seconds (a busy machine slows all alike), and one with as many as there are cores, by
-the clock on the wall. Prints Markdown, writes ``benchmarks/results/fourier_cost.json``.
+All contenders take turns in one process, and the median of the rounds counts: CPU seconds with one
+thread, and wall-clock time with all cores. Prints Markdown, and writes
+``benchmarks/results/fourier_cost.json``.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ RESULTS = Path(__file__).parent / "results" / "fourier_cost.json"
 ROUNDS = 5
 VERTICES = [3, 4, 6, 8, 12, 16, 32, 64, 128, 256, 512, 1024]
 FIRST_CALLS = [3, 12, 16, 128, 1024]
-EDGE_SAMPLES = {"numpy": 1 << 18, "llvm": 1 << 23}  # samples times vertices of one timing
+EDGE_SAMPLES = {"numpy": 1 << 18, "llvm": 1 << 23}  # samples times vertices per measurement
 MOST_SAMPLES = {"numpy": 1 << 13, "llvm": 1 << 18}
 THREADS = "POLYWIGNER_BENCHMARK_THREADS"
 
@@ -44,17 +43,17 @@ Action = Callable[[], Any]
 
 
 def threads() -> int:
-    """How many threads this process may use."""
+    """Return the number of threads that this process may use."""
     return int(os.environ.get(THREADS, 0)) or cores()
 
 
 def cores() -> int:
-    """How many cores this process may run on."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_turns(actions: dict[str, Action], rounds: int) -> dict[str, list[float]]:
-    """Sorted times of every action, after one call of each."""
+    """Return sorted times of every action, after one call of each."""
     clock = time.process_time if threads() == 1 else time.perf_counter
     times: dict[str, list[float]] = {name: [] for name in actions}
     for action in actions.values():
@@ -67,11 +66,7 @@ def in_turns(actions: dict[str, Action], rounds: int) -> dict[str, list[float]]:
     return {name: sorted(result) for name, result in times.items()}
 
 
-# Vertices
-
-
 def polygon(kind: str, n: int) -> pw.Aperture:
-    """A polygon of n vertices."""
     if kind == "regular":
         return pw.shapes.regular_polygon(n, 1.0)
     if kind == "star":
@@ -84,12 +79,12 @@ def polygon(kind: str, n: int) -> pw.Aperture:
 
 
 def scattered(source: pw.Aperture, count: int) -> np.ndarray:
-    """Frequencies up to ten over the diameter."""
+    """Return frequencies up to ten over the diameter."""
     return np.random.default_rng(0).uniform(-10, 10, (count, 2)) / source.diameter
 
 
 def vertex_costs() -> dict[str, dict[str, float]]:
-    """Nanoseconds per value: {contender: {n: median}}, everything in turns."""
+    """Return nanoseconds per value, {contender: {n: median}}, measured in turn."""
     actions: dict[str, Action] = {}
     samples = {}
     engines = ["numpy", "llvm"] if prepare().usable else ["numpy"]
@@ -115,16 +110,16 @@ def vertex_costs() -> dict[str, dict[str, float]]:
 
 
 def evaluation(source: pw.Aperture, count: int, precision: Any, engine: Any) -> Action:
-    """F at scattered frequencies."""
+    """Return a call of F at scattered frequencies."""
     nu = scattered(source, count)
     return lambda: pw.fourier(source, nu, precision=precision, engine=engine)
 
 
 def first_calls() -> dict[str, list[float]]:
-    """{n: [CPU seconds of the first call, of a later one, MiB added]}, for 2^16 values."""
+    """Return {n: [CPU seconds of the first call, of a later call, MiB added]} for 2^16 values."""
     results = {}
     for n in FIRST_CALLS if prepare().usable else []:
-        with tempfile.TemporaryDirectory() as home:  # Dr.Jit keeps its compiled kernels there
+        with tempfile.TemporaryDirectory() as home:  # Dr.Jit stores compiled kernels there
             command = [sys.executable, __file__, "--first-call", str(n)]
             done = subprocess.run(
                 command,
@@ -138,7 +133,7 @@ def first_calls() -> dict[str, list[float]]:
 
 
 def first_call(n: int) -> list[float]:
-    """See :func:`first_calls`; the library is loaded before, by another polygon."""
+    """Measure :func:`first_calls` after another polygon has loaded the library."""
     source = polygon("random", n) if n > 4 else polygon("regular", n)
     pw.fourier(pw.shapes.square(3.0), np.zeros((1, 2)), engine="llvm")
     action = evaluation(source, 1 << 16, "double", "llvm")
@@ -152,11 +147,8 @@ def first_call(n: int) -> list[float]:
     return [times[0], min(times[1:]), added / 1024]
 
 
-# Reports
-
-
 def vertex_table(costs: dict[str, dict[str, float]], first: dict[str, list[float]]) -> str:
-    """Markdown: nanoseconds per edge of a value, and ratios to the triangle."""
+    """Return Markdown of nanoseconds per edge and value, and ratios to the triangle."""
     columns = [name for name in costs if name.endswith("regular")]
     lines = ["| vertices | " + " | ".join(f"{c.removesuffix(', regular')}" for c in columns) + " |"]
     lines.append("|---" * (len(columns) + 1) + "|")
@@ -181,7 +173,7 @@ def vertex_table(costs: dict[str, dict[str, float]], first: dict[str, list[float
 
 
 def measured_here() -> dict[str, Any]:
-    """Everything that depends on the number of threads, in this process."""
+    """Return the measurements that depend on the number of threads, in this process."""
     if prepare().usable:
         import drjit as dr
 
@@ -190,7 +182,7 @@ def measured_here() -> dict[str, Any]:
 
 
 def measured(count: int) -> dict[str, Any]:
-    """The same in a separate process, with a number of threads; libraries read this when loaded."""
+    """Return these measurements from a process with a number of threads."""
     names = [THREADS, "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"]
     environment = {**os.environ, **dict.fromkeys(names, str(count))}
     command = [sys.executable, __file__, "--here"]
@@ -200,7 +192,6 @@ def measured(count: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--first-call", type=int, help=argparse.SUPPRESS)

@@ -178,7 +178,7 @@ def _seconds() -> None:
 
 
 def rates(other: str, rounds: int = 2) -> None:
-    """Print the ratio of seconds, this version over another one, for each case."""
+    """Print the ratio of seconds of this version to those of another version, for each case."""
     own = str(Path(pw.__file__).parents[1])
     best: dict[str, dict[str, float]] = {own: {}, other: {}}
     for _ in range(rounds):

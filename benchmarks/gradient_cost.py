@@ -1,10 +1,10 @@
 """How many times slower than W is its gradient in reverse mode?
 
-Run ``python benchmarks/gradient_cost.py``. W of random positions in the automean at random
-frequencies, and its gradient with respect to positions and frequencies, to vertices, and to all of
-them, are computed in turns in this one process, in CPU seconds; the median of the rounds' ratios is
-reported. The outline is data, as in an optimisation, and so is the value that the cost is divided
-by. Prints a Markdown table and writes ``benchmarks/results/gradient_cost.json``.
+Run ``python benchmarks/gradient_cost.py``. W at random positions in the automean and random
+frequencies, and its gradient in positions and frequencies, in vertices, and in all of them, in
+turns in one process, in CPU seconds; the median of the ratios of the rounds. The outline is data,
+as in an optimisation. Prints a Markdown table and writes
+``benchmarks/results/gradient_cost.json``.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _seconds(task: Callable[[], None]) -> float:
 
 
 def _tasks(source: pw.Aperture, double: bool) -> list[Callable[[], None]]:
-    """The value, and the gradients of ``WANTED``."""
+    """Return calls of the value, and of the gradients of ``WANTED``."""
     import drjit as dr
     import drjit.llvm.ad as backend
 
@@ -44,7 +44,7 @@ def _tasks(source: pw.Aperture, double: bool) -> list[Callable[[], None]]:
     reach = CYCLES / source.diameter / np.sqrt(2)
     x = kind(rng.uniform(low, high, (SAMPLES, 2)).T.copy())
     nu = kind(rng.uniform(-reach, reach, (SAMPLES, 2)).T.copy())
-    dr.eval(x, nu)  # not to be unpacked again by each task
+    dr.eval(x, nu)  # unpack once for all tasks
     corners = np.concatenate(source.rings).T.tolist()
 
     def value() -> None:
@@ -68,7 +68,7 @@ def _tasks(source: pw.Aperture, double: bool) -> list[Callable[[], None]]:
 
 
 def measured(name: str, double: bool) -> dict[str, Any]:
-    """One line of the table."""
+    """Return a row of the table."""
     tasks = _tasks(SHAPES[name], double)
     for task in tasks:
         task()
@@ -83,7 +83,6 @@ def measured(name: str, double: bool) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure, print and write."""
     prepare()
     rows = [measured(name, double) for name in SHAPES for double in (False, True)]
     print("| shape | precision | W, M/s | points | vertices | all |")

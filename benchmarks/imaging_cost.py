@@ -1,11 +1,10 @@
-"""Question: what do transmission cross coefficients cost compared with Abbe's sum by FFTs?
+"""What do transmission cross coefficients cost compared with Abbe's sum by FFTs?
 
-Run ``python benchmarks/imaging_cost.py``; takes a minute. Two lines in an L, in a period of 6 um,
-under a condenser of 0.6 pupils at 550 nm, NA 0.25. Abbe's sum: the mask as pixels (the share of
-each that is open), a lattice of points on the condenser, a transform of the image for each point.
-Its error is that of the image on 32 x 32 points, against the closed form, as a share of the
-largest.
-Processor seconds of one thread, each the second of two runs.
+Run ``python benchmarks/imaging_cost.py``; takes a minute. Two lines in an L, with a period of 6 um,
+under a condenser of 0.6 pupils at 550 nm, NA 0.25. Abbe's sum: the mask as pixels (open fractions),
+a lattice of points on the condenser, and a transform of the image for each point. Errors are the
+largest on 32 x 32 points against the closed form, relative to the maximum. Processor seconds of one
+thread, of the second of two runs.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ Values = NDArray[np.float64]
 
 
 def seconds(make: Callable[[], Values]) -> tuple[Values, float]:
-    """A result, and the processor seconds of its second computation."""
+    """Return a result, and the processor seconds of its second computation."""
     make()
     start = time.process_time()
     result = make()
@@ -36,7 +35,7 @@ def seconds(make: Callable[[], Values]) -> tuple[Values, float]:
 
 
 def closed() -> Values:
-    """The image by transmission cross coefficients, on POINTS x POINTS points of a period."""
+    """Return the image by transmission cross coefficients on POINTS x POINTS points of a period."""
     along = PERIOD * (np.arange(POINTS) / POINTS - 0.5)
     points = np.stack(np.meshgrid(along, along), axis=-1)
     return np.asarray(
@@ -48,12 +47,12 @@ def closed() -> Values:
 
 
 def abbe(pixels: int, places: int) -> Values:
-    """Abbe's sum over a lattice of points x points on the condenser's box, by FFTs of ORDERS^2."""
+    """Return Abbe's sum over a lattice of points on the condenser's bounds, by FFTs of ORDERS^2."""
     edges = PERIOD * (np.arange(pixels + 1) / pixels - 0.5) - PERIOD / (2 * pixels)
     low, high = edges[:-1], edges[1:]
     cells = shapely.box(*np.meshgrid(low, low), *np.meshgrid(high, high))
     share = shapely.area(shapely.intersection(cells, MASK)) / (PERIOD / pixels) ** 2
-    kept = np.fft.fftfreq(ORDERS, 1 / ORDERS).astype(int)  # all that can pass
+    kept = np.fft.fftfreq(ORDERS, 1 / ORDERS).astype(int)  # all orders in the pupil
     orders = np.fft.fft2(np.fft.ifftshift(share))[np.ix_(kept, kept)] / pixels**2
     lags = WAVELENGTH * DISTANCE / PERIOD * np.stack(np.meshgrid(kept, kept), axis=-1)
     reach = 1.5e-3 * ((2 * np.arange(places) + 1) / places - 1)

@@ -1,10 +1,10 @@
-"""How fast are large tables and volumes written, and within what memory?
+"""How fast are large tables and volumes written, and with how much memory?
 
 Run ``python benchmarks/large_tables.py`` (two minutes); ``--gib 16 --volume 512`` writes a table of
-16 GiB and a volume of 512^3 points. Each question is answered in a separate process, whose peak
-memory the system reports:
+16 GiB and a volume of 512^3 points. Each part runs in a separate process, whose peak memory the
+system reports:
 
-- rate: a table in memory against ``pw.wigner`` at the same points, given one by one.
+- rate: a table in memory against ``pw.wigner`` at a list of the same points.
 - large: a table of a size in GiB, written to disk; some values are compared with ``pw.wigner``.
 - volume: the irradiance of a square in a volume, exact (Rayleigh-Sommerfeld I), written to disk.
 
@@ -39,7 +39,7 @@ TOLERANCE = 5e-6 * CHEVRON.area
 
 
 def axes(side: int) -> tuple[np.ndarray, ...]:
-    """Positions over the chevron, and frequencies of the 94 GHz band."""
+    """Return positions over the chevron, and frequencies of the 94 GHz band."""
     x, nu = np.linspace(-1.0, 1.0, side), np.linspace(-314.0, 314.0, side)
     return 10e-3 * x, 6e-3 + 6e-3 * x, nu, nu
 
@@ -48,22 +48,19 @@ def write(out: Path, side: int) -> Any:
     return pw.wigner_table(CHEVRON, *axes(side), out, engine="llvm")
 
 
-# --- in separate processes
-
-
 def measured(part: str, *arguments: str) -> dict[str, Any]:
-    """Output of a part of this file, in a separate process."""
+    """Return the output of a part of this file in a separate process."""
     command = [sys.executable, __file__, "--part", part, *arguments]
     return dict(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout))
 
 
 def peak_gib() -> float:
-    """The most memory that this process has held."""
+    """Return the peak memory of this process in GiB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 2**30
 
 
 def rate() -> dict[str, float]:
-    """Millions of samples per second, of the table and of points one by one, in turns."""
+    """Return millions of samples per second of the table and of listed points, in turns."""
     side = 64
     x, y, nu_x, nu_y = axes(side)
     grid = np.meshgrid(x, y, nu_x, nu_y, indexing="ij")
@@ -92,7 +89,7 @@ def rate() -> dict[str, float]:
 
 
 def large(folder: Path, side: int) -> dict[str, float]:
-    """Seconds and peak memory of writing a table of side^4 samples, and its largest error."""
+    """Return seconds and peak memory of a table of side^4 samples, and its largest error."""
     out = folder / "large.zarr"
     start, busy = time.perf_counter(), time.process_time()
     table = write(out, side)
@@ -112,7 +109,7 @@ def large(folder: Path, side: int) -> dict[str, float]:
 
 
 def volume(folder: Path, side: int) -> dict[str, float]:
-    """Seconds and peak memory of a volume of side^3 points, and its largest error."""
+    """Return seconds and peak memory of a volume of side^3 points, and its largest error."""
     square, wavelength = pw.shapes.square(10e-3), 3.189e-3
     box = ((-0.05, -0.05, 0.01), (0.05, 0.05, 0.11))
     start, busy = time.perf_counter(), time.process_time()

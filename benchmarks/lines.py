@@ -1,6 +1,6 @@
-"""What a measurement is written down as: one line for a case and a peer. The JSON is made of these.
+"""Results of measurements, one line for each case and peer, and their JSON.
 
-``SCHEMA`` is raised when a field changes its meaning or goes; fields may be added.
+``SCHEMA`` increases if a field changes its meaning or is removed; fields may be added.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class Figure:
-    """A result in the line's unit."""
+    """Result in the unit of the line."""
 
     best: float
     median: float
@@ -30,7 +30,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Line:
-    """Our figure and a peer's, measured in turns."""
+    """Our result and the result of a peer, measured in turns."""
 
     question: str
     case: str
@@ -55,7 +55,7 @@ class Line:
 
     @property
     def reached(self) -> bool | None:
-        """Whether best and median reach the target, or our rate is enough; None without one."""
+        """Return whether the target is reached or our rate is sufficient; None without a target."""
         if self.target is None or self.ratio is None or self.ratio_median is None:
             return None
         rate = min(self.ours.best, self.ours.median) if self.ours else 0.0
@@ -68,7 +68,7 @@ class Line:
 
     @classmethod
     def from_json(cls, result: dict[str, Any]) -> Line:
-        """ValueError or TypeError for anything else than :meth:`as_json` gives."""
+        """Return a line from :meth:`as_json`; raise ValueError or TypeError otherwise."""
         known = {k: result[k] for k in (f.name for f in fields(cls)) if k in result}
         for side in ("ours", "theirs"):
             known[side] = None if known[side] is None else Figure(**known[side])
@@ -80,12 +80,12 @@ class Line:
 
 
 def as_times(times: Sequence[float], scale: float, error: float | None = None) -> Figure:
-    """Seconds of the rounds as a result that is better if smaller."""
+    """Return seconds of the rounds as a result for which smaller is better."""
     return Figure(min(times) * scale, statistics.median(times) * scale, error)
 
 
 def as_rates(times: Sequence[float], amount: float, error: float | None = None) -> Figure:
-    """Seconds for an amount of work as a result that is better if larger."""
+    """Return an amount of work over seconds as a result for which larger is better."""
     return Figure(amount / min(times), amount / statistics.median(times), error)
 
 
@@ -96,7 +96,7 @@ def line_of(
     theirs: tuple[Figure, Sequence[float], float],
     **more: Any,
 ) -> Line:
-    """A line from (figure, seconds of the rounds, amount done in them) of both."""
+    """Return a line from (result, seconds of the rounds, amount of work) of both."""
     (own, own_times, own_amount), (other, other_times, other_amount) = ours, theirs
     amounts = own_amount / other_amount
     best = min(other_times) / min(own_times) * amounts
@@ -107,7 +107,7 @@ def line_of(
 
 
 def absent(labels: dict[str, Any], peer: str, reason: str, ours: Figure | None = None) -> Line:
-    """A line for a peer that is not there."""
+    """Return a line for a peer that is not available."""
     return Line(
         **labels, ours=ours, peer=peer, theirs=None, ratio=None, ratio_median=None, note=reason
     )

@@ -1,11 +1,11 @@
-"""What does a coupling cost compared with brute force, Gauss's rule on both sources?
+"""What does a coupling cost compared with Gauss rules on both sources?
 
     python benchmarks/link_cost.py
 
-Brute force twice, with the same kernel in NumPy: doubling its nodes along a side until the last two
-differ by 1e-6 (as a user without the exact result must), and with the smallest number of nodes, in
-steps of two, with which it is within 1e-6 of the coupling computed to 1e-10. Squares are what its
-rule is made for. Both divide by the aperture power. Ratios above 1: the coupling is faster.
+Brute force with the same kernel in NumPy: with doubled nodes along a side until the last two
+results differ by 1e-6, as a user without the exact result must do; and with the smallest even
+number of nodes for which the error is below 1e-6. Squares are ideal for this rule. Both divide by
+the aperture power. Ratios above 1: the coupling is faster.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from polywigner.reception.couplings import link_kernel
 from polywigner.source.obliquities import CONDITIONS
 
 METHOD, TOLERANCE, ROUNDS = "rayleigh-sommerfeld-1", 1e-6, 7
-MOST = 1 << 24  # values of the kernel
+MOST = 1 << 24  # number of kernel values
 BLOCK = 1 << 16
 
 
 def pose(x: float, z: float, tilt: float = 0.0) -> np.ndarray:
-    """Facing the transmitter but for a tilt about y."""
+    """Return a pose that faces the transmitter except for a tilt about y."""
     c, s = math.cos(math.pi + tilt), math.sin(math.pi + tilt)
     return np.array([[c, 0, s, x], [0, 1, 0, 0], [-s, 0, c, z], [0, 0, 0, 1]])
 
 
-# Side of both squares and the pose, in wavelengths.
+# Side of both squares, and the pose, in wavelengths.
 CASES = {
     "3.1 wavelengths, 1.9 apart": (3.1, pose(0, 1.9)),
     "3.1 wavelengths, 20 apart": (3.1, pose(0, 20)),
@@ -47,7 +47,7 @@ CASES = {
 
 
 def brute_force(side: float, to_transmitter: np.ndarray, count: int) -> complex:
-    """Gauss's rule of ``count`` nodes along each side of both squares."""
+    """Return a Gauss rule of ``count`` nodes along each side of both squares."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     x, y = (grid.ravel() * side / 2 for grid in np.meshgrid(nodes, nodes, indexing="ij"))
     shares = np.outer(weights, weights).ravel() / 4 * side
@@ -74,7 +74,7 @@ def brute_force(side: float, to_transmitter: np.ndarray, count: int) -> complex:
 
 
 def doubled(side: float, to_transmitter: np.ndarray) -> complex:
-    """Brute force with a doubled rule until the last two agree."""
+    """Return the result of doubled rules whose last two results agree."""
     count = 4
     before = brute_force(side, to_transmitter, count)
     while True:
@@ -86,7 +86,7 @@ def doubled(side: float, to_transmitter: np.ndarray) -> complex:
 
 
 def fewest(side: float, to_transmitter: np.ndarray, exact: complex) -> int | None:
-    """Nodes along a side with which brute force is good enough; None where that takes too long."""
+    """Return the smallest number of nodes along a side, or None if the search is too slow."""
     count = 4
     while count**4 <= MOST:
         if abs(brute_force(side, to_transmitter, count) - exact) <= TOLERANCE * abs(exact):
@@ -96,14 +96,13 @@ def fewest(side: float, to_transmitter: np.ndarray, exact: complex) -> int | Non
 
 
 def seconds(action: Callable[[], Any]) -> float:
-    """CPU time of the process, since other processes may use the cores."""
+    """Return the CPU time of the process."""
     start = time.process_time()
     action()
     return time.process_time() - start
 
 
 def main() -> None:
-    """Prints a table."""
     print("| squares of | coupling, ms | doubling, ms | ratio | told, ms (nodes) | ratio |")
     print("|---|---|---|---|---|---|")
     for name, (side, place) in CASES.items():

@@ -1,4 +1,4 @@
-"""Facts about the machine and the software; nothing that tells whose machine it is."""
+"""Facts about the machine and its software, without identifying data."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ LIBRARIES = (
     "polywigner", "numpy", "shapely", "drjit", "mitsuba", "jax", "finufft", "coxeter", "diffractio",
     "bornagain",
 )  # fmt: skip
-# From the widest on: the first that the processor has is what compilers use.
+# In descending width; compilers use the first instruction set that the processor has.
 _INSTRUCTIONS = ("avx512f", "avx2", "avx", "sse2")
 
 
 def processor() -> str:
-    """The processor's name."""
     names = _cpuinfo("model name")
     if names:
         return names[0]
@@ -35,14 +34,14 @@ def processor() -> str:
 
 
 def instructions() -> str:
-    """The widest vectors that compilers use here."""
+    """Return the widest vector instructions that compilers use."""
     flags = " ".join(_cpuinfo("flags")[:1]).split()
     result = next((name for name in _INSTRUCTIONS if name in flags), None)
     return result or {"arm64": "neon", "aarch64": "neon"}.get(platform.machine(), "unknown")
 
 
 def facts() -> dict[str, str | int | float | None]:
-    """What to know of the machine when reading the figures."""
+    """Return the facts that affect the results."""
     result: dict[str, str | int | float | None] = {
         "processor": processor(),
         "architecture": platform.machine(),

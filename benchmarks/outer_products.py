@@ -1,10 +1,10 @@
-"""What does a sample of W or A cost where every position meets every frequency, against one by one?
+"""What does a sample of W or A cost for all pairs of positions and frequencies?
 
 The same samples as an outer product (``x`` of shape (n, 1, 2), ``nu`` of shape (m, 2); lags and
 frequency shifts likewise) and as two lists of n m points in random order, in turns in one process:
-CPU nanoseconds per sample of the outer product on one thread, best of several, and in brackets how
-many times as long the lists take. "Difference" is the largest between the two, in units of the
-energy, in single / double precision.
+CPU nanoseconds per sample of the outer product on one thread, best of several, and in brackets the
+ratio of the lists. "Difference" is the largest between both, relative to the energy, in single and
+double precision.
 
     python benchmarks/outer_products.py [--samples 1048576] [--columns 1024] [--engines llvm numpy]
 """
@@ -50,7 +50,7 @@ SOURCES: dict[str, Callable[[], Any]] = {
 
 
 def places(source: Any, count: int) -> np.ndarray:
-    """Positions inside the automean, by which most of its box may be empty."""
+    """Return positions inside the automean."""
     support = mutual_support(source)
     rng, low, high = np.random.default_rng(count), *np.reshape(support.bounds, (2, 2))
     result = np.empty((0, 2))
@@ -61,7 +61,7 @@ def places(source: Any, count: int) -> np.ndarray:
 
 
 def compare(call: Callable[..., Any], rows: np.ndarray, columns: np.ndarray) -> list[float]:
-    """Seconds per sample as an outer product and one by one, and the largest difference."""
+    """Return seconds per sample as an outer product and as a list, and the largest difference."""
     order = np.random.default_rng(0).permutation(len(rows) * len(columns))
     lists = [
         np.ascontiguousarray(np.broadcast_to(p, (len(rows), len(columns), 2)).reshape(-1, 2)[order])
@@ -81,7 +81,6 @@ def compare(call: Callable[..., Any], rows: np.ndarray, columns: np.ndarray) -> 
 
 
 def main() -> None:
-    """Measure and print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=1 << 20)
     parser.add_argument("--columns", type=int, default=1 << 10)
@@ -112,7 +111,7 @@ def main() -> None:
 def measure(
     source: Any, transform: str, engine: str, precision: str, options: argparse.Namespace
 ) -> list[float]:
-    """The row of one case."""
+    """Return the row of a case."""
     samples = options.samples if engine == "llvm" else options.samples // 16
     corners = len(source.rings[0]) if isinstance(source, pw.Aperture) else 0
     if engine == "numpy" and corners > 100:

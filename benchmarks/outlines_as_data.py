@@ -1,10 +1,10 @@
-"""What does a call cost whose outline is new, in time and in memory that stays?
+"""How much time and memory does a call with a new outline cost?
 
-Run ``python benchmarks/outlines_as_data.py``, with ``HOME`` set to an empty folder to see what
-compiling takes. Random outlines of 3 to 12 vertices, another one in every call, by the default and
-by the compiled engine, next to calls of one outline that stays. Arguments are NumPy arrays. Prints
-two Markdown tables: milliseconds a call by number of samples, and kilobytes that a call adds to the
-process over thousands of them, with the files that Dr.Jit has written.
+Run ``python benchmarks/outlines_as_data.py``, with ``HOME`` set to an empty folder to include
+compilation. Each call has another random outline of 3 to 12 vertices, on the default and on the
+compiled engine; calls with a fixed outline are the reference. Arguments are NumPy arrays. Prints
+two Markdown tables: milliseconds per call by number of samples, and kilobytes that a call adds to
+the process over thousands of calls, with the files that Dr.Jit has written.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from polywigner.errors import GeometryError
 SAMPLES = (100, 1000, 10_000, 100_000)
 ROUNDS, SECONDS = 5, 1.0
 WARM_UP, CALLS = 500, 5000
-MANY = 400  # more than are remembered
+MANY = 400  # more than the size of the cache
 TRANSFORMS: dict[str, Callable[..., Any]] = {
     "W": pw.wigner,
     "A": lambda source, x, nu, **how: pw.ambiguity(source, nu, x, **how),
@@ -34,7 +34,7 @@ TRANSFORMS: dict[str, Callable[..., Any]] = {
 
 
 def outlines(seed: int) -> Iterator[np.ndarray]:
-    """Star-shaped rings with 3 to 12 vertices, about 1 cm in size."""
+    """Yield star-shaped rings with 3 to 12 vertices, about 1 cm in size."""
     rng = np.random.default_rng(seed)
     while True:
         count = rng.integers(3, 13)
@@ -42,7 +42,7 @@ def outlines(seed: int) -> Iterator[np.ndarray]:
         ring = 0.01 * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         try:
             pw.Aperture(ring)
-        except GeometryError:  # three vertices in a line, or on one side of the centre
+        except GeometryError:  # three collinear vertices, or vertices on one side of the centre
             continue
         yield ring
 
@@ -53,7 +53,7 @@ def points(samples: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def milliseconds(name: str, samples: int) -> list[float]:
-    """Times of calls in turns: a new outline each time, a fixed one, and a new one with NumPy."""
+    """Return times for new outlines, a fixed outline, and new outlines with NumPy."""
     arguments = points(samples)
     new = list(itertools.islice(outlines(samples), MANY))
     rings, kept = itertools.cycle(new), new[0]
@@ -70,7 +70,7 @@ def milliseconds(name: str, samples: int) -> list[float]:
 
 
 def kilobytes(name: str, engine: Any) -> tuple[float, float, int]:
-    """What a call adds to the process, milliseconds it takes, and files that were written."""
+    """Return the memory that a call adds, its milliseconds, and the number of new files."""
     arguments = points(1000)
     rings = iter(list(itertools.islice(outlines(7), WARM_UP + CALLS)))
     before = len(list(_cache().glob("*")))

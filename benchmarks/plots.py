@@ -1,4 +1,4 @@
-"""Pictures of the comparison."""
+"""Figures of the comparison."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _COLOURS = ("#0b5394", "#cc4125", "#6aa84f", "#e69138", "#674ea7", "#45818e")
 
 
 def drawn(folder: Path, lines: Sequence[Line]) -> list[Path]:
-    """Writes rates.png and ratios.png; an empty figure is left out."""
+    """Write rates.png and ratios.png, without empty figures."""
     folder.mkdir(parents=True, exist_ok=True)
     return [path for path in (_rates(folder, lines), _ratios(folder, lines)) if path is not None]
 
 
 def _rates(folder: Path, lines: Sequence[Line]) -> Path | None:
-    """Samples of W a second on one core by shape, ours and the peers'."""
+    """Draw samples of W per second on one core by shape and peer."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -58,7 +58,7 @@ def _rates(folder: Path, lines: Sequence[Line]) -> Path | None:
 
 
 def _ratios(folder: Path, lines: Sequence[Line]) -> Path | None:
-    """How many times faster than each peer on one core: a dot for a case, a row for a peer."""
+    """Draw ratios to each peer on one core, with a dot for a case and a row for a peer."""
     import matplotlib.pyplot as plt
 
     skipped = ("peak", "memory")

@@ -1,9 +1,9 @@
 """How far are Wigner rays from the diffraction integrals?
 
-Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of the same
-obliquity: on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
-wavelengths, as root mean square and largest value where the reference is within 30 dB of its peak.
-References are boundary integrals. With --write, recorded/propagation_tables.md is written anew.
+Tables in decibels against Rayleigh-Sommerfeld I and Kirchhoff, with rays of the same obliquity: on
+boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100 wavelengths,
+as root mean square and largest value at points within 30 dB of the peak. References are boundary
+integrals. --write updates recorded/propagation_tables.md.
 
     python benchmarks/propagation_tables.py [--write]
 """
@@ -27,13 +27,13 @@ CONDITIONS = {"rayleigh-sommerfeld-1": "RS-I", "kirchhoff": "Kirchhoff"}
 BORESIGHT = (0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 7, 10, 20, 50)
 DISTANCES = (5, 10, 30, 100)
 DEGREES = np.arange(-80, 81, 2.0)
-SEEN = 1e-3  # of the peak
-TOLERANCE = 1e-4  # of sums over points, so that errors of the rays remain
+SEEN = 1e-3  # relative to the peak
+TOLERANCE = 1e-4  # of sums over points, below the errors of rays
 PAGE = Path(__file__).resolve().parent / "recorded" / "propagation_tables.md"
 
 
 def sources() -> dict[str, Any]:
-    """About 10 mm wide, at 94 GHz: three wavelengths; the array 12 mm, the chevrons 26 mm."""
+    """Return sources about 10 mm wide at 94 GHz (three wavelengths), an array and two chevrons."""
     square = pw.shapes.square(SIDE)
     l_shape = [(-5, -5), (5, -5), (5, -1.5), (-1.5, -1.5), (-1.5, 5), (-5, 5)]
     chevron = pw.shapes.chevron(12e-3, 8e-3, 3e-3)
@@ -56,7 +56,7 @@ def centre_of(source: Any) -> np.ndarray:
 
 
 def decibels(source: Any, points: np.ndarray, condition: str) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of rays (n,), NaN where the sum is below zero, and the reference."""
+    """Return the errors of rays (n,), NaN for sums below zero, and the reference."""
     reference = pw.irradiance(source, points, WAVELENGTH, condition)
     rays = pw.irradiance(source, points, WAVELENGTH, obliquity=condition, tolerance=TOLERANCE)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -69,7 +69,7 @@ def on_boresight(source: Any, condition: str) -> np.ndarray:
 
 
 def off_axis(source: Any, condition: str, distance: float) -> np.ndarray:
-    """Rms and largest error, (2,), over the cut phi = 0."""
+    """Return the rms and the largest error (2,) over the cut phi = 0."""
     theta = np.radians(DEGREES)
     arc = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     errors, reference = decibels(source, centre_of(source) + distance * WAVELENGTH * arc, condition)
@@ -130,7 +130,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="write recorded/propagation_tables.md")
     options = parser.parse_args()
-    warnings.simplefilter("ignore", PolywignerWarning)  # the tables show where rays fail
+    warnings.simplefilter("ignore", PolywignerWarning)  # the tables show the errors of rays
     start = time.perf_counter()
     text = page()
     print(text)

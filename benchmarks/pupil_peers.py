@@ -1,14 +1,14 @@
-"""How exact is the far field of a hexagonal pupil from rasters, and what does it cost?
+"""How accurate is the far field of a hexagonal pupil from rasters, and what does it cost?
 
     pip install prysm poppy hcipy
     python benchmarks/pupil_peers.py
 
-|F| on 256 x 256 frequencies up to 32 cycles per diameter, of a flat wave and of one with 0.2 waves
-rms of coma and 0.1 of astigmatism: the closed form or the rule on triangles, and the matrix Fourier
-transforms of three packages for telescopes, each on its own raster of the hexagon (hcipy with and
-without supersampled edges). All evaluate the same path length. Errors are the largest of |F|,
-relative to the area; times are CPU time of raster and transform, the least of three. Packages that
-are not there are left out. The last lines give time and nodes of our rule for more aberrations.
+|F| on 256 x 256 frequencies up to 32 cycles per diameter, of a flat wave and of a wave with 0.2
+waves rms of coma and 0.1 of astigmatism: the closed form or the rule on triangles, and the matrix
+Fourier transforms of three packages for telescopes, each with its raster of the hexagon (hcipy with
+and without supersampled edges). Errors are the largest of |F| relative to the area; times are the
+least CPU time of three runs, including the raster. Missing packages are omitted. The last lines
+contain time and nodes of our rule for larger aberrations.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import polywigner as pw
 from polywigner.transforms.aberrated_pupils import AberratedPupil
 
 REACH, COUNT = 32.0, 256
-WIDTH = 1.0625  # of the raster, in diameters
+WIDTH = 1.0625  # of the raster in diameters
 AXIS = (np.arange(COUNT) - COUNT // 2) * (2 * REACH / COUNT)
 HEXAGON = pw.shapes.regular_polygon(6, 0.5)
 PIXELS = (256, 1024, 2048)
@@ -34,7 +34,7 @@ Wave = Callable[[Any, Any], Any]
 Transform = Callable[[int, Wave], Any]
 
 COMA = pw.zernike({8: 0.2, 6: 0.1}, 0.5)  # at a wavelength of 1
-FOCUS_AND_COMA = pw.zernike({4: 5.0 / (2 * np.sqrt(3)), 8: 0.5}, 0.5)  # five waves at the rim
+FOCUS_AND_COMA = pw.zernike({4: 5.0 / (2 * np.sqrt(3)), 8: 0.5}, 0.5)  # five waves at the edge
 
 
 def flat(x: Any, y: Any) -> Any:
@@ -64,7 +64,8 @@ def with_poppy(pixels: int, wave: Wave) -> Any:
     hexagon = poppy.NgonAperture(nsides=6, radius=0.5 * u.m)
     light = poppy.Wavefront(npix=pixels, diam=WIDTH * u.m, wavelength=1e-6)
     y, x = light.coordinates()
-    # The transform has the other sign, so the pupil, which is symmetric, is turned by 180 degrees.
+    # The transform has the opposite sign, so the pupil, which is symmetric, is rotated by 180
+    # degrees.
     mask = hexagon.get_transmission(light) * wave(-x, -y)
     field = poppy.matrixDFT.matrix_dft(mask, 2 * REACH * WIDTH, COUNT, centering="FFTSTYLE")
     return field * (WIDTH / pixels) ** 2 / (WIDTH / pixels * (AXIS[1] - AXIS[0]))
@@ -91,7 +92,7 @@ PEERS: dict[str, Transform] = {
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:
-    """What it returns, and the least CPU time of three, ms."""
+    """Return a result, and the least CPU time of three runs in ms."""
     times = []
     for _ in range(3):
         start = time.process_time()
@@ -101,14 +102,14 @@ def timed(work: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def spectrum(aberration: pw.Aberration, tolerance: float) -> Any:
-    """|F| of the hexagon, from the spot of a lens of 1 m at a wavelength of 1 m."""
+    """Return |F| of the hexagon, from the spot of a lens of 1 m at a wavelength of 1 m."""
     nu = np.stack(np.meshgrid(AXIS, AXIS), axis=-1)
     spot = pw.psf(HEXAGON, nu, 1.0, 1.0, aberration=aberration, tolerance=tolerance)
     return np.sqrt(spot * HEXAGON.area)
 
 
 def compared(title: str, ours: Callable[[], Any], exact: Any, wave: Wave) -> None:
-    """Print the table of one wave."""
+    """Print the table of a wave."""
     result, cost = timed(ours)
     error = np.abs(result - exact).max() / HEXAGON.area
     print(f"\n{title}\n\n| | pixels | ms | ratio | error/area |\n|---|--:|--:|--:|--:|")
@@ -127,7 +128,7 @@ def compared(title: str, ours: Callable[[], Any], exact: Any, wave: Wave) -> Non
 
 
 def nodes_of(aberration: pw.Aberration) -> int:
-    """Nodes of the second rule for the spectrum, the larger one."""
+    """Return the number of nodes of the larger rule for the spectrum."""
     pupil = AberratedPupil.of(HEXAGON, aberration, 1.0, 0.0)
     band = np.full(2, AXIS[0]), np.full(2, AXIS[-1])
     return sum(weights.size for _, weights in pupil.rules(0, band, 4, 1e-10))

@@ -1,10 +1,10 @@
-"""Question: how do the time and the memory of a radar's data cube grow, and what does a sum cost?
+"""How do the time and the memory of a radar's data cube grow, and what does a sum cost?
 
-Run ``python benchmarks/radar_cost.py``; takes some minutes. The scene is that of
-examples/radar_77ghz: a street with four posts and a moving car. Each row changes one thing:
-scatterers, chirps, elements of the receiver, or draws of speckle. The columns are the processor
-seconds of ``radar_cube``, the size of the signal, and the largest memory that Python allocated
-meanwhile. The last lines compare the sum over scatterers with a plain sum in NumPy.
+Run ``python benchmarks/radar_cost.py``; takes some minutes. The scene is the street of
+examples/radar_77ghz with four posts and a moving car. Each row changes scatterers, chirps, elements
+of the receiver, or draws of speckle. The columns are the processor seconds of ``radar_cube``, the
+size of the signal, and the peak memory of Python. The last lines compare the sum over scatterers
+with a plain sum in NumPy.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def scene(elements: int) -> Any:
 
 
 def cost(made: Any, waveform: pw.radar.FMCW, points: int, draws: int) -> tuple[float, float, float]:
-    """Return processor seconds, GiB of the signal, and GiB at most."""
+    """Return processor seconds, GiB of the signal, and peak GiB."""
     arguments: dict[str, Any] = {"velocities": {"car": VELOCITY}, "elements": True, "rays": 400_000}
     pm.radar_cube(made, waveform, points=points, draws=1, **arguments)  # compiles
     start = time.process_time()

@@ -1,13 +1,12 @@
-"""What do two and three reflections cost compared with one, and compared with rays of some error?
+"""What do two and three reflections cost compared with one, and compared with ray tracing?
 
     python benchmarks/rcs_bounces.py
 
-CPU time of the process, since others may have the cores as well: the least of some rounds, all in
-turns. Rays are traced by Mitsuba (Embree, LLVM), one at the centre of each of n x n cells across
-the body; NumPy adds up their waves, with fields, paths and shadows on the way out
-(tests/oracles/bounces.py). Errors are rms over directions, relative to the amplitude of a plate of
-the body's shadow. The car is 4.4 m long: a shell with arches and windscreens, four wheels of 24
-sides, two mirrors; once alone, once on a plate of 12 m x 8 m.
+CPU time of the process, the least of some rounds in turns. Mitsuba (Embree, LLVM) traces rays, one
+at the centre of each of n x n cells across the body; NumPy adds up their waves, with fields, paths
+and shadows (tests/oracles/bounces.py). Errors are rms over directions, relative to the amplitude of
+a plate with the area of the body's shadow. The car is 4.4 m long: a shell with arches and
+windscreens, four wheels of 24 sides, two mirrors; alone, and on a plate of 12 m x 8 m.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ WAVELENGTH = 0.0125
 
 
 def directions(count: int) -> np.ndarray:
-    """Unit vectors all round, 5 to 45 degrees above the plane z = 0, none along an axis."""
+    """Return unit vectors, 5 to 45 degrees above the plane z = 0, not along an axis."""
     k = np.arange(count) + 0.3
     azimuth, elevation = 2 * np.pi * k / count, np.radians(5 + 20 * (np.arange(count) % 3))
     across = np.cos(elevation)
@@ -42,7 +41,7 @@ def directions(count: int) -> np.ndarray:
 
 
 def upright(ring: Any, y: float, width: float) -> pw.Polyhedron:
-    """A prism over a ring in x and z, from y to y + width."""
+    """Return a prism over a ring in x and z, from y to y + width."""
     prism = extruded(ring, width)
     x, z, depth = prism.vertices.T
     return pw.Polyhedron(np.stack([x, y + width - depth, z], axis=1), prism.faces)
@@ -67,7 +66,7 @@ def car() -> list[Any]:
 
 
 def trihedral() -> list[Any]:
-    """Three squares of 20 wavelengths that meet at right angles."""
+    """Return three perpendicular squares of 20 wavelengths."""
     square = pw.shapes.square(20 * WAVELENGTH)
     poses = np.tile(np.eye(4), (3, 1, 1))
     for k, pose in enumerate(poses):
@@ -94,7 +93,7 @@ class Rays:
         self.mi, self.scene, self.corners = mi, mi.load_dict({"type": "scene", "b": mesh}), corners
 
     def meet(self, start: np.ndarray, along: np.ndarray, last: np.ndarray) -> Any:
-        """Numbers of the triangles that rays meet first, -1 for none, and how far away."""
+        """Return the first triangles that rays hit, -1 for none, and the distances."""
         if not len(start):
             return last, np.zeros(0)
         gap = np.where(last >= 0, 1e-4, 0.0)
@@ -103,7 +102,7 @@ class Rays:
         result = self.scene.ray_intersect_preliminary(ray)
         met = np.array(result.is_valid())
         number = np.where(met, np.array(result.prim_index).astype(np.int64), -1)
-        # in double precision, from the triangle's plane
+        # in double precision, from the plane of the triangle
         a, b, c = np.moveaxis(self.corners[number], 1, 0)
         normal = np.cross(b - a, c - a)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -111,7 +110,7 @@ class Rays:
         return number, np.where(met, distance, 0.0)
 
     def root(self, s: np.ndarray, across: int, bounces: int) -> tuple[float, float]:
-        """Root of the cross section for a field p that comes back as p, of a plate."""
+        """Return the root of the cross section of plates for a field p that returns as p."""
         p = polarisation(s)
         field, area = scattered_field(self.corners, s, s, p, WAVELENGTH, bounces, across, self.meet)
         scale = math.sqrt(4 * math.pi) / WAVELENGTH
@@ -129,7 +128,7 @@ def ours(body: Any, s: np.ndarray, bounces: int) -> np.ndarray:
 
 
 def fastest(*calls: Callable[[], Any]) -> list[float]:
-    """Least seconds of each, in turns."""
+    """Return the least seconds of each call, in turns."""
     times = [np.inf] * len(calls)
     for _ in range(ROUNDS):
         for k, call in enumerate(calls):
@@ -140,7 +139,7 @@ def fastest(*calls: Callable[[], Any]) -> list[float]:
 
 
 def bodies() -> list[tuple[str, Any, int]]:
-    """Names, bodies, and directions for each."""
+    """Return names, bodies, and numbers of directions."""
     on_plate = [*car(), pw.shapes.rectangle(12.0, 8.0)]
     return [("trihedral", trihedral(), 100), ("car", car(), 4), ("car on a plate", on_plate, 4)]
 

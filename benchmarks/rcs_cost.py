@@ -1,14 +1,13 @@
-"""What does a cross section cost compared with sums over facets in NumPy, and over rays?
+"""What does a cross section cost compared with sums over facets in NumPy, and with ray tracing?
 
     python benchmarks/rcs_cost.py
 
-The sum is the textbook's: for each lit facet, Gordon's formula over its edges, for all directions
-at once; it knows no shadows but those of faces turned away, and divides by the part of nu in the
-facet's plane. Both in turns in one process; ratios above 1: `pw.rcs` is faster. Of bodies that cast
-shadows on themselves: time and memory, and the rays. Those are traced by Mitsuba (Embree, LLVM, all
-cores), one at a random point in each of n x n cells across the body, and each illuminated point
-adds its wave: physical optics to some error, given relative to the amplitude of all lit parts in
-phase. RadarSimPy, which sums rays as well, cannot be run here: its core is not public.
+The sum is the textbook method: for each illuminated facet, Gordon's formula over its edges, for all
+directions at once. It has no shadows except of faces turned away, and divides by the part of nu in
+the plane of the facet. Both in turns in one process; ratios above 1: `pw.rcs` is faster. For bodies
+that cast shadows on themselves: time and memory, and rays. Mitsuba (Embree, LLVM, all cores) traces
+a random ray in each of n x n cells across the body, and each illuminated point adds its wave:
+physical optics with an error relative to the amplitude of all illuminated parts in phase.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ ROUNDS = 5
 
 
 def directions(count: int) -> np.ndarray:
-    """Unit vectors spread over the sphere, none along an axis."""
+    """Return unit vectors spread over the sphere, not along an axis."""
     k = np.arange(count) + 0.5
     z, azimuth = 1 - 2 * k / count, k * np.pi * (1 + 5**0.5)
     across = np.sqrt(1 - z * z)
@@ -40,7 +39,7 @@ def directions(count: int) -> np.ndarray:
 
 
 def facet_by_facet(body: pw.Polyhedron, s: np.ndarray, wavelength: float) -> np.ndarray:
-    """Monostatic physical optics of a convex body."""
+    """Return monostatic physical optics of a convex body."""
     nu = 2 * s / wavelength
     total = np.zeros(len(s), complex)
     for face in body.faces:
@@ -63,7 +62,7 @@ def facet_by_facet(body: pw.Polyhedron, s: np.ndarray, wavelength: float) -> np.
 
 
 def fastest(*calls: Callable[[], Any]) -> list[float]:
-    """Least seconds of each, in turns; of the process, since others may have the cores as well."""
+    """Return the least CPU seconds of each call, in turns."""
     times = [np.inf] * len(calls)
     for _ in range(ROUNDS):
         for k, call in enumerate(calls):
@@ -129,7 +128,7 @@ class Rays:
         self.points = body.vertices
 
     def lit(self, s: np.ndarray, across: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """Illuminated points (m, 3), cosines there, and the area of a cell."""
+        """Return illuminated points (m, 3), cosines there, and the area of a cell."""
         mi, random = self.mi, np.random.default_rng(1)
         axes = np.array([[0.8, 0.6], [-0.6, 0.8]]) @ np.linalg.svd(s[None])[2][1:]
         flat = self.points @ axes.T
@@ -145,7 +144,7 @@ class Rays:
         return lit, np.abs(normal.T[met] @ s), float(np.prod(size)) / across**2
 
     def rcs(self, s: np.ndarray, wavelength: float, across: int) -> tuple[float, float]:
-        """The cross section, and the cross section of all illuminated parts in phase."""
+        """Return the cross section, and the cross section of all illuminated parts in phase."""
         lit, _, cell = self.lit(s, across)
         waves = np.exp(4j * np.pi / wavelength * (lit @ s))
         scale = 4 * np.pi * (cell / wavelength) ** 2
@@ -173,7 +172,7 @@ def lit_areas() -> None:
     facets, rays = facets_of(body), Rays(body)
     for s in directions(6):
         pieces = visible_pieces(facets, visible_along(facets, -s))
-        # signed by the side of their face, which all are convex and look towards the radar
+        # Faces are convex and towards the radar.
         ours = (np.linalg.norm(pieces.vector, axis=1) * np.sign(pieces.vector @ s)).sum() / 2
         _, cosine, cell = rays.lit(s, 3000)
         covered = (pieces.vector @ s).sum() / 2

@@ -1,13 +1,13 @@
-"""What a receiver must read of a diffuse scene, by quadrature; for tests and benchmarks.
+"""Received power in diffuse scenes by quadrature, for tests and benchmarks.
 
-A surface element dA at y with the reflectance rho, lit by |U_t|^2 of the transmitter's exact field,
-sends rho/pi E towards the receiver, which by reciprocity reads
+A surface element dA at y with the reflectance rho, illuminated by |U_t|^2 of the transmitter's
+exact field, sends rho/pi E towards the receiver. By reciprocity the received power is
 
     P = (lambda^2/N_r) int rho/pi E |U_r|^2 cos(y -> receiver) dA,    E = |U_t|^2 cos(y -> source),
 
-cosines at the surface being means over the squares, and N_r the power that the receiver's field
-radiates. Fog scatters |U_t|^2 in every direction alike. U_t and U_r are
-:func:`polywigner.irradiance` with the method ``rayleigh-sommerfeld-1``; lengths in metres.
+with means of cosines over the squares, and the radiated power N_r of the receiver's field. Fog
+scatters |U_t|^2 isotropically. U_t and U_r are :func:`polywigner.irradiance` with the method
+``rayleigh-sommerfeld-1``; lengths in metres.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ class End:
 
     @property
     def source(self) -> pw.Aperture:
-        """Centred at its origin, of unit field."""
+        """Return the square of unit field, centred at the origin."""
         return pw.shapes.square(self.side)
 
     def irradiance(self, points: Array, method: str = METHOD) -> Array:
-        """|U|^2 at points (..., 3) of the scene; zero behind."""
+        """Return |U|^2 at points (..., 3) of the scene; zero behind the source."""
         own = (points.reshape(-1, 3) - self.pose[:3, 3]) @ self.pose[:3, :3]
         front = own[:, 2] > 0
         values = np.zeros(len(own))
@@ -58,14 +58,14 @@ class End:
         return values.reshape(points.shape[:-1])
 
     def places(self) -> tuple[Array, Array]:
-        """Gauss points (9, 3) on it in the scene, and weights that add up to 1."""
+        """Return Gauss points (9, 3) of the source in the scene, and weights whose sum is 1."""
         nodes, weights = np.polynomial.legendre.leggauss(3)
         a, b = (axis.ravel() for axis in np.meshgrid(nodes, nodes))
         flat = self.side / 2 * np.stack([a, b, 0 * a], axis=-1)
         return flat @ self.pose[:3, :3].T + self.pose[:3, 3], np.outer(weights, weights).ravel() / 4
 
     def mean(self, points: Array, of: Any) -> Array:
-        """Over its places, of a function of unit vectors to points, and of the place."""
+        """Return the mean over the source of a function of unit vectors to points and positions."""
         total = np.zeros(points.shape[:-1])
         for place, weight in zip(*self.places(), strict=True):
             away = points - place
@@ -82,7 +82,7 @@ def of_surface(
     reflectance: float = 1.0,
     passes: Any = None,
 ) -> float:
-    """Power of a diffuse surface; ``passes(place, points)``: the fraction that is not blocked."""
+    """Return the power from a diffuse surface; ``passes(place, points)``: the visible fraction."""
 
     def of(direction: Array, place: Array) -> Array:
         cosine = np.maximum(-(direction * normals).sum(axis=-1), 0.0)
@@ -101,7 +101,7 @@ def of_fog(
     scattering: float,
     passes: Any,
 ) -> float:
-    """Power of light that fog has scattered once, in all directions alike; 1/m."""
+    """Return the power of single isotropic scattering in fog, in 1/m."""
 
     def of(direction: Array, place: Array) -> Array:
         return np.asarray(passes(place, points))
@@ -112,7 +112,7 @@ def of_fog(
 
 
 def _hemisphere(count: int) -> tuple[Array, Array]:
-    """Unit vectors (n, n, 3) with z > 0, and their solid angles."""
+    """Return unit vectors (n, n, 3) with z > 0, and their solid angles."""
     t, w = np.polynomial.legendre.leggauss(count)
     alpha, psi = np.meshgrid(t, t * np.pi / 2, indexing="ij")
     rho = np.sqrt(1 - alpha**2)
@@ -121,7 +121,7 @@ def _hemisphere(count: int) -> tuple[Array, Array]:
 
 
 def of_ball(receiver: End, obliquity: str, radius: float) -> float:
-    """Power of a ball of radiance 1 around a receiver at the origin, by its exact near field."""
+    """Return the power of a ball of radiance 1 around a receiver at the origin."""
     directions, solid_angles = _hemisphere(160)
     points = radius * directions
 
@@ -135,7 +135,7 @@ def of_ball(receiver: End, obliquity: str, radius: float) -> float:
 
 @lru_cache
 def radiated(side: float, obliquity: str = METHOD) -> float:
-    """Power in W that a square of unit field radiates: the integral of g |F|^2 over directions."""
+    """Return the radiated power in W of a square of unit field: the integral of g |F|^2."""
     directions, solid_angles = _hemisphere(200)
     cosine = directions[..., 2]
     nu = directions[..., :2] / WAVELENGTH
@@ -149,7 +149,7 @@ def radiated(side: float, obliquity: str = METHOD) -> float:
 
 
 def grid(low: Any, high: Any, panels: Any) -> tuple[Array, Array]:
-    """Points (n, m, 2) of a rectangle and their weights: Gauss's rule in panels of 8 points."""
+    """Return points (n, m, 2) of a rectangle and weights: Gauss rules in panels of 8 points."""
     t, w = np.polynomial.legendre.leggauss(8)
     axes = []
     for a, b, count in zip(low, high, panels, strict=True):

@@ -1,4 +1,4 @@
-"""How near do receivers in rendered scenes come to the power that quadrature finds?
+"""How accurate is the power of receivers in rendered scenes, compared with quadrature?
 
 Square sources at 94 GHz, some 10 mm wide, of unit field, in scenes of diffuse surfaces, a fog and
 an obstacle. Powers are radiated powers. For each case: the mean of 16 renders with equal numbers of
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
+import polywigner.mitsuba as pwm  # before Mitsuba: selects the LLVM library
 
 # isort: split
 import mitsuba as mi
@@ -40,7 +40,7 @@ RENDERS = 16
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with one receiver, and the power that it must read."""
+    """A scene with one receiver, and its expected power."""
 
     scene: Callable[[], dict[str, Any]]
     power: Callable[[], float]
@@ -49,7 +49,7 @@ class Case:
 def pose(
     origin: Any = (0.0, 0.0, 0.0), target: Any = (0.0, 0.0, 1.0), about: float = 0.0
 ) -> npt.NDArray[np.float64]:
-    """A frame (4, 4) whose +z points from an origin to a target, in metres."""
+    """Return a frame (4, 4) whose +z points from an origin to a target, in metres."""
     z = np.subtract(target, origin)
     z = z / np.linalg.norm(z)
     x = np.cross([np.sin(about), np.cos(about), 0.0], z)
@@ -61,14 +61,14 @@ def pose(
 
 
 def in_scene(matrix: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """A pose in metres as one in millimetres."""
+    """Convert a pose from metres to millimetres."""
     result = matrix.copy()
     result[:3, 3] /= MILLIMETRE
     return result
 
 
 def sender(end: End) -> dict[str, Any]:
-    """Its entry of exact light, without a surface: the receiver reads reflections alone."""
+    """Return the entry of an exact source without a surface, so that only reflections count."""
     return pwm.aperture(
         end.source,
         WAVELENGTH,
@@ -80,7 +80,7 @@ def sender(end: End) -> dict[str, Any]:
 
 
 def reader(end: End, estimator: str = "exact", **more: Any) -> dict[str, Any]:
-    """The entry of a receiver of one pixel."""
+    """Return the entry of a receiver of one pixel."""
     return pwm.receiver(
         end.source,
         WAVELENGTH,
@@ -92,12 +92,11 @@ def reader(end: End, estimator: str = "exact", **more: Any) -> dict[str, Any]:
 
 
 def white(value: float = 1.0) -> dict[str, Any]:
-    """A diffuse BSDF."""
     return {"type": "diffuse", "reflectance": {"type": "spectrum", "value": value}}
 
 
 def plate(centre: Any, towards: Any, half: float, reflectance: float = 1.0) -> dict[str, Any]:
-    """A square with this half width in metres, its normal to a target."""
+    """Return a square with this half width in metres, its normal towards a target."""
     matrix = in_scene(pose(centre, towards))
     matrix[:3, :2] *= half / MILLIMETRE
     transform = mi.ScalarTransform4f(matrix)
@@ -105,14 +104,14 @@ def plate(centre: Any, towards: Any, half: float, reflectance: float = 1.0) -> d
 
 
 def on_plate(centre: Any, towards: Any, half: float, panels: int = 12) -> tuple[Any, Any, Any]:
-    """Points, normals and areas of it."""
+    """Return points, normals and areas of the plate."""
     flat, areas = grid((-half, -half), (half, half), (panels, panels))
     frame = pose(centre, towards)
     return flat @ frame[:3, :2].T + frame[:3, 3], frame[:3, 2], areas
 
 
 def on_ball(centre: Any, radius: float) -> tuple[Any, Any, Any]:
-    """Points, normals and areas of the half of a sphere that faces the plane z = 0."""
+    """Return points, normals and areas of the hemisphere that faces the plane z = 0."""
     t, w = np.polynomial.legendre.leggauss(60)
     azimuth = np.arange(32) * (2 * np.pi / 32)
     cosine, phi = np.meshgrid((t + 1) / 2, azimuth, indexing="ij")
@@ -123,7 +122,7 @@ def on_ball(centre: Any, radius: float) -> tuple[Any, Any, Any]:
 
 
 def scene_of(*entries: dict[str, Any], depth: int = 2, fog: Any = None) -> dict[str, Any]:
-    """One receiver, lights and things."""
+    """Return a scene of a receiver, sources and objects."""
     integrator = {"type": "volpath" if fog else "path", "max_depth": depth}
     result: dict[str, Any] = {"type": "scene", "integrator": integrator}
     return {**result, **{f"part_{number}": entry for number, entry in enumerate(entries)}}
@@ -139,7 +138,7 @@ TILTED = End(0.012, pose((0.1, 0.02, 0.0), (-0.07, 0.02, 0.3)))
 def floor_case(
     transmitter: End, receiver: End, estimator: str = "exact", height: float = HEIGHT
 ) -> Case:
-    """A white floor parallel to the transmitter."""
+    """Return a white floor parallel to the transmitter."""
     floor = ((0.0, 0.0, height), (0.0, 0.0, 0.0), 2 * height)
     return Case(
         lambda: scene_of(reader(receiver, estimator), sender(transmitter), plate(*floor)),
@@ -151,7 +150,7 @@ BALL = 0.02
 
 
 def furnaces() -> Iterator[tuple[str, Case]]:
-    """A radiance of 1 from everywhere, and from the inside of a sphere in the near field."""
+    """Yield a sky of radiance 1, and a sphere of radiance 1 in the near field."""
     sky = {"type": "constant", "radiance": {"type": "spectrum", "value": 1.0}}
     ball = {
         "type": "sphere",
@@ -168,7 +167,7 @@ def furnaces() -> Iterator[tuple[str, Case]]:
             def nearby(name: str = name) -> float:
                 return of_ball(SENDS, name, BALL)
 
-            # rays carry the radiance, as far as the sphere is
+            # Rays carry the radiance up to the sphere.
             near = nearby if estimator == "exact" else everywhere
             for place, thing, power in (("sky", sky, everywhere), ("sphere of 20 mm", ball, near)):
                 yield (
@@ -183,7 +182,7 @@ def furnaces() -> Iterator[tuple[str, Case]]:
 
 
 def floors() -> Iterator[tuple[str, Case]]:
-    """Monostatic and bistatic."""
+    """Yield monostatic and bistatic floors."""
     for estimator in ("exact", "wigner"):
         yield f"floor, monostatic, {estimator}", floor_case(SENDS, SENDS, estimator)
         yield f"floor, bistatic, {estimator}", floor_case(SENDS, BESIDE, estimator)
@@ -200,7 +199,7 @@ def floors() -> Iterator[tuple[str, Case]]:
 
 
 def exchanged() -> Iterator[tuple[str, Case]]:
-    """Both light a tilted plate, one of them aside of its axis; then the other way round."""
+    """Yield a tilted plate off the axis of one end, in both directions."""
     target = (0.0, 0.0, 1.0)
     things = (target, (0.15, 0.3, 0.0), 0.05)
     for degrees in (0, 30, 60):
@@ -218,7 +217,7 @@ def exchanged() -> Iterator[tuple[str, Case]]:
 
 
 def obstacles() -> Iterator[tuple[str, Case]]:
-    """A black half-plane halfway to the floor, whose shadow begins at x = 0."""
+    """Yield a black half-plane halfway to the floor, whose shadow starts at x = 0."""
     screen = {
         "type": "rectangle",
         "to_world": mi.ScalarTransform4f().translate([2000.0, 0.0, 150.0]).scale(2000.0),
@@ -226,7 +225,7 @@ def obstacles() -> Iterator[tuple[str, Case]]:
     }
 
     def passes(place: Any, points: Any) -> Any:
-        # the share of the square that a point sees
+        # visible fraction of the square
         return np.clip(0.5 - points[..., 0] / SENDS.side, 0.0, 1.0)
 
     def power() -> float:
@@ -250,7 +249,7 @@ EXTINCTION = 4.0
 
 
 def fogs() -> Iterator[tuple[str, Case]]:
-    """A layer of fog from 0.2 to 0.3 m: its single scattering, and a floor behind it."""
+    """Yield fog from 0.2 to 0.3 m with single scattering, and a floor behind it."""
 
     def layer(albedo: float) -> dict[str, Any]:
         medium = {"type": "homogeneous", "albedo": albedo, "sigma_t": EXTINCTION * MILLIMETRE}
@@ -295,7 +294,7 @@ def fogs() -> Iterator[tuple[str, Case]]:
 
 
 def by_radar_equation(cross_section: float, distance: float) -> float:
-    """Power of a target on the axis of both ends; gain 4 pi |F|^2/(wavelength^2 radiated power)."""
+    """Return the power of a target on both axes with gains 4 pi |F|^2/(wavelength^2 N)."""
     power = radiated(SENDS.side)
     gain = 4 * np.pi * SENDS.source.area**2 / (WAVELENGTH**2 * power)
     density = power * gain / (4 * np.pi * distance**2)
@@ -306,13 +305,13 @@ ALBEDO, TARGET = 0.7, 0.03
 
 
 def leaning(distance: float) -> tuple[Any, Any, float]:
-    """A plate on the axis, turned by 35 degrees."""
+    """Return a plate on the axis, rotated by 35 degrees."""
     angle = np.deg2rad(35)
     return (0.0, 0.0, distance), (np.sin(angle), 0.0, distance - np.cos(angle)), TARGET
 
 
 def targets(distance: float) -> Iterator[tuple[str, float, float]]:
-    """Lambertian plate and sphere at a distance: by the radar equation, and by quadrature."""
+    """Yield a Lambertian plate and a sphere: the radar equation, and quadrature."""
     section = 4 * ALBEDO * (2 * TARGET) ** 2 * np.cos(np.deg2rad(35)) ** 2
     surface = on_plate(*leaning(distance), 2)
     yield (
@@ -330,7 +329,7 @@ def targets(distance: float) -> Iterator[tuple[str, float, float]]:
 
 
 def radar() -> Iterator[tuple[str, Case]]:
-    """Lambertian targets 2 m away."""
+    """Yield Lambertian targets at 2 m."""
     ball = {
         "type": "sphere",
         "center": [0.0, 0.0, 2.0 / MILLIMETRE],
@@ -349,20 +348,18 @@ def radar() -> Iterator[tuple[str, Case]]:
 
 
 def cases() -> dict[str, Case]:
-    """By name."""
     makers = (furnaces, floors, exchanged, obstacles, fogs, radar)
     return {name: case for maker in makers for name, case in maker()}
 
 
 def measured(case: Case, samples: int, renders: int = RENDERS) -> tuple[float, float]:
-    """The power in W, and its standard error."""
+    """Return the power in W, and its standard error."""
     scene = mi.load_dict(case.scene())
     values = [pwm.render(scene, spp=samples // renders, seed=k)[0, 0, 0] for k in range(renders)]
     return float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(renders))
 
 
 def main() -> None:
-    """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=1 << 22)
     parser.add_argument("--only", default="")

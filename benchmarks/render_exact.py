@@ -1,16 +1,15 @@
-"""How much error is left after how much time, by signed Wigner samples and by exact light?
+"""How large is the error after a computing time, with signed Wigner samples and with exact light?
 
-A white floor below a source at 94 GHz, `direct`, `multijitter` samples, seen over 1.2 heights to
-either side in 256 x 256 pixels, box filter. For each method: CPU seconds of a render with a
-compiled kernel, the better of two; and three errors, each the mean over the image, over the peak
-of the truth, in dB. "all": against the truth, means of |U|^2 cos over pixels by Gauss points.
-"noise": difference of two images, which leaves out what rays miss near the source.
-"light": against an image by exact light of the same points in each pixel, which leaves out that
-values in a pixel differ; of exact light itself |U|^2 at the centres of pixels.
+A white floor below a source at 94 GHz, `direct`, `multijitter` samples, viewed over 1.2 heights on
+both sides in 256 x 256 pixels, box filter. For each method: CPU seconds of a render with a compiled
+kernel, the better of two; and three errors in dB, each the mean over the image relative to the
+peak. "all": against means of |U|^2 cos over pixels by Gauss points. "noise": difference of two
+images, without the near-field error of rays. "light": against exact light at the same points of
+each pixel; for exact light, against |U|^2 at the centres of pixels.
 
-Last, how many times less CPU time exact light takes than this way to that much noise, on the line
-through its two numbers of samples. "as exact 4", "as exact 64": to the error of all with so many
-samples. "same light": to the error of exact light, by one sample of it.
+The last columns are ratios of CPU time to exact light at equal error, interpolated between two
+numbers of samples. "as exact 4", "as exact 64": to the error "all" with these samples. "same
+light": to the error of exact light with one sample.
 
     python benchmarks/render_exact.py [--size 256] [--only square]
 """
@@ -25,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 import polywigner as pw
-import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
+import polywigner.mitsuba as pwm  # before Mitsuba: selects the LLVM library
 
 # isort: split
 import mitsuba as mi
@@ -34,19 +33,19 @@ from polywigner.mitsuba.plugins.exact_field import ExactField
 from polywigner.quantities import wavelength_of
 
 WAVELENGTH = wavelength_of(94e9)
-SPREAD = 1.2  # half of the image's width over the height
+SPREAD = 1.2  # half width of the image over the height
 MILLIMETRE = 1e-3
 METHOD = "rayleigh-sommerfeld-1"
 HEIGHTS = (0.05, 0.3)
 EXACT = (1, 4, 64)
 SIGNED = (64, 256)
 _BLOCK = 1 << 16
-# In dB: two images differ by more than each does from its mean.
+# dB between the difference of two images and their deviations from the mean
 _TWO = 5 * np.log10(2)
 
 
 def sources() -> dict[str, pw.Aperture | pw.Array]:
-    """The sources, each of some 10 mm, and arrays of 8 x 8 and 12 x 16 small squares."""
+    """Return sources of about 10 mm, and arrays of 8 x 8 and 12 x 16 small squares."""
     corners = [[-5, -5], [5, -5], [5, -1], [-1, -1], [-1, 5], [-5, 5]]
     element = pw.shapes.square(0.5 * WAVELENGTH)
     arrays = {
@@ -66,7 +65,7 @@ def sources() -> dict[str, pw.Aperture | pw.Array]:
 
 
 def floor_scene(source: Any, height: float, size: int, way: str) -> Any:
-    """The floor from its upper side, in millimetres."""
+    """Return the floor from above, in millimetres."""
     transform = mi.ScalarTransform4f
     z = height / MILLIMETRE
     half = SPREAD * z
@@ -101,13 +100,13 @@ def floor_scene(source: Any, height: float, size: int, way: str) -> Any:
 
 
 def rendered(scene: Any, spp: int, seed: int) -> npt.NDArray[np.float64]:
-    """Irradiance of the floor: rows towards -y, columns towards +x."""
-    # the camera looks along +z with +y up: its columns run towards -x
+    """Return the irradiance of the floor, with rows towards -y and columns towards +x."""
+    # The camera points along +z with +y up, so its columns run towards -x.
     return np.pi * pwm.render(scene, spp=spp, seed=seed)[:, ::-1, 0].astype(np.float64)
 
 
 def truth(source: Any, height: float, size: int) -> npt.NDArray[np.float64]:
-    """Means over pixels of |U|^2 times the cosine, the mean over points of the source by |u|^2."""
+    """Return means over pixels of |U|^2 times the mean cosine over the source."""
     offsets, weights = np.polynomial.legendre.leggauss(2 if height < 0.1 else 3)
     pitch = 2 * SPREAD * height / size
     centres = (np.arange(size) + 0.5) * pitch - SPREAD * height
@@ -127,7 +126,7 @@ def truth(source: Any, height: float, size: int) -> npt.NDArray[np.float64]:
 
 
 def mean_cosine(source: Any, points: Any) -> Any:
-    """Cosine at points of the floor, to second order in the size of the source."""
+    """Return the cosine at points of the floor, to second order in the size of the source."""
     side = (np.arange(60) + 0.5) / 60
     low, high = np.reshape(source.bounds, (2, 2))
     x = low + (high - low) * np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -140,13 +139,13 @@ def mean_cosine(source: Any, points: Any) -> Any:
 
 
 def decibels(result: Any, expected: Any, peak: float | None = None) -> float:
-    """Mean error over the peak, by default the peak of the expected values."""
+    """Return the mean error relative to the peak."""
     highest = expected.max() if peak is None else peak
     return float(10 * np.log10(np.abs(result - expected).mean() / highest))
 
 
 def timed(scene: Any, spp: int) -> tuple[float, list[npt.NDArray[np.float64]]]:
-    """CPU seconds, the better of two, and the images of two seeds."""
+    """Return CPU seconds, the better of two runs, and the images of two seeds."""
     rendered(scene, 1, 0)  # compiles
     times, images = [], []
     for seed in (1, 2):
@@ -157,7 +156,7 @@ def timed(scene: Any, spp: int) -> tuple[float, list[npt.NDArray[np.float64]]]:
 
 
 def error_of_light(source: Any, height: float, size: int) -> float:
-    """Exact irradiance at the centres of pixels, in dB."""
+    """Return the error in dB of exact irradiance at the centres of pixels."""
     pitch = 2 * SPREAD * height / size
     axis = (np.arange(size) + 0.5) * pitch - SPREAD * height
     points = np.stack(np.broadcast_arrays(axis[None, :], axis[:, None], height), axis=-1)
@@ -169,7 +168,7 @@ def error_of_light(source: Any, height: float, size: int) -> float:
 
 
 def measure(name: str, source: Any, height: float, size: int) -> None:
-    """Print the rows of one source and height."""
+    """Print the rows of a source and height."""
     expected = truth(source, height, size)
     peak = expected.max()
     exact_scene = floor_scene(source, height, size, "exact")
@@ -194,14 +193,13 @@ def measure(name: str, source: Any, height: float, size: int) -> None:
     slope = np.log(many[0] / few[0]) / (noises[1] - noises[0])
     times = [many[0] * np.exp(slope * (goal - noises[1])) / exact[spp][0] for spp, goal in goals]
     row("wigner", SIGNED[0], few, light)
-    # of so many samples their places do not matter
+    # With many samples, their positions do not matter.
     row("wigner", SIGNED[1], many, decibels(many[1][0], expected), *times)
     for spp in EXACT:
         row("exact", spp, exact[spp], own)
 
 
 def main() -> None:
-    """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--only")

@@ -1,15 +1,15 @@
-"""Question: does a rendered floor show the diffraction integral it should, without bias?
+"""Does a rendered floor show the diffraction integral without bias?
 
-Renders the line through the axis on a floor under an aperture (4096 samples per pixel, multijitter)
+Renders the line through the axis on a floor below an aperture (4096 samples per pixel, multijitter)
 and compares it with the pixel-averaged quadrature of the same integral. Without the floor's cosine
-that integral is compared with |U|^2 of the exact Rayleigh-Sommerfeld integral of the first kind.
-Prints one row per distance:
+that integral is compared with |U|^2 of the exact first Rayleigh-Sommerfeld integral. Prints one row
+for each distance:
 
 - error: mean |rendered - quadrature| over the line, in dB of the peak, for one seed;
 - bias: (mean signed error of the line over all seeds) / (its statistical error): within about 3
-  (of 64 seeds: the error of the error itself, from a dozen, makes larger values by chance);
-- model: rms of the integral against that |U|^2 in dB where the latter exceeds -20 dB of its peak;
-- quadrature: its own largest change with more nodes, over the peak.
+  for 64 seeds; a dozen seeds give larger values by chance;
+- model: rms of the integral against |U|^2 in dB, at levels above -20 dB of its peak;
+- quadrature: its largest change with more nodes, over the peak.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 import polywigner as pw
-import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
+import polywigner.mitsuba as pwm  # before Mitsuba: selects the LLVM library
 
 # isort: split
 import mitsuba as mi
@@ -34,8 +34,8 @@ __all__ = ["COLUMNS", "WAVELENGTH", "Case", "cases", "floor_scene", "quadrature_
 
 WAVELENGTH = wavelength_of(94e9)
 COLUMNS = 401
-_SPREAD = 2.0  # half-width of the line over the distance
-_MILLIMETRE = 1e-3  # the scene's unit: at 2 wavelengths, metres are too coarse for Mitsuba's rays
+_SPREAD = 2.0  # half width of the line over the distance
+_MILLIMETRE = 1e-3  # unit of the scene; in metres, 2 wavelengths are too small for Mitsuba's rays
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class Case:
 
     @property
     def z(self) -> float:
-        """Metres."""
+        """Height of the aperture in metres."""
         return self.distance * WAVELENGTH
 
 
 def cases() -> list[Case]:
-    """The square of 10 mm at four distances, and a chevron of 10 mm at two."""
+    """Return the square of 10 mm at four distances, and a chevron of 10 mm at two distances."""
     square = pw.shapes.square(0.01)
     chevron = pw.shapes.chevron(0.01, 0.01, 0.004)
     asked = [(2, -30.0, 0.7), (5, -38.0, 0.35), (10, -40.0, 0.2), (20, -40.0, 0.08)]
@@ -72,7 +72,7 @@ def floor_scene(
     more: Any = None,
     **options: Any,
 ) -> Any:
-    """A white floor below the aperture, seen by a camera that looks away from it; millimetres.
+    """Return a white floor below the aperture and a camera that faces it, in millimetres.
 
     ``bsdf``: of another floor; ``more``: further entries; ``options``: of the aperture's entry.
     """
@@ -110,21 +110,21 @@ def floor_scene(
 
 
 def rendered(scene: Any, spp: int, seed: int, integrator: Any = None) -> npt.NDArray[np.float64]:
-    """Irradiance of the floor along +x: pi times the radiance of a white diffuser."""
+    """Return the irradiance of the floor along +x, pi times the radiance of a white diffuser."""
     image = pwm.render(scene, integrator, spp=spp, seed=seed)
-    # The camera looks along +z with +y up: its columns run towards -x.
+    # The camera points along +z with +y up, so its columns run towards -x.
     return np.pi * image[0, ::-1, 0].astype(np.float64)
 
 
 def quadrature_line(case: Case, columns: int = COLUMNS) -> npt.NDArray[np.float64]:
-    """What ``rendered`` estimates."""
+    """Return the expectation of ``rendered``."""
     points = reference.pixel_points(columns, _SPREAD * case.z, case.z)
     values = reference.wigner_floor(case.aperture, points, WAVELENGTH)
     return reference.mean_over_pixels(values)
 
 
 def model_error_db(case: Case, columns: int = COLUMNS) -> float:
-    """Rms difference of the leading-order integral from |RS-I|^2 above -20 dB."""
+    """Return the rms difference of the leading-order integral from |RS-I|^2 above -20 dB."""
     points = reference.pixel_points(columns, _SPREAD * case.z, case.z, per_side=1)[:, 0, 0]
     leading = reference.wigner_intensity(case.aperture, points, WAVELENGTH)
     exact = reference.rayleigh_sommerfeld(case.aperture, points, WAVELENGTH)
@@ -133,14 +133,13 @@ def model_error_db(case: Case, columns: int = COLUMNS) -> float:
 
 
 def quadrature_error(case: Case) -> float:
-    """Largest change of the quadrature with more nodes, over its peak."""
+    """Return the largest change of the quadrature with more nodes, over its peak."""
     points = reference.pixel_points(41, _SPREAD * case.z, case.z, per_side=1)
     values = reference.wigner_floor(case.aperture, points, WAVELENGTH)
     return reference.convergence(case.aperture, points, WAVELENGTH, values)
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--spp", type=int, default=4096)
     parser.add_argument("--seeds", type=int, default=64)
@@ -152,7 +151,7 @@ def main() -> None:
     for index, case in enumerate(cases()):
         expected = quadrature_line(case)
         scene = floor_scene(case, sampler=arguments.sampler)
-        # Different seeds in each row: with equal seeds the errors of the rows would be correlated.
+        # With equal seeds, the errors of the rows would be correlated.
         seeds = range(index * arguments.seeds, (index + 1) * arguments.seeds)
         runs = [rendered(scene, arguments.spp, seed) for seed in seeds]
         errors = (np.array(runs) - expected) / expected.max()

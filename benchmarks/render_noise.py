@@ -1,11 +1,11 @@
-"""How many samples does a pixel need for a stated error, by sampler?
+"""How many samples per pixel are needed for an error, by sampler?
 
-A white floor under a 10 mm square at 94 GHz, near (5 wavelengths) and far (100): rms error over
-seeds at boresight, the first sidelobe and the first null along x, over the peak of the irradiance,
-against quadrature of the same integral. In the table: the error of `independent` samples
-at 1024 per pixel, how many samples other samplers take to that error (log-interpolated), how many
-times fewer that is, what a sample costs, and the mean signed error of the line over its own error.
-The picture shows errors against samples.
+A white floor below a 10 mm square at 94 GHz, near (5 wavelengths) and far (100): rms error over
+seeds at boresight, the first sidelobe and the first null along x, relative to the peak of the
+irradiance, against quadrature of the same integral. The table contains the error of 1024
+`independent` samples per pixel, the samples of other samplers for this error (log-interpolated),
+their ratio, the cost of a sample, and the mean signed error of the line over its standard error.
+The figure shows errors over samples.
 
     python benchmarks/render_noise.py [--seeds 16] [--out docs/images/render_noise.png]
 """
@@ -18,7 +18,7 @@ import time
 import numpy as np
 
 import polywigner as pw
-import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
+import polywigner.mitsuba as pwm  # before Mitsuba: selects the LLVM library
 
 # isort: split
 import mitsuba as mi
@@ -29,7 +29,7 @@ COLUMNS = 101
 DISTANCES = (5.0, 100.0)
 REFERENCE = 1024
 SPP = (16, 64, 256, 1024, 4096)
-# 'orthogonal' takes squares of primes.
+# 'orthogonal' requires squares of primes.
 SPP_OF = {"orthogonal": (25, 121, 289, 1369, 4489)}
 
 
@@ -37,7 +37,7 @@ SAMPLERS = ("independent", "multijitter", "ldsampler", "orthogonal")
 
 
 def places(truth: np.ndarray) -> dict[str, int]:
-    """Columns of boresight, the first null and the first sidelobe beyond it."""
+    """Return the columns of boresight, the first null and the first sidelobe beyond it."""
     middle = len(truth) // 2
     right = truth[middle:]
     null = next(k for k in range(1, len(right) - 1) if right[k] <= right[k + 1])
@@ -46,7 +46,7 @@ def places(truth: np.ndarray) -> dict[str, int]:
 
 
 def errors(case: Case, sampler: str, truth: np.ndarray, seeds: int) -> tuple[np.ndarray, ...]:
-    """(spp, rms errors (spp, columns), bias over its error, CPU ns a sample) of a sampler."""
+    """Return (spp, rms errors (spp, columns), bias over its error, CPU ns per sample)."""
     scene = floor_scene(case, COLUMNS, sampler)
     counts = SPP_OF.get(sampler, SPP)
     rms, bias, cost = [], 0.0, 0.0
@@ -63,13 +63,13 @@ def errors(case: Case, sampler: str, truth: np.ndarray, seeds: int) -> tuple[np.
 
 
 def about(rms: np.ndarray, column: int) -> np.ndarray:
-    """At a point: rms over its pixel and the neighbours of equal footing, mirrored ones too."""
+    """Return the rms over a pixel and its equivalent neighbours, including mirrored pixels."""
     mirrored = COLUMNS - 1 - column
     return np.sqrt((rms[:, [column, mirrored]] ** 2).mean(axis=1))
 
 
 def needed(counts: np.ndarray, error: np.ndarray, wanted: float) -> float:
-    """Samples to an error, on the line between the two nearest, or along the last slope."""
+    """Return the samples for an error, interpolated between neighbours or by the last slope."""
     x, y = np.log(counts), np.log(np.minimum.accumulate(error))
     goal = np.log(wanted)
     if goal > y[0]:
@@ -80,7 +80,6 @@ def needed(counts: np.ndarray, error: np.ndarray, wanted: float) -> float:
 
 
 def main() -> None:
-    """Measure, print Markdown tables, and draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=16)
     parser.add_argument("--out")
@@ -124,7 +123,7 @@ SHOWN = {
 
 
 def draw(curves: dict[tuple[float, str, str], tuple[np.ndarray, np.ndarray]], out: str) -> None:
-    """Errors against samples, one panel for each position and distance."""
+    """Draw errors over samples, with a panel for each position and distance."""
     import matplotlib.pyplot as plt
 
     names = ("boresight", "sidelobe", "null")

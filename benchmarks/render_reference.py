@@ -1,10 +1,10 @@
-"""Power density under an aperture by two independent integrals, for tests and benchmarks.
+"""Power density below an aperture by two independent integrals, for tests and benchmarks.
 
 - ``wigner_intensity``: |U|^2 to leading order, (1/lambda^2) int W g/|r|^2 dx over the automean, by
-  Gauss-Legendre quadrature on the pieces between which W is analytic; ``wigner_floor``: the same
-  times the floor's cosine, the integral that the renderer estimates.
-- ``rayleigh_sommerfeld``: |U|^2 of the exact Rayleigh-Sommerfeld integral of the first kind, as a
-  line integral over the aperture's edges; shares no code with the package but the vertices.
+  Gauss-Legendre quadrature on pieces on which W is analytic. ``wigner_floor`` is the same integral
+  with the floor's cosine, which the renderer estimates.
+- ``rayleigh_sommerfeld``: |U|^2 of the exact first Rayleigh-Sommerfeld integral, as a line integral
+  over the aperture's edges, without code of the package.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ def _edges(aperture: pw.Aperture) -> tuple[Array, Array]:
 
 
 def rayleigh_sommerfeld(aperture: pw.Aperture, points: Array, wavelength: float) -> Array:
-    """|U|^2 at points (..., 3) with z of 2 wavelengths or more, for a unit wave along +z.
+    """Return |U|^2 at points (..., 3) with z of 2 wavelengths or more, for a unit wave along +z.
 
-    U = -(1/2 pi) closed-int ((z/R) e^{ikR} - e^{ikz}) dphi, with the difference divided by rho^2
-    in closed form, so that nothing happens where an edge passes over the point.
+    U = -(1/2 pi) closed-int ((z/R) e^{ikR} - e^{ikz}) dphi, with the difference divided by rho^2 in
+    closed form, which is smooth at edges below the point.
     """
     k = 2 * np.pi / wavelength
     start, end = _edges(aperture)
     total = np.zeros(points.shape[:-1], dtype=complex)
     z = points[..., 2, None]
     for a, b in zip(start, end, strict=True):
-        # Four times the nodes that 1e-6 takes, see the notes on propagation in the theory.
+        # Four times the nodes for an error of 1e-6 (docs/theory).
         count = 40 + int(10 * np.hypot(*(b - a)) / wavelength)
         t, weights = np.polynomial.legendre.leggauss(count)
         nodes = a + (b - a) * (t[:, None] + 1) / 2
@@ -63,7 +63,7 @@ def rayleigh_sommerfeld(aperture: pw.Aperture, points: Array, wavelength: float)
 
 
 def _cells(aperture: pw.Aperture) -> list[Array]:
-    """Triangles between the lines across which W(., nu) is not analytic."""
+    """Return triangles between the lines across which W(., nu) is not analytic."""
     start, end = _edges(aperture)
     lines = [
         shapely.LineString([(vertex + a) / 2, (vertex + b) / 2])
@@ -82,7 +82,7 @@ def _cells(aperture: pw.Aperture) -> list[Array]:
 
 
 def _nodes(triangles: list[Array], count: int) -> tuple[Array, Array]:
-    """Gauss-Legendre nodes (n, 2) and weights (n,), count x count on each triangle."""
+    """Return Gauss-Legendre nodes (n, 2) and weights (n,), count x count on each triangle."""
     t, w = np.polynomial.legendre.leggauss(count)
     u, v = np.meshgrid((t + 1) / 2, (t + 1) / 2, indexing="ij")
     weights = np.outer(w, w) / 4 * u
@@ -93,14 +93,14 @@ def _nodes(triangles: list[Array], count: int) -> tuple[Array, Array]:
 
 
 def wigner_intensity(aperture: pw.Aperture, points: Array, wavelength: float) -> Array:
-    """(1/lambda^2) int W g/|r|^2 dx at points (..., 3), g = cos^2 (Rayleigh-Sommerfeld I)."""
+    """Return (1/lambda^2) int W g/|r|^2 dx at points (..., 3), g = cos^2."""
     return _wigner_integral(aperture, points, wavelength, None, 2)
 
 
 def wigner_floor(
     aperture: pw.Aperture, points: Array, wavelength: float, count: int | None = None
 ) -> Array:
-    """The same times the cosine at points of a floor below the aperture."""
+    """Return ``wigner_intensity`` with the cosine at points of a floor below the aperture."""
     return _wigner_integral(aperture, points, wavelength, count, 3)
 
 
@@ -126,7 +126,7 @@ def _wigner_integral(
 
 
 def convergence(aperture: pw.Aperture, points: Array, wavelength: float, values: Array) -> float:
-    """Largest change of ``values`` of ``wigner_floor`` with more nodes, over their peak."""
+    """Return the relative change of ``values`` of ``wigner_floor`` with more nodes."""
     triangles = _cells(aperture)
     side = max(np.ptp(triangle, axis=0).max() for triangle in triangles)
     finer = wigner_floor(aperture, points, wavelength, 14 + int(np.ceil(7 * side / wavelength)))
@@ -134,7 +134,7 @@ def convergence(aperture: pw.Aperture, points: Array, wavelength: float, values:
 
 
 def pixel_points(columns: int, half_width: float, z: float, per_side: int = 4) -> Array:
-    """Gauss nodes (columns, per_side, per_side, 3) in the square pixels of a centred line."""
+    """Return Gauss nodes (columns, per_side, per_side, 3) in the pixels of a centred line."""
     pitch = 2 * half_width / columns
     centres = (np.arange(columns) + 0.5) * pitch - half_width
     offsets = np.polynomial.legendre.leggauss(per_side)[0] * pitch / 2
@@ -144,6 +144,6 @@ def pixel_points(columns: int, half_width: float, z: float, per_side: int = 4) -
 
 
 def mean_over_pixels(values: Array) -> Array:
-    """Means (columns,) of values at ``pixel_points``."""
+    """Return means (columns,) of values at ``pixel_points``."""
     weights = np.polynomial.legendre.leggauss(values.shape[-1])[1] / 2
     return np.einsum("cij,i,j->c", values, weights, weights)

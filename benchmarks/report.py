@@ -1,4 +1,4 @@
-"""The comparison as Markdown and JSON; tools/fill_documents.py takes its tables into the docs."""
+"""The comparison as Markdown and JSON; tools/fill_documents.py copies its tables to the docs."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ _FACTS = ("processor", "instructions", "cores", "system", "python", "compiler", 
 
 
 def as_json(lines: Iterable[Line], facts: dict[str, Any]) -> dict[str, Any]:
-    """Facts (date, machine, versions) and lines; see ``lines.Line`` for the fields."""
+    """Return facts (date, machine, versions) and lines; see ``lines.Line`` for the fields."""
     return {"schema": SCHEMA, **facts, "lines": [line.as_json() for line in lines]}
 
 
 def from_json(report: dict[str, Any]) -> list[Line]:
-    """The lines of a report; ValueError for another schema."""
+    """Return the lines of a report; raise ValueError for another schema."""
     if report.get("schema") != SCHEMA:
         raise ValueError(f"expected schema {SCHEMA}, got {report.get('schema')!r}")
     return [Line.from_json(line) for line in report["lines"]]
 
 
 def check_writable(folder: Path) -> None:
-    """Make the folder if it does not exist. Raises OSError if it cannot be written to."""
+    """Create the folder if it does not exist; raise OSError if it is not writable."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder):
         pass
 
 
 def written(folder: Path, lines: Sequence[Line], facts: dict[str, Any]) -> list[Path]:
-    """Writes comparison.json and comparison.md; each appears whole or not at all."""
+    """Write comparison.json and comparison.md, each completely or not at all."""
     check_writable(folder)
     texts = {
         "comparison.json": json.dumps(as_json(lines, facts), indent=1) + "\n",
@@ -57,7 +57,7 @@ def written(folder: Path, lines: Sequence[Line], facts: dict[str, Any]) -> list[
 
 
 def markdown(lines: Sequence[Line], facts: dict[str, Any]) -> str:
-    """What was measured on, then a table for each question."""
+    """Return the facts about the machine, and a table for each question."""
     parts = [introduction(facts)]
     for question, group in groupby(lines, key=lambda line: line.question):
         name = question.replace(" ", "_")
@@ -73,7 +73,7 @@ def markdown(lines: Sequence[Line], facts: dict[str, Any]) -> str:
 
 
 def introduction(facts: dict[str, Any]) -> str:
-    """Where and when, and how to read the tables."""
+    """Return date, machine, and an explanation of the tables."""
     machine = facts["machine"]
     named = [f"{name} {machine[name]}" for name in _FACTS[1:] if machine.get(name) is not None]
     libraries = [
@@ -93,14 +93,14 @@ def introduction(facts: dict[str, Any]) -> str:
 
 
 def table(lines: Sequence[Line]) -> str:
-    """Markdown of one question."""
+    """Return the Markdown table of a question."""
     rows = [[*_HEADINGS], ["---"] * len(_HEADINGS)]
     rows += [_row(line) for line in lines]
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def summary(lines: Sequence[Line]) -> str:
-    """Markdown: a row for a case, its rate, and the ratio to the rate of each peer."""
+    """Return a Markdown table with the rate of each case and ratios to the peers."""
     peers = list(dict.fromkeys(line.peer for line in lines))
     rows = [["case", "precision", "cores", "polywigner", *(f"/ {peer}" for peer in peers), "error"]]
     rows.append(["---"] * len(rows[0]))
@@ -153,7 +153,7 @@ def _error(figure: Figure | None, unit: str) -> str:
 
 
 def _number(value: float | None) -> str:
-    """Three digits."""
+    """Format a number with three digits."""
     if value is None:
         return ""
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"

@@ -1,11 +1,11 @@
-"""Question: how much do shadows of a black ball, a soft and a hard sphere differ?
+"""How much do shadows of a black ball, a soft and a hard sphere differ?
 
-Run ``python benchmarks/shadow_spheres.py``; takes a minute. A point source, 100 radii away, lights
-a sphere. The field behind it is known exactly by partial waves if u = 0 (soft) or du/dr = 0 (hard)
-on it; ``pw.amplitude(obstacles=)`` takes a ball of 6,000 facets. Prints a Markdown table: dB of the
-free field, in the centre of the shadow (Arago's spot), within it (the mean power from 0.1 to 0.8 of
-its radius) and on its boundary, and the rms difference of levels in the light (from 1.05 to 2 of
-its radius). Lengths are in wavelengths.
+Run ``python benchmarks/shadow_spheres.py``; takes a minute. A point source at 100 radii illuminates
+a sphere. The field behind it is exact by partial waves if u = 0 (soft) or du/dr = 0 (hard) on it;
+``pw.amplitude(obstacles=)`` uses a ball of 6,000 facets. Prints a Markdown table: dB of the free
+field in the centre of the shadow (Arago's spot), within the shadow (mean power from 0.1 to 0.8 of
+its radius) and at its boundary, and the rms difference of levels in the illuminated region (from
+1.05 to 2 of its radius). Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from oracles.spheres import field_of_sphere
 
 RADII = (5.0, 50.0)
 DISTANCES = (2.0, 4.0, 10.0, 40.0)  # behind the sphere's centre, in radii
-BEFORE = 100.0  # of the source, in radii
-STEPS = 40  # of the ball, from pole to pole
+BEFORE = 100.0  # distance of the source in radii
+STEPS = 40  # steps of the ball, from pole to pole
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Zones:
-    """Points on a line across the shadow: which are in it, on its boundary and in the light."""
+    """Points on a line across the shadow, its boundary and the illuminated region."""
 
     points: Array
     dark = slice(1, 72)
@@ -41,9 +41,9 @@ class Zones:
 
 
 def across(radius: float, distance: float) -> Zones:
-    """Points from the axis outwards, on the plane at a distance behind the sphere's centre."""
+    """Return points from the axis outwards, at a distance behind the sphere's centre."""
     source = BEFORE * radius
-    # the shadow's cone touches the sphere on a circle a little before its centre
+    # The shadow cone touches the sphere on a circle in front of its centre.
     circle, place = radius * np.sqrt(1 - BEFORE**-2), -radius / BEFORE
     edge = circle * (distance + source) / (place + source)
     x = edge * np.concatenate([[0], np.linspace(0.1, 0.8, 71), [1], np.linspace(1.05, 2, 48)])
@@ -51,7 +51,7 @@ def across(radius: float, distance: float) -> Zones:
 
 
 def behind_ball(radius: float, points: Array) -> Array:
-    """|u| over the free one behind a black ball."""
+    """Return |u| behind a black ball over the free field."""
     place = np.array([0.0, 0.0, -BEFORE * radius])
     source, body = pw.PointSource(tuple(place)), ball(radius, STEPS)
     result = pw.amplitude(source, points, 1.0, "kirchhoff", obstacles=body, tolerance=1e-4)
@@ -59,7 +59,7 @@ def behind_ball(radius: float, points: Array) -> Array:
 
 
 def levels(radius: float, distance: float) -> dict[str, Array]:
-    """dB of the free field on the points of :func:`across`: black, soft and hard."""
+    """Return dB of the free field at the points of :func:`across`: black, soft and hard."""
     points = across(radius, distance).points
     result = {"black": behind_ball(radius, points)}
     for kind in ("soft", "hard"):
@@ -68,12 +68,11 @@ def levels(radius: float, distance: float) -> dict[str, Array]:
 
 
 def mean_level(level: Array) -> float:
-    """dB of the mean power."""
+    """Return the level of the mean power in dB."""
     return float(10 * np.log10(np.mean(10 ** (level / 10))))
 
 
 def main() -> None:
-    """Print the table."""
     columns = [
         "diameter",
         "behind its centre",

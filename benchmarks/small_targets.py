@@ -1,10 +1,10 @@
-"""What do receivers gain on small plates by looking at boxes about the shapes of a scene?
+"""What do receivers gain by importance sampling of small plates?
 
 Transmitter of 10 mm, receiver of 2 mm at one position, 94 GHz; white plates 0.1 m wide. For each
-scene and estimator, with as many samples: 16 plain renders of the sensor, which look where the
-pattern is, and `received_power`. Standard errors, known to 18 %; how far the second is off
-quadrature (of a wall, off the first), in its standard errors; processor time of the second over the
-first.
+scene and estimator, with equal samples: 16 plain renders of the sensor, which sample its pattern,
+and `received_power`, which samples bounding boxes of the shapes. Standard errors, known to 18 %;
+the error of the second against quadrature (for a wall, against the first) in its standard errors;
+and the ratio of processor times.
 
     python benchmarks/small_targets.py [--samples 262144]
 """
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
+import polywigner.mitsuba as pwm  # before Mitsuba: selects the LLVM library
 
 # isort: split
 import mitsuba as mi
@@ -33,12 +33,12 @@ FACING = (0.0, 0.0, 0.0)
 
 
 def quadrature(place: Any) -> float:
-    """Power in W through reflection at a plate."""
+    """Return the power in W by reflection at a plate."""
     return of_surface(SENDS, TAKES, *on_plate(place, FACING, HALF, 4))
 
 
 def scenes() -> dict[str, tuple[list[dict[str, Any]], float]]:
-    """Things, and the power by quadrature; NaN without a reference."""
+    """Return objects, and the power by quadrature; NaN without a reference."""
     ahead, aside, behind = (0.0, 0.0, 10.0), (3.0, 1.0, 9.0), (0.0, 0.0, 12.0)
     small, wall = plate(ahead, FACING, HALF), plate(behind, FACING, 6.0)
     hidden = plate(behind, FACING, HALF)
@@ -52,14 +52,13 @@ def scenes() -> dict[str, tuple[list[dict[str, Any]], float]]:
 
 
 def timed(function: Callable[[], Any]) -> tuple[Any, float]:
-    """The value of a second call, and its processor time: the first one compiles."""
+    """Return the value of a second call, and its processor time; the first call compiles."""
     function()
     start = time.process_time()
     return function(), time.process_time() - start
 
 
 def main() -> None:
-    """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=1 << 18)
     samples = parser.parse_args().samples

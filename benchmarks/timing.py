@@ -24,18 +24,18 @@ __all__ = [
 Action = Callable[[], Any]
 
 FEWEST = 1 << 3
-# A call whose cost per sample does not fall below this with eight times as many is long enough.
+# A call is long enough if eight times the samples do not reduce its cost per sample.
 STEADY = 0.7
 PATIENCE = 0.1  # seconds
 FEW_ROUNDS, LONG = 3, 1.0  # seconds
-# Threads of a pool look out for work for a while after the last; whoever comes next would share the
-# cores with them.
+# Threads of a pool wait actively for a while after their last task, and would disturb the next
+# contender.
 REST = 0.1  # seconds
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much work a question may be given."""
+    """Limits of the work for a question."""
 
     rounds: int
     """Turns of every contender."""
@@ -53,26 +53,26 @@ QUICK = Effort(rounds=3, seconds=0.003, most=1 << 16, checked=4, quick=True)
 
 
 def cores() -> int:
-    """How many cores this process may run on."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def load_average() -> float:
-    """How many processes wanted to run in the last minute; 0 where the system does not tell."""
+    """Return the load average of the last minute, or 0 if the system has none."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
 
 
 def clock_for(threads: int) -> Callable[[], float]:
-    """CPU time for one thread, which a busy machine disturbs less; else the clock on the wall."""
+    """Return CPU time for one thread, or wall-clock time for more threads."""
     return time.process_time if threads == 1 else time.perf_counter
 
 
 def in_turns(
     actions: Mapping[str, Action], rounds: int, threads: int = 1
 ) -> dict[str, list[float]]:
-    """Seconds of every call, in the order of the rounds; after one call of each.
+    """Return seconds of every call, in the order of the rounds, after one call of each.
 
-    Who has taken long enough after a few rounds sits out the others.
+    Slow contenders take part in a few rounds only.
     """
     clock = clock_for(threads)
     times: dict[str, list[float]] = {name: [] for name in actions}
@@ -84,7 +84,7 @@ def in_turns(
                 continue
             if threads > 1:
                 time.sleep(REST)
-                action()  # wakes its own threads
+                action()  # wakes its threads
             start = clock()
             action()
             times[name].append(clock() - start)
@@ -94,7 +94,7 @@ def in_turns(
 def fitting(make: Callable[[int], Action], effort: Effort, threads: int = 1) -> tuple[Action, int]:
     """Return an action whose number of samples, a power of two, makes a call long enough.
 
-    The fixed cost of a call is then small, so more samples would not be cheaper per sample.
+    The fixed cost of a call is then negligible.
     """
     clock = clock_for(threads)
     count, before = min(FEWEST, effort.most), float("inf")
@@ -114,5 +114,5 @@ def fitting(make: Callable[[int], Action], effort: Effort, threads: int = 1) -> 
 
 
 def median_ratio(theirs: Sequence[float], ours: Sequence[float]) -> float:
-    """The median, over the rounds that both had, of how many times as long they took."""
+    """Return the median ratio of times over the rounds of both."""
     return statistics.median(b / a for a, b in zip(ours, theirs, strict=False))

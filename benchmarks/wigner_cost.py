@@ -1,10 +1,9 @@
-"""How does the cost of a sample of W grow with the number of vertices, and its error?
+"""How do the cost and the error of a sample of W grow with the number of vertices?
 
-Outlines of 8 to 1024 vertices: regular polygons; stars whose points are as deep as they are wide;
-random outlines, smooth but not convex; and random ones that jump in and out from vertex to vertex,
-whose lag slices themselves have more and more edges ("parts": number of terms of a sample).
-Arrays from and to NumPy, CPU seconds on one thread; errors are differences from NumPy in float64,
-in units of the area.
+Outlines of 8 to 1024 vertices: regular polygons; deep stars; smooth random outlines that are not
+convex; and jagged random outlines, whose lag slices have more and more edges ("parts": number of
+terms of a sample). Arrays from and to NumPy, CPU seconds on one thread; errors are differences from
+NumPy in float64, relative to the area.
 
     python benchmarks/wigner_cost.py [--samples 262144] [--vertices 8 16 32 ...] [--ambiguity]
 """
@@ -27,7 +26,7 @@ from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.llvm import prepare
 
 VERTICES = (8, 16, 32, 64, 128, 256, 512, 1024)
-CHECKED = 48  # samples at which errors are measured
+CHECKED = 48  # number of samples with an error
 CYCLES = 10.0  # |nu| times the diameter, at most
 
 
@@ -55,7 +54,7 @@ OUTLINES: dict[str, Callable[[int], pw.Aperture]] = {
 
 
 def points(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions all over the aperture's box, and frequencies."""
+    """Return positions in the aperture's bounds, and frequencies."""
     rng = np.random.default_rng(count)
     low, high = np.reshape(source.bounds, (2, 2))
     nu = rng.uniform(-1, 1, (count, 2)) * CYCLES / source.diameter
@@ -63,7 +62,7 @@ def points(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def per_sample(call: Callable[..., Any], a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """CPU seconds per sample, best of three, and of the first call."""
+    """Return CPU seconds per sample, best of three, and of the first call."""
     times = []
     for _ in range(4):
         start = time.process_time()
@@ -73,14 +72,14 @@ def per_sample(call: Callable[..., Any], a: np.ndarray, b: np.ndarray) -> tuple[
 
 
 def parts(source: pw.Aperture, x: np.ndarray) -> float:
-    """How many parts of edges a lag slice has on average."""
+    """Return the mean number of parts of edges in a lag slice."""
     tables, ops = tables_of(source, True), NumpyOperations()
     place = tables.frame.position(ops, *x.T)
     return sum(len(owner) for _, _, owner, _ in WIGNER_SUM.parts(tables, place)) / len(x)
 
 
 def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) -> list[float]:
-    """Seconds per sample, of the first call, and the largest difference from NumPy."""
+    """Return seconds per sample and of the first call, and the largest difference from NumPy."""
     transform = pw.ambiguity if ambiguity else pw.wigner
     centre = np.reshape(source.bounds, (2, 2)).mean(axis=0)
 
@@ -96,7 +95,6 @@ def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) 
 
 
 def main() -> None:
-    """Measure and print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=1 << 18)
     parser.add_argument("--vertices", type=int, nargs="+", default=VERTICES)

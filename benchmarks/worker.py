@@ -1,4 +1,4 @@
-"""One task in a separate process, with environment variables that libraries read at import.
+"""A task in a separate process, with environment variables that libraries read at import.
 
 ``python -m benchmarks.worker QUESTION CASE THREADS quick|full`` prints the lines as JSON; 0 threads
 are all cores.
@@ -20,13 +20,13 @@ from benchmarks.timing import FULL, QUICK, cores
 __all__ = ["done_by_child"]
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMIT = 900  # seconds, after which something hangs
+LIMIT = 900  # seconds until a process counts as hanging
 _POOLS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 _ONE_THREAD_OF_XLA = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 
 
 def done_by_child(task: Task, quick: bool) -> list[Line]:
-    """The lines of a task; one that says so, where the process failed."""
+    """Return the lines of a task, or a line that reports a failed process."""
     threads = task.threads or cores()
     environment = {**os.environ, **dict.fromkeys(_POOLS, str(threads))}
     if threads == 1:
@@ -49,7 +49,7 @@ def done_by_child(task: Task, quick: bool) -> list[Line]:
 
 
 def main() -> None:
-    """What the process does."""
+    """Run the task of this process."""
     question, case, threads, effort = sys.argv[1:]
     if threads == "1" and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -61,7 +61,7 @@ def main() -> None:
         dr.set_thread_count(int(threads) or cores())
     module = module_of(question)
     lines = module.measure(case, int(threads) or None, QUICK if effort == "quick" else FULL)
-    if effort == "quick":  # too short to judge by
+    if effort == "quick":  # too short for a verdict
         lines = [replace(line, target=None) for line in lines]
     print(json.dumps([line.as_json() for line in lines]))
 

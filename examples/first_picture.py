@@ -1,5 +1,8 @@
-"""A slice of the Wigner function of a chevron, W(x, nu) at one position: the README's five lines
-with the chevron beside it and labelled axes. Writes wigner.png into the current folder."""
+"""The Wigner function W(x, nu) of a chevron at one position.
+
+The five lines of the README, with the chevron and axis labels. Writes wigner.png into the current
+folder.
+"""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,4 +1,4 @@
-"""XML of the small scenes that commands read in tests."""
+"""XML of small scenes for tests of commands."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def scene(*parts: str) -> str:
 
 
 def source(*more: str) -> str:
-    """The square as a Wigner source at 94 GHz, with further parameters."""
+    """Return the square as a Wigner source at 94 GHz, with further parameters."""
     return f'<shape type="wigner" id="tx">{OF_THE_SQUARE}{"".join(more)}</shape>'
 
 
 def receiver(*more: str, pose: str = LOOKING_DOWN, name: str = "rx", pixels: int = 1) -> str:
-    """The square as a receiver, with further parameters."""
+    """Return the square as a receiver, with further parameters."""
     return f"""<sensor type="wigner_receiver" id="{name}">{OF_THE_SQUARE}{"".join(more)}
     <transform name="to_world">{pose}</transform>
     <film type="hdrfilm">
@@ -33,7 +33,7 @@ def receiver(*more: str, pose: str = LOOKING_DOWN, name: str = "rx", pixels: int
 
 
 def camera(half: float, look: str, size: tuple[int, int], samples: int | str = 16) -> str:
-    """An orthographic camera of one channel over 2 x ``half``, in units of the scene."""
+    """Return an orthographic camera with one channel over 2 x ``half`` scene units."""
     return f"""<sensor type="orthographic">
     <transform name="to_world"><scale x="{half}" y="{half}"/>{look}</transform>
     <sampler type="independent"><integer name="sample_count" value="{samples}"/></sampler>
@@ -51,7 +51,7 @@ def rectangle(pose: str, more: str = "", name: str = "floor") -> str:
 
 
 def written(folder: Path, text: str, half: float = 5) -> Path:
-    """The file of a scene, beside that of its square, 2 x ``half`` mm wide."""
+    """Write a scene, and its square of 2 x ``half`` mm, to files."""
     corners = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
     ring = ", ".join(f"{half * x} {half * y}" for x, y in corners)
     (folder / "square.wkt").write_text(f"POLYGON (({ring}))")

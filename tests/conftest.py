@@ -1,5 +1,7 @@
-"""What every test shares: LLVM is prepared before Dr.Jit is imported, and whatever a machine
-cannot run is left out in one way, counted, and named at the end of the run."""
+"""Fixtures and markers of all tests. LLVM is prepared before Dr.Jit is imported.
+
+Tests that a machine cannot run are skipped, counted, and listed at the end of the run.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,10 @@ from hypothesis import settings
 
 from polywigner import llvm as _llvm
 
-# Before any test module is imported: Dr.Jit opens its LLVM library at import, once.
+# Before test modules are imported, because Dr.Jit loads its LLVM library once.
 STATUS = _llvm.prepare()
 
-# A shared machine may stall any example for seconds, the first of a process above all.
+# A shared machine can delay any example by seconds.
 settings.register_profile("without deadline", deadline=None)
 settings.load_profile("without deadline")
 
@@ -30,7 +32,7 @@ _MARKERS = {
     "drjit": "imports drjit or mitsuba, be it for scalar variants only",
 }
 _LEFT_OUT = pytest.StashKey[Counter[str]]()
-# Test files that take more than 4 s of processor time, in descending order.
+# Test files with more than 4 s of processor time, in descending order.
 _LONGEST = """
 shadows_in_scenes laws radar_cubes coincident_edges partial_coherence range_profile channel
 shadows default_polarisation element_patterns visibility first_order_fields mitsuba_exact stores
@@ -40,14 +42,14 @@ cli_propagate exact_fields beams scatterers received_power cli_radar scene_store
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore it
     config.stash[_LEFT_OUT] = Counter()
     for name, meaning in _MARKERS.items():
         config.addinivalue_line("markers", f"{name}: {meaning}")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Sort the longest files first, then by the number of tests: no worker ends alone."""
+    """Sort the longest files first, then by the number of tests, so that workers end together."""
     if not hasattr(config, "workerinput"):
         return  # one process, which keeps the given order
     count = Counter(item.path for item in items)
@@ -81,14 +83,14 @@ def _scenes_end_with_their_test() -> Iterator[None]:
 
 @pytest.fixture
 def llvm(request: pytest.FixtureRequest) -> _llvm.LLVMStatus:
-    """The status of a usable LLVM library; a test that asks for it is left out without one."""
+    """Return the status of a usable LLVM library, or skip the test."""
     _need("llvm", request.config)
     return STATUS
 
 
 @pytest.fixture
 def plain() -> None:
-    """The scalar variant, set."""
+    """Set the scalar variant."""
     import mitsuba as mi
 
     mi.set_variant("scalar_rgb")
@@ -98,7 +100,7 @@ def plain() -> None:
 def few_rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Trace 64 rays along each path unless the test also uses ``many_rays``.
 
-    Scalar variants trace rays one by one. A few rays suffice if no obstacle blocks part of a path.
+    Scalar variants trace single rays. A few rays suffice if no obstacle blocks part of a path.
     """
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
@@ -108,12 +110,12 @@ def few_rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.fixture
 def many_rays() -> None:
-    """Trace as many rays as in the package, for tests of mean transmissions."""
+    """Trace as many rays as the package does, for tests of mean transmissions."""
 
 
 @pytest.fixture
 def unrendered_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write files of figures without rendering the figures, which takes half a second each."""
+    """Write empty figures, because rendering takes half a second for each figure."""
     from matplotlib.figure import Figure
 
     def written(_: Figure, path: Path, **__: object) -> None:
@@ -124,7 +126,7 @@ def unrendered_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def bad_llvm(request: pytest.FixtureRequest) -> str:
-    """The path of an LLVM library that ends the process (15 or 16), to see it refused."""
+    """Return the path of an LLVM library that crashes the process (15 or 16)."""
     for path in _llvm.libraries():
         if (_llvm.version_of_name(path) or (0,))[0] in (15, 16):
             return path
@@ -133,7 +135,7 @@ def bad_llvm(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="session")
 def leave_out(pytestconfig: pytest.Config) -> Callable[[str], NoReturn]:
-    """Leaves the test out that asks for it, with a reason: what it needs, and what brings it."""
+    """Return a function that skips the test with a reason."""
     return partial(_leave_out, config=pytestconfig)
 
 
@@ -151,13 +153,12 @@ def _need(what: str, config: pytest.Config) -> None:
 
 
 def _leave_out(reason: str, config: pytest.Config) -> NoReturn:
-    """The one place where tests are left out."""
     config.stash[_LEFT_OUT][reason] += 1
-    pytest.skip(f"needs {reason.split('. ')[0]}")  # the rest is said once, in the summary
+    pytest.skip(f"needs {reason.split('. ')[0]}")  # the summary contains the complete reason
 
 
 def _lacking(what: str) -> str | None:
-    """Why this machine cannot run what a marker stands for; None when it can."""
+    """Return why this machine cannot run tests with a marker, or None."""
     if not STATUS.drjit_imports:
         return f"a Dr.Jit that can be imported. {STATUS.problem} {STATUS.remedy}"
     if what == "llvm" and not STATUS.usable:
@@ -175,7 +176,7 @@ def _has_gpu() -> bool:
 
 @pytest.fixture(scope="module", autouse=True)
 def _scenes_are_freed() -> Iterator[None]:
-    """Free the scenes of a module: Mitsuba traces living emitters into every kernel."""
+    """Free the scenes of a module, because Mitsuba traces living emitters into every kernel."""
     yield
     if "mitsuba" in sys.modules:
         gc.collect()

@@ -1,8 +1,7 @@
-"""Sources of every kind, and the laws that their transforms obey: one table for `test_laws`.
+"""Sources of every kind and exact values of their transforms, for `test_laws`.
 
-The values that a source must have come from exact slices: outlines are cut in rational arithmetic
-pair by pair of elements, and transformed wave by wave at 25 digits (``oracles.exact``). They are
-stored (``oracles/generate.py exact_slices``), since they take much longer than the transforms.
+``oracles.exact`` cuts outlines in rational arithmetic and transforms slices with 25 digits.
+``oracles/generate.py exact_slices`` stores the values.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ def _taper(count: int) -> Values:
 
 
 def _product(angle: float, shift: Any) -> pw.Aperture:
-    """A rectangle with a field that is a product along its sides, turned and moved with it."""
+    """Return a rotated rectangle with a field that is a product along its sides."""
     along_x = pw.Illumination([1.0, 0.4j, -0.3 + 0.2j], [[0.0, 0.0], [0.71, 0.0], [-0.27, 0.0]])
     along_y = pw.Illumination([0.8, 0.5 - 0.4j], [[0.0, 1.3], [0.0, -0.45]])
     lit = pw.shapes.rectangle(2.0, 1.25).with_illumination(along_x * along_y)
@@ -58,7 +57,7 @@ def _product(angle: float, shift: Any) -> pw.Aperture:
 
 
 def _small_rings(size: float) -> list[Values]:
-    """Turned squares far from each other."""
+    """Return distant rotated squares."""
     centres = (0.3, (0.27, -0.46)), (1.1, (-0.92, -0.97)), (2.0, (0.63, 0.83))
     return [pw.shapes.square(size).turned(turn).rings[0] + centre for turn, centre in centres]
 
@@ -142,13 +141,13 @@ def source_of(name: str) -> Any:
 
 
 def flat(source: Any) -> Any:
-    """The source without its curvature and its coherence."""
+    """Return the source without curvature, and fully coherent."""
     return getattr(source, "source", source)
 
 
 @cache
 def elements_of(name: str) -> list[Element]:
-    """Outlines with all waves on them, weights of arrays included."""
+    """Return outlines with all their waves, including weights of arrays."""
     source = flat(source_of(name))
     weights = source.weights if isinstance(source, pw.Array) else [1.0]
     result = []
@@ -172,7 +171,7 @@ def corners_of(outline: Any) -> Values:
 
 
 def scale_of(name: str, function: str) -> float:
-    """A bound on F, or on W and A where elements meet in pairs: errors are in units of it."""
+    """Return a bound on F, or on W and A if elements occur in pairs, as the unit of errors."""
     parts = [
         (
             sum(abs(c) for c, _ in waves),
@@ -190,7 +189,7 @@ def scale_of(name: str, function: str) -> float:
 
 @dataclass(frozen=True)
 class Points:
-    """Places x (n, d), lags xi (n, d), and frequencies nu (n, d)."""
+    """Positions x (n, d), lags xi (n, d) and frequencies nu (n, d)."""
 
     x: Values
     xi: Values
@@ -199,13 +198,13 @@ class Points:
 
 @cache
 def hard_points(name: str) -> Points:
-    """Where corners of the copies meet, some an ulp or a little aside, and anywhere else.
+    """Return points at coincident corners of the copies, some an ulp off, and random points.
 
-    Frequencies are none, tiny, of some cycles over an element, and of one of its waves.
+    Frequencies are zero, tiny, some cycles over an element, and those of its waves.
     """
     rng = np.random.default_rng(crc32(name.encode()))
     elements = elements_of(name)
-    # sums over many pairs of elements and waves in rational arithmetic take long
+    # Rational arithmetic is slow for many pairs of elements and waves.
     terms = sum(len(waves) for _, waves in elements)
     count = 12 if terms < 10 else 6 if len(elements) < 50 else 4
     d, corners = dimension_of(name), [corners_of(outline) for outline, _ in elements]
@@ -258,7 +257,7 @@ def _over_intervals(intervals: list[tuple[Fraction, Fraction]], nu: float) -> co
 
 
 def _slice(first: Any, second: Any, place: Values, mirrored: bool) -> Callable[[Values], complex]:
-    """The transform of the lag slice of two outlines at x, or of the position slice at xi."""
+    """Return the transform of the lag slice at x, or of the position slice at xi."""
     if isinstance(first, pw.Slits):
         p = Fraction(place.tolist()[0])
         one, other = _intervals(first), _intervals(second)
@@ -276,14 +275,14 @@ def _slice(first: Any, second: Any, place: Values, mirrored: bool) -> Callable[[
 
 
 def _turn(frequency: Values, place: Values) -> complex:
-    """exp(2 pi i frequency.place), reduced in rational arithmetic."""
+    """Return exp(2 pi i frequency.place), reduced in rational arithmetic."""
     pairs = zip(np.ravel(frequency).tolist(), np.ravel(place).tolist(), strict=True)
     turns = sum((Fraction(f) * Fraction(p) for f, p in pairs), Fraction(0))
     return complex(mpmath.expjpi(2 * float(turns - round(turns))))
 
 
 def _meeting(name: str, place: Values, mirrored: bool) -> Iterator[tuple[Element, Element]]:
-    """Pairs of elements whose boxes meet."""
+    """Yield pairs of elements whose bounds overlap."""
     elements = elements_of(name)
     boxes = np.array([[c.min(axis=0), c.max(axis=0)] for c in (corners_of(o) for o, _ in elements)])
     low, high = boxes[:, 0], boxes[:, 1]
@@ -296,7 +295,7 @@ def _meeting(name: str, place: Values, mirrored: bool) -> Iterator[tuple[Element
 
 
 def _at_pair(name: str, place: Values, nu: Values, mirrored: bool) -> complex:
-    """W(place, nu) or A(nu, place) of the flat source, summed over pairs of elements and waves."""
+    """Return W(place, nu) or A(nu, place) of the flat source, a sum over pairs of elements."""
     total = 0j
     for (first, waves), (second, others) in _meeting(name, place, mirrored):
         transform, factors = _slice(first, second, place, mirrored), defaultdict(complex)
@@ -309,20 +308,20 @@ def _at_pair(name: str, place: Values, nu: Values, mirrored: bool) -> complex:
 
 
 def _bend(name: str, point: Values) -> Values:
-    """Q point, in cycles: how a curved wave shears phase space."""
+    """Return Q point in cycles, by which a curved wave shears phase space."""
     wave = source_of(name)
     return point @ wave.curvature if isinstance(wave, pw.Wavefront) else 0.0 * point
 
 
 def _centre(name: str) -> Values:
-    """About which the wave is curved."""
+    """Return the centre of the curved wave."""
     wave = source_of(name)
     return wave.centre if isinstance(wave, pw.Wavefront) else np.zeros(dimension_of(name))
 
 
 @cache
 def exact_values(name: str, function: str) -> Values:
-    """The values (n,) of a coherent source at its hard points, from the file of them."""
+    """Return the stored values (n,) of a coherent source at its hard points."""
     count = len(hard_points(name).x)
     counts = [count // 3 if "marginal" in other else count for other in kinds.FUNCTIONS]
     number = kinds.FUNCTIONS.index(function)
@@ -338,7 +337,7 @@ def _stored() -> dict[str, Values]:
 
 
 def computed_values(name: str, function: str) -> Values:
-    """The values (n,) of a coherent source at its hard points; of marginals at some of them."""
+    """Return the computed values (n,) of a coherent source at its hard points."""
     at = hard_points(name)
     if function == "fourier":
         return np.array([_fourier(name, row) for row in at.nu])
@@ -372,7 +371,7 @@ def _fourier_of(outline: Any, waves: list[tuple[complex, Values]], nu: Values) -
 
 
 def size_of(name: str) -> float:
-    """The larger side of the box around the first element."""
+    """Return the larger side of the bounds of the first element."""
     return float(np.ptp(corners_of(elements_of(name)[0][0]), axis=0).max())
 
 
@@ -382,7 +381,7 @@ def degree_of_coherence(name: str, xi: Values) -> Values:
 
 
 def field_of(name: str, points: Values) -> Values:
-    """u (n,) of coherent light."""
+    """Return u (n,) of a coherent source."""
     inner = points - _centre(name)
     total = np.exp(1j * np.pi * (_bend(name, inner) * inner).sum(axis=-1))
     return total * sum(_field_on(outline, waves, points) for outline, waves in elements_of(name))

@@ -1,4 +1,4 @@
-"""Scenes that the tests of the Mitsuba room share: an aperture above a white floor."""
+"""Scenes for the tests of Mitsuba, such as an aperture above a white floor."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ import pytest
 import polywigner as pw
 from polywigner.quantities import wavelength_of
 
-# The reference integrals serve the benchmarks and the tests.
+# Benchmarks also use these reference integrals.
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 WAVELENGTH = wavelength_of(94e9)
 SQUARE = pw.shapes.square(0.01)
 CHEVRON = pw.shapes.chevron(0.01, 0.01, 0.004)
 MILLIMETRE = 1e-3
-# Neither it nor its field looks like itself in a mirror.
+# Neither the aperture nor its field is mirror symmetric.
 HANDED = pw.Aperture([(0, 0), (9e-3, 0), (9e-3, 2e-3), (2e-3, 2e-3), (2e-3, 6e-3), (0, 6e-3)])
 HANDED = HANDED.with_illumination(pw.Illumination([1.0, 0.4j], [(40.0, 15.0), (-20.0, 0.0)]))
 
 MONO = pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)
 SPECTRAL = pytest.param("llvm_ad_spectral", marks=pytest.mark.llvm)
 CUDA = pytest.param("cuda_ad_mono", marks=pytest.mark.cuda)
-# |W| is at most 4 areas; float32 kernels are good to 5e-6 areas, and frequencies formed in float32
-# turn the phase by 1e-7 of some tens of turns.
+# |W| is at most 4 areas; float32 kernels have errors of 5e-6 areas, and float32 frequencies change
+# phases of tens of cycles by 1e-7.
 RADIANCE_ERROR = 2e-5
-# Scenes of single emitters, freed after each test (conftest.py): Dr.Jit traces all emitters that
-# are alive into every kernel, and a scene that its own emitter holds is never freed.
+# Scenes of single emitters, freed after each test (conftest.py): Dr.Jit traces all living emitters
+# into every kernel, and an emitter that holds its own scene is never freed.
 KEPT: list[Any] = []
 
 VARIANTS = ["scalar_rgb", MONO, SPECTRAL, CUDA]
@@ -42,7 +42,7 @@ WHITE = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}}
 
 
 def use(variant: str) -> Any:
-    """Mitsuba with this variant set, quiet."""
+    """Set a variant of Mitsuba without log messages, and return the module."""
     import mitsuba as mi
 
     import polywigner.mitsuba  # noqa: F401 (registers the plugin)
@@ -53,7 +53,7 @@ def use(variant: str) -> Any:
 
 
 def pose(translation: Any = (0.0, 0.0, 0.0), about_x: float = 0.0) -> np.ndarray:
-    """Rotation about x by an angle in radians, then a translation."""
+    """Return a rotation about x by an angle in radians, then a translation."""
     c, s = np.cos(about_x), np.sin(about_x)
     result = np.eye(4)
     result[1:3, 1:3] = [[c, -s], [s, c]]
@@ -66,14 +66,14 @@ def shifted(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
 
 
 def facing(distance: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
-    """At z = distance, looking back to the plane of the origin."""
+    """Return a pose at z = distance that points back to the plane of the origin."""
     result = np.diag([-1.0, 1.0, -1.0, 1.0])
     result[:3, 3] = x, y, distance
     return result
 
 
 def looking(position: Any, direction: Any, up: Any = (0.0, 0.0, 1.0)) -> np.ndarray:
-    """At a position, looking along a direction, with y as near to up as it can be."""
+    """Return a pose that points along a direction, with y close to ``up``."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     x = np.cross(up, z)
     x /= np.linalg.norm(x)
@@ -87,7 +87,7 @@ def spectrum(value: float) -> dict[str, Any]:
 
 
 def emitter(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
-    """A source of 1 W; the scene is in metres."""
+    """Return a source of 1 W in a scene in metres."""
     import polywigner.mitsuba as pwm
 
     return pwm.aperture(source, WAVELENGTH, to_world=pose, power=1.0, **options)
@@ -107,7 +107,7 @@ def film(width: int, height: int | None = None) -> dict[str, Any]:
 def camera(
     position: Any, target: Any, pixels: int, half: float | None = None, up: Any = (0, 1, 0)
 ) -> dict[str, Any]:
-    """A perspective camera, or an orthographic one that sees ``half`` on each side of its axis."""
+    """Return a perspective camera, or an orthographic camera with the half width ``half``."""
     import mitsuba as mi
 
     look = mi.ScalarTransform4f().look_at(*(list(map(float, v)) for v in (position, target, up)))
@@ -120,7 +120,7 @@ def camera(
 def rectangle(
     position: Any, axis: Any, degrees: float, half: float = 1.0, bsdf: Any = None
 ) -> dict[str, Any]:
-    """Looking along z before it is turned."""
+    """Return a rectangle with its normal along z, then rotated."""
     import mitsuba as mi
 
     pose = mi.ScalarTransform4f().translate(list(position)).rotate(list(axis), degrees)
@@ -136,12 +136,12 @@ def scene_of(**parts: Any) -> Any:
 def coupled(
     one: Any, pose: Any, other: Any, other_pose: Any, wavelength: float = WAVELENGTH, **how: Any
 ) -> complex:
-    """b of sources in space."""
+    """Return b of two placed sources."""
     return complex(pw.coupling(one, other, np.linalg.inv(pose) @ other_pose, wavelength, **how))
 
 
 def nodes(half: float, pose: Any, count: int = 10) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gauss points (n, 3) of a square plate, its normal, and areas (n,)."""
+    """Return Gauss points (n, 3) of a square plate, its normal, and areas (n,)."""
     x, weight = np.polynomial.legendre.leggauss(count)
     u, v = np.meshgrid(half * x, half * x)
     own = np.stack([u, v, 0 * u, 1 + 0 * u], axis=-1).reshape(-1, 4)
@@ -152,7 +152,7 @@ def nodes(half: float, pose: Any, count: int = 10) -> tuple[np.ndarray, np.ndarr
 def lit(
     source: Any, points: np.ndarray, normal: np.ndarray, wavelength: float = WAVELENGTH
 ) -> np.ndarray:
-    """W/m^2 on a surface by a source of 1 W at the origin, or a receiver's weight there."""
+    """Return W/m^2 on a surface from a source of 1 W at the origin, or a receiver's weight."""
     away = points / np.linalg.norm(points, axis=1)[:, None]
     density = pw.irradiance(source, points, wavelength, method="rayleigh-sommerfeld-1")
     return density / pw.radiated_power(source, wavelength) * (-away @ normal)
@@ -166,7 +166,7 @@ def floor_scene(
     rows: int | None = None,
     sampler: str = "multijitter",
 ) -> Any:
-    """A white floor at z = distance (mm), seen from its upper side over +-2 distances."""
+    """Return a white floor at z = distance (mm), viewed from above over +-2 distances."""
     import mitsuba as mi
 
     transform = mi.ScalarTransform4f
@@ -189,14 +189,14 @@ def floor_scene(
 def light(
     source: pw.Aperture | pw.Array = SQUARE, wavelength: float = WAVELENGTH, **more: Any
 ) -> Any:
-    """A scene entry; the scene is in millimetres."""
+    """Return a scene entry of a source; the scene is in millimetres."""
     import polywigner.mitsuba as pwm
 
     return pwm.aperture(source, wavelength, scene_unit=MILLIMETRE, **more)
 
 
 def emitter_of(entry: dict[str, Any]) -> Any:
-    """The emitter inside one aperture, loaded alone; its scene lives as long as the test."""
+    """Load an entry alone and return its emitter; the scene lives as long as the test."""
 
     scene = scene_of(aperture=entry)
     KEPT.append(scene)
@@ -204,7 +204,7 @@ def emitter_of(entry: dict[str, Any]) -> Any:
 
 
 def draws(count: int, within: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n, 2) in a square, and directions (n, 3) on the +z side down to 80 degrees."""
+    """Return positions (n, 2) in a square, and directions (n, 3) with +z down to 80 degrees."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(-within, within, (count, 2))
     cosine, azimuth = rng.uniform(0.17, 1.0, count), rng.uniform(0, 2 * np.pi, count)
@@ -213,7 +213,7 @@ def draws(count: int, within: float, seed: int = 0) -> tuple[np.ndarray, np.ndar
 
 
 def vectors(mi: Any, kind: str, values: np.ndarray) -> Any:
-    """Points or vectors (n, d) as one array of the variant; (d,) in scalar variants."""
+    """Return points or vectors (n, d) as an array of the variant, (d,) in scalar variants."""
     make = getattr(mi, f"{kind}{values.shape[-1]}f")
     if mi.variant().startswith("scalar"):
         return make(*values.tolist())
@@ -221,7 +221,7 @@ def vectors(mi: Any, kind: str, values: np.ndarray) -> Any:
 
 
 def evaluated(mi: Any, emitter: Any, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Radiance (n, channels) at positions (mm) for directions in the frame of the scene."""
+    """Return the radiance (n, channels) at positions in mm for directions in the scene frame."""
     if mi.variant().startswith("scalar") and x.ndim == 2:
         rows = [evaluated(mi, emitter, a, b) for a, b in zip(x, direction, strict=True)]
         return np.concatenate(rows)

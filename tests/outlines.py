@@ -1,4 +1,4 @@
-"""Outlines for the geometry tests: drawn by hypothesis, moved by poses, measured independently."""
+"""Random outlines for the geometry tests, and independent measures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
     "tours",
 ]
 
-# No deadline: a shared machine may stall any example.
+# No deadline, because a shared machine can delay any example.
 relaxed = settings(deadline=None, max_examples=50)
 
 Pose = Callable[[np.ndarray], np.ndarray]
@@ -45,13 +45,13 @@ def rotated(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 def difference(a: Aperture, b: Aperture) -> float:
-    """Area of the symmetric difference, relative to that of b."""
+    """Return the area of the symmetric difference relative to b."""
     return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
 
 
 @st.composite
 def poses(draw: st.DrawFn) -> Pose:
-    """Rotation, a size from 1e-6 to 1e3, and a place up to a thousand sizes from the origin."""
+    """Rotations, sizes from 1e-6 to 1e3, and positions up to a thousand sizes from the origin."""
     angle = draw(st.sampled_from([0.0, 0.3, math.pi / 4]) | st.floats(0, 6.3))
     size = draw(st.sampled_from([1.0, 1e-6, 1e-3, 1e3]))
     shift = np.array(draw(st.sampled_from([(0, 0), (0.1, -0.7), (30, -20), (1e3, 2e3)])))
@@ -59,7 +59,7 @@ def poses(draw: st.DrawFn) -> Pose:
 
 
 def _untangled(points: np.ndarray) -> np.ndarray:
-    """Reverse stretches of a tour while that shortens it: a shortest-ish tour does not cross."""
+    """Reverse parts of a tour until its length is minimal, so that it does not cross itself."""
     ring = points.astype(float)
     improved = True
     while improved:
@@ -76,13 +76,13 @@ def _untangled(points: np.ndarray) -> np.ndarray:
 
 @st.composite
 def tours(draw: st.DrawFn) -> np.ndarray:
-    """Crooked simple rings through up to 16 points, often on a lattice (aligned, straight)."""
+    """Simple rings through up to 16 points, often on a lattice."""
     lattice = st.tuples(st.integers(0, 5), st.integers(0, 5))
     anywhere = st.tuples(st.floats(0, 5), st.floats(0, 5))
     kind = draw(st.sampled_from([lattice, anywhere]))
     points = draw(st.lists(kind, min_size=4, max_size=16, unique=True))
     ring = _untangled(np.array(points, dtype=float))
-    # Points on a line leave tours that touch themselves, and slight ones that enclose nothing.
+    # Tours through collinear points can touch themselves.
     polygon = shapely.Polygon(ring)
     valid = polygon.is_valid and polygon.area > 1e-3
     return ring if valid else CHEVRON
@@ -90,7 +90,7 @@ def tours(draw: st.DrawFn) -> np.ndarray:
 
 @st.composite
 def cells(draw: st.DrawFn) -> list[np.ndarray]:
-    """Unit squares of a checkerboard: they touch along edges and in corners, and leave holes."""
+    """Unit squares of a checkerboard, which touch along edges and at corners and leave holes."""
     columns = draw(st.integers(1, 5))
     chosen = draw(st.sets(st.integers(0, 5 * columns - 1), min_size=1))
     return [square_at(k % columns, k // columns) for k in sorted(chosen)]
@@ -98,7 +98,7 @@ def cells(draw: st.DrawFn) -> list[np.ndarray]:
 
 @st.composite
 def apertures(draw: st.DrawFn) -> Aperture:
-    """Convex, concave, holed, disjoint, thin, and tiled apertures in any pose."""
+    """Convex, concave, holed, disjoint, thin and tiled apertures in any pose."""
     pose = draw(poses())
     kind = draw(st.sampled_from(["tour", "cells", "drawn"]))
     if kind == "tour":
@@ -113,7 +113,7 @@ def apertures(draw: st.DrawFn) -> Aperture:
 
 
 def inside_rings(rings: tuple[np.ndarray, ...], points: np.ndarray) -> np.ndarray:
-    """Even-odd rule by counting crossings of a ray, in plain floating point."""
+    """Return whether points are inside by the even-odd rule, in floating point."""
     inside = np.zeros(len(points), dtype=bool)
     for ring in rings:
         for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
@@ -125,7 +125,7 @@ def inside_rings(rings: tuple[np.ndarray, ...], points: np.ndarray) -> np.ndarra
 
 
 def sample(aperture: Aperture, count: int, seed: int = 0) -> np.ndarray:
-    """Random points of the bounding box that are clearly off every edge of the convex cover."""
+    """Return random points of the bounds that are off all edges of the convex cover."""
     xmin, ymin, xmax, ymax = aperture.bounds
     points = np.random.default_rng(seed).random((count, 2)) * [xmax - xmin, ymax - ymin]
     points += [xmin, ymin]

@@ -20,7 +20,7 @@ SHAPES = {
     "unequal slits": pw.shapes.double_slit((0.2, 0.5), 1.0, (-0.6, 0.4)),
     "star": pw.shapes.star(5, 1.0, 0.45),
 }
-# Fields that differ from element to element, in phase as well, and add up where they overlap.
+# Fields with different phases in overlapping elements.
 ARRAY = pw.Array(
     [
         pw.Aperture([[-0.6, -0.4], [0.7, -0.2], [0.1, 0.8]]),
@@ -45,7 +45,7 @@ TILES = {
 
 
 def tile(source: Any, kind: str, name: str, first: Any, second: Any) -> np.ndarray:
-    """The values of one tile; names of coordinates have their own underscores."""
+    """Return the values of a tile; coordinate names may contain underscores."""
     result = pw.projections(source, kind, tiles=[name], samples=2)
     axes = dict(zip(result[name].dims, (np.atleast_1d(first), np.atleast_1d(second)), strict=True))
     result = pw.projections(source, kind, tiles=[name], coordinates=axes)
@@ -53,11 +53,10 @@ def tile(source: Any, kind: str, name: str, first: Any, second: Any) -> np.ndarr
 
 
 def bounds_of(source: pw.Aperture | pw.Array) -> tuple[float, float, float, float]:
-    """(xmin, ymin, xmax, ymax)."""
     return (source.support if isinstance(source, pw.Array) else source).bounds
 
 
 def box_of(source: pw.Aperture | pw.Array) -> tuple[float, float]:
-    """Width and height of the bounds."""
+    """Return width and height of the bounds."""
     west, south, east, north = bounds_of(source)
     return east - west, north - south

@@ -1,4 +1,4 @@
-"""Pupils with aberrations, by closed forms, Nijboer-Zernike sums and dense quadrature."""
+"""Pupils with aberrations against closed forms, Nijboer-Zernike sums and dense quadrature."""
 
 import numpy as np
 import pytest
@@ -15,19 +15,19 @@ SCALE = WAVELENGTH * FOCUS
 SQUARE = pw.shapes.square(2 * RADIUS)
 HEXAGON = pw.shapes.regular_polygon(6, RADIUS)
 COMA = pw.zernike({8: 0.3 * WAVELENGTH, 6: 0.15 * WAVELENGTH}, RADIUS)
-# The error of an n-gon for a disc falls with n^-4, and extrapolation removes this term.
+# The error of an n-gon for a disc is of the order n^-4; extrapolation removes this term.
 DISC, EXTRAPOLATED = 1e-8, 1.0 / 15.0
 DENSE = 1e-9
 
 
 def of_a_disc(function, n=96):
-    """The limit of a function of discs of n and 2 n corners."""
+    """Extrapolate a function of polygons with n and 2 n corners to a disc."""
     coarse, fine = (function(pw.shapes.disc(RADIUS, k)) for k in (n, 2 * n))
     return fine + (fine - coarse) * EXTRAPOLATED
 
 
 def strehl_of_zernike(j, waves):
-    """Integral over the radius; that over the angle is a Bessel function."""
+    """Integrate over the radius; the integral over the angle is a Bessel function."""
     n, m = aberrations.noll(j)
     node, weight = np.polynomial.legendre.leggauss(300)
     r = (node + 1) / 2
@@ -57,12 +57,12 @@ def test_marechals_approximation_holds_for_small_aberrations():
 
 
 def test_defocus_and_spherical_aberration_have_closed_forms():
-    """sinc^2, and Fresnel integrals: 6 t^2 - 6 t + 1 with t = r^2."""
+    """sinc^2, and Fresnel integrals with 6 t^2 - 6 t + 1, t = r^2."""
     c = 0.3
     defocus, spherical = (pw.zernike({j: c * WAVELENGTH}, RADIUS) for j in (4, 11))
     result = of_a_disc(lambda disc: pw.strehl(disc, WAVELENGTH, defocus))
     assert result == pytest.approx(np.sinc(2 * np.sqrt(3) * c) ** 2, abs=DISC)
-    # int exp(i a s^2) ds over s = t - 1/2 from -1/2 to 1/2
+    # int exp(i a s^2) ds from s = -1/2 to 1/2, with s = t - 1/2
     a = 2 * np.pi * c * np.sqrt(5) * 6
     sine, cosine = fresnel(0.5 * np.sqrt(2 * a / np.pi))
     expected = (cosine**2 + sine**2) * (2 * np.pi / a)
@@ -97,7 +97,7 @@ def test_spots_are_the_sums_of_nijboer_and_zernike(waves):
 
 
 def dense_spot(pupil, weights, aberration, points, wavelength, defocus=0.0, order=60):
-    """|U|^2 of elements with weights, by 60 x 60 nodes on each triangle."""
+    """Return |U|^2 by quadrature with 60 x 60 nodes on each triangle."""
     total = 0.0
     for element, weight in zip(pupil, weights, strict=True):
         x, area = triangle_nodes(triangles_of(element.polygons), order)
@@ -135,7 +135,6 @@ def test_transfer_functions_are_dense_sums_over_the_slices(pupil):
 
 
 def test_a_path_of_defocus_is_the_argument_defocus():
-    """The closed forms of the ambiguity function and of Fresnel integrals."""
     path = pw.Aberration([[0, 0, 1], [0, 0, 0], [1, 0, 0]], RADIUS) * (0.7 * WAVELENGTH)
     lags = np.array([(1e-3, 0.0), (3e-3, 4e-3)])
     expected = pw.otf(HEXAGON, lags, 0.7, RADIUS)
@@ -155,7 +154,6 @@ def test_a_tilt_shifts_the_spot_and_a_function_is_its_polynomial():
 
 
 def test_segments_with_pistons_over_a_band_of_ten_percent():
-    """A piston of one wave, which is none at the mean wavelength, with astigmatism on all."""
     primary = pw.shapes.hexagonal_segments(2e-3, 0.1e-3, rings=1, centre=True)
     segments = list(primary.segments)
     piston = WAVELENGTH * np.array([0, 0, 1.0, 0, 0, 0, 0.3])
@@ -189,7 +187,6 @@ def test_the_rms_over_a_disc_is_the_root_of_the_sum_of_squares():
 
 @pytest.mark.parametrize("method", ["fresnel", "fraunhofer"])
 def test_fields_of_aberrated_sources(method):
-    """A path of zero, and a lens as a path of -|x|^2/(2 f), whose focal field is the psf."""
     source = pw.Array([HEXAGON.moved((6e-3, 1e-3)), SQUARE.moved((-6e-3, 0.0))], [1.0, 0.5j])
     points = np.array([(0.0, 0.0, 5.0), (3e-3, -2e-3, 5.0), (1e-3, 1e-3, 7.0)])
     points[:, 2] *= 1.0 if method == "fresnel" else 300.0
@@ -208,7 +205,6 @@ def test_fields_of_aberrated_sources(method):
 
 
 def test_images_of_masks_with_an_aberration():
-    """A path of defocus against areas and transforms; coma by Abbe's sum for a point source."""
     pupil, small = pw.shapes.disc(2.5e-3, 24), pw.shapes.square(1e-7)
     lines = pw.shapes.rectangle(1e-6, 2e-6)
     points = np.column_stack([np.linspace(-1e-6, 1e-6, 9), np.zeros(9)])
@@ -221,7 +217,7 @@ def test_images_of_masks_with_an_aberration():
     expected = image(condenser, defocus=0.4, pupil_radius=2.5e-3)
     assert image(condenser, aberration=path) == pytest.approx(expected, abs=1e-9)
     coma = pw.zernike({8: 0.2 * WAVELENGTH}, 2.5e-3)
-    step = WAVELENGTH * 10e-3 / 2e-6  # between orders in the pupil: those along x within 2.5 mm
+    step = WAVELENGTH * 10e-3 / 2e-6  # spacing of the orders in the pupil
     orders = np.array([-step, 0.0, step]) if step < 2.4e-3 else np.zeros(1)
     weights = np.sinc(orders / step / 2) / 2
     waves = np.exp(2j * np.pi * (np.outer(points[:, 0], orders) / (WAVELENGTH * 10e-3)))

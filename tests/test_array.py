@@ -1,4 +1,4 @@
-"""Coherent collections with complex weights, against exact slices of every pair of elements."""
+"""Coherent arrays with complex weights against exact slices of every pair of elements."""
 
 import copy
 import math
@@ -14,7 +14,7 @@ from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 
 SQUARE = pw.Aperture(shapely.box(-0.5, -0.5, 0.5, 0.5))
 BESIDE = pw.Aperture(shapely.box(0.5, -0.5, 1.5, 0.5))  # shares a side with SQUARE
-ACROSS = pw.Aperture(shapely.box(0.25, 0.0, 1.25, 1.0))  # overlaps both
+ACROSS = pw.Aperture(shapely.box(0.25, 0.0, 1.25, 1.0))  # overlaps SQUARE
 FRAME = pw.Aperture(shapely.box(2, -0.5, 3, 0.5) - shapely.box(2.25, -0.25, 2.75, 0.25))
 LEANING = pw.Aperture([[-1, -0.5], [-0.5, -0.5], [-0.5, 0.5], [-1, 0.5 + 1e-6]])
 TRIANGLE = pw.Aperture([[2, 0], [3, 0.25], [2.25, 1.125]])
@@ -36,7 +36,7 @@ SLIT_ARRAY = pw.Array(
 
 
 def _turned(axis, degrees, shift):
-    """A pose: a rotation about an axis through the origin, then a shift."""
+    """Return a pose: a rotation about an axis through the origin, then a shift."""
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = math.radians(degrees)

@@ -1,4 +1,4 @@
-"""Layouts and weights of arrays: where elements are, and where the lobes then are."""
+"""Positions and weights of arrays, and the lobes of their array factors."""
 
 import itertools
 import sys
@@ -14,12 +14,12 @@ from polywigner.errors import MissingExtraError
 WAVELENGTH = 3.893e-3  # 77 GHz
 PITCH = 0.6 * WAVELENGTH
 
-# Phases of up to 1e3 turns, and sums of up to 1024 unit terms.
+# Rounding of phases up to 1e3 cycles in sums of up to 1024 unit terms.
 ROUNDING = 1e-12
 
 
 def array_factor(positions, weights, nu):
-    """sum_k w_k exp(-2 pi i nu.x_k), the definition."""
+    """Return sum_k w_k exp(-2 pi i nu.x_k)."""
     return np.exp(-2j * np.pi * (nu @ np.asarray(positions).T)) @ np.asarray(weights)
 
 
@@ -92,14 +92,14 @@ def test_waves_of_a_focused_array_arrive_in_phase():
     distance = np.sqrt(((focus[:2] - places) ** 2).sum(-1) + focus[2] ** 2)
     at_focus = field(focus)
     assert abs(at_focus) == pytest.approx((1 / distance).sum(), rel=ROUNDING)
-    phase = 2 * np.pi * np.linalg.norm(focus) / WAVELENGTH  # that of a wave from the origin
+    phase = 2 * np.pi * np.linalg.norm(focus) / WAVELENGTH  # phase of a wave from the origin
     assert at_focus == pytest.approx(abs(at_focus) * np.exp(1j * phase), rel=1e-10)
     aside = [field(focus + step) for step in directions(50, seed=2) * [10e-3, 10e-3, 0]]
     assert np.abs(aside).max() < abs(at_focus)
 
 
 def sidelobes(weights):
-    """Levels in dB of all sidelobes of a row, up to half the distance to its grating lobe."""
+    """Return the levels in dB of all sidelobes, up to halfway to the grating lobe."""
     row = np.arange(len(weights)) - (len(weights) - 1) / 2
     pattern = np.abs(array_factor(row[:, None], weights, np.linspace(0, 0.5, 20001)[:, None]))
     level = 20 * np.log10(pattern / pattern[0] + 1e-30)

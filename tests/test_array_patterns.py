@@ -1,4 +1,4 @@
-"""Arrays with errors of their elements, virtual arrays, and elements with patterns of their own."""
+"""Array tolerances, virtual arrays and element patterns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLACES = pw.arrays.grid_positions(8, 8, WAVELENGTH / 2)
 WEIGHTS = pw.arrays.steering_weights(PLACES, (0.3, 0.1), WAVELENGTH)
 ARRAY = pw.phased_array(PATCH, PLACES, WEIGHTS)
 THETA, PHI = np.radians(np.arange(-80, 81, 4)), np.radians([0.0, 35.0, 90.0])
-DARK = 1e-13  # of the largest |E|^2: rounding
+DARK = 1e-13  # rounding relative to the largest |E|^2
 
 
 def _tolerance(source: Any = ARRAY, theta: Any = THETA, phi: Any = PHI, **how: Any) -> Any:
@@ -40,7 +40,7 @@ ERRORS: list[dict[str, float]] = [
 
 @pytest.mark.parametrize("errors", ERRORS, ids=lambda e: "-".join(e))
 def test_samples_of_errors_average_to_the_closed_form(errors: dict[str, float]) -> None:
-    """|E|^2 spreads by its own mean at most: over n samples 5/sqrt(n) is five deviations."""
+    """The deviation of |E|^2 is at most its mean: 5/sqrt(n) is five deviations."""
     count = 400
     result = _tolerance(count=count, seed=7, **errors)
     ratio = _linear(result["mean"]) / _linear(result["expected"])
@@ -49,7 +49,7 @@ def test_samples_of_errors_average_to_the_closed_form(errors: dict[str, float]) 
 
 
 def test_the_mean_of_phase_errors_is_that_of_theory() -> None:
-    """e^(-s^2) |E_0|^2 + (1 - e^(-s^2)) sum |w_k E_k|^2, E of array factor and element."""
+    """e^(-s^2) |E_0|^2 + (1 - e^(-s^2)) sum |w_k E_k|^2"""
     errors = 0.3
     alone = pw.radiation_pattern(PATCH, WAVELENGTH, THETA, PHI)["field"].values
     whole = pw.radiation_pattern(ARRAY, WAVELENGTH, THETA, PHI)
@@ -65,7 +65,7 @@ def test_the_mean_of_phase_errors_is_that_of_theory() -> None:
 
 
 def test_a_null_fills_with_speckle() -> None:
-    """Where nothing is radiated, many small errors add up to a complex normal field."""
+    """In a null, many small errors add up to a complex normal field."""
     places = pw.arrays.grid_positions(24, 24, WAVELENGTH / 2)
     array = pw.phased_array(PATCH, places)
     null = math.asin(2 / 24)
@@ -76,7 +76,6 @@ def test_a_null_fills_with_speckle() -> None:
 
 
 def test_equal_seeds_draw_equal_errors_of_any_array() -> None:
-    """A phased array, and its elements in a list."""
     listed = pw.Array(ARRAY.elements, ARRAY.weights)
     one, other = (_tolerance(a, count=5, seed=3, **ERRORS[4]) for a in (ARRAY, listed))
     for name in ("mean", "low", "high", "expected"):
@@ -121,7 +120,7 @@ def test_the_array_factor_of_a_virtual_array_is_the_product(dimension: int) -> N
 
 
 def test_a_radar_of_two_arrays_sees_the_pattern_of_their_virtual_array() -> None:
-    """3 elements 8 half wavelengths apart, and 8 at half a wavelength: 24 at half a wavelength."""
+    """3 elements at 8 half wavelengths and 8 at half a wavelength form 24 at half a wavelength."""
     half = WAVELENGTH / 2
     sent = pw.arrays.grid_positions(3, 1, 8 * half)
     received = pw.arrays.grid_positions(8, 1, half)

@@ -1,4 +1,4 @@
-"""The autocorrelation itself against shapely and the slices, and optical transfer functions."""
+"""Autocorrelation against slices by shapely, and optical transfer functions."""
 
 import math
 
@@ -30,7 +30,7 @@ def test_points_on_shared_edges_belong_to_exactly_one_tile():
 
 
 def _pupil_overlap(xi, waves, radius):
-    """The defocused transfer function of the slit [-1, 1], by quadrature over the overlap."""
+    """Return the defocused transfer function of the slit [-1, 1] by quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(80)
     half = 1 - abs(xi) / 2
     x = half * nodes
@@ -47,7 +47,7 @@ def test_defocus_is_a_cut_through_the_ambiguity_function(waves):
     for xi in (0.0, 0.3, -0.3, 1.1, 1.9):
         expected = _pupil_overlap(xi, waves, 1.0)
         assert pw.otf(slit, [xi], waves) == pytest.approx(expected, abs=1e-13)
-        # a square pupil is a product; its corner, the farthest vertex, lies at sqrt(2)
+        # A square pupil separates; its farthest vertex is at the radius sqrt(2).
         square = pw.otf(pw.shapes.square(2.0), [xi, 0.4], waves)
         product = _pupil_overlap(xi, waves, math.sqrt(2)) * _pupil_overlap(0.4, waves, math.sqrt(2))
         assert square == pytest.approx(product, abs=1e-13)
@@ -86,7 +86,7 @@ DISC_OF_64 = 2e-5
 
 
 def _defocused_otf_of_a_disc(lag, waves):
-    """Of radius 1: the lens that two discs share, cut into lines along the lag (Hopkins)."""
+    """Return the defocused OTF of a unit disc by lines along the lag (Hopkins)."""
     node, weight = np.polynomial.legendre.leggauss(120)
     half = np.sqrt(1 - lag * lag / 4)
     angle = (node + 1) * np.pi / 4
@@ -96,11 +96,11 @@ def _defocused_otf_of_a_disc(lag, waves):
 
 
 def test_a_disc_out_of_focus_has_the_radius_that_is_told():
-    """By default the pupil ends at the vertices, which lie outside of the disc."""
+    """The default radius is the distance of the vertices, which are outside of the disc."""
     disc = pw.shapes.disc(1.0)
     lags = np.linspace(0.05, 1.95, 20)
     xi = np.stack([lags, 0 * lags], axis=-1)
     expected = np.array([_defocused_otf_of_a_disc(lag, 1.0) for lag in lags])
     assert np.abs(pw.otf(disc, xi, 1.0, 1.0) - expected).max() < DISC_OF_64
     by_default = np.abs(pw.otf(disc, xi, 1.0) - expected).max()
-    assert 1.2e-3 < by_default < 1.3e-3  # as `otf` says
+    assert 1.2e-3 < by_default < 1.3e-3  # stated in the docstring of `otf`

@@ -1,4 +1,4 @@
-"""What data sheets say of a pattern: against closed forms, and against the pattern itself."""
+"""Beam metrics of patterns against closed forms and dense samples."""
 
 import math
 import re
@@ -14,7 +14,7 @@ from polywigner.figures import draw_hemispheres, draw_pattern
 WAVELENGTH = 299792458 / 94e9
 CUTS = np.radians(np.arange(-90, 90.5, 0.5)), np.radians([0.0, 90.0])
 SIDE, PITCH = 0.49 * WAVELENGTH, WAVELENGTH / 2
-# Of a beamwidth with some ten samples in it or more: a parabola's error.
+# Error of parabolas through ten samples of a beamwidth.
 INTERPOLATION = 1e-3
 
 
@@ -23,8 +23,7 @@ def _metrics(source, theta=CUTS[0], phi=CUTS[1], **how):
 
 
 def test_a_large_uniform_square_has_the_beam_and_sidelobes_of_the_sinc():
-    """Half power at 0.4429 lambda/side, first sidelobe -13.26 dB at 1.4303 lambda/side; obliquity 1
-    as of RS-II leaves the sinc as it is."""
+    """Half power at 0.4429 lambda/side, first sidelobe of -13.26 dB at 1.4303 lambda/side."""
     side = 20 * WAVELENGTH
     theta = np.radians(np.arange(-20, 20.05, 0.1))
     result = _metrics(pw.shapes.square(side), theta, obliquity="rayleigh-sommerfeld-2")
@@ -46,17 +45,17 @@ def test_half_meridians_are_joined_to_the_cuts_of_theta_of_both_signs():
     assert (whole.theta, whole.phi) == pytest.approx((cuts.theta, 0.0), abs=1e-3)
     assert len(whole.cuts) == 18
     one, other = whole.cuts[0], cuts.cuts[0]
-    step = 1e-2  # degrees in a beam of six
+    step = 1e-2  # degrees, in a beam of six degrees
     assert one.half_power_beamwidth == pytest.approx(other.half_power_beamwidth, rel=step)
     assert one.sidelobe_levels == pytest.approx(other.sidelobe_levels, abs=0.1)
 
 
-# A beam 0.6 degrees from a cut or a sample: well below this, in dB, of one of 12 degrees.
+# Error in dB for a beam of 12 degrees whose direction is 0.6 degrees from a sample.
 BETWEEN_SAMPLES = 0.05
 
 
 def _steered(theta, phi):
-    """An array of 8 x 8 patches half a wavelength apart."""
+    """Return a steered array of 8 x 8 patches at half a wavelength."""
     places = pw.arrays.grid_positions(8, 8, PITCH, PITCH)
     direction = [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]
     weights = pw.arrays.steering_weights(places, direction, WAVELENGTH)
@@ -84,7 +83,7 @@ def test_a_beam_beside_the_cuts_has_its_own_directivity_and_direction(azimuth, o
 
 
 def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts():
-    """EIRP is 4 pi times the largest radiant intensity, the gain its share of the power."""
+    """EIRP is 4 pi times the largest radiant intensity."""
     source = _steered(math.radians(45), math.radians(30))
     pattern = pw.radiation_pattern(source, WAVELENGTH, *CUTS)
     with pytest.warns(PolywignerWarning, match="no cut of the pattern passes through the beam"):
@@ -93,7 +92,7 @@ def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts():
     around = np.radians(np.arange(40, 46, 0.02)), np.radians([30.0])
     dense = pw.radiation_pattern(source, WAVELENGTH, *around)
     intensity = float((np.abs(dense["field"].values) ** 2).max())
-    intensity /= pw.radiated_power(source, WAVELENGTH)  # of a watt
+    intensity /= pw.radiated_power(source, WAVELENGTH)  # normalises to 1 W
     assert result.gain == pytest.approx(10 * math.log10(2 * math.pi * intensity), abs=1e-4)
     assert result.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-5)
     share = pw.radiated_power(source, WAVELENGTH) / (64 * SIDE**2)
@@ -157,11 +156,8 @@ def test_a_data_sheet_has_cuts_a_polar_plot_a_map_and_a_table(tmp_path):
     figure.savefig(tmp_path / "sheet.png")
 
 
-# ---- great circles through the beam, against sums over elements ---------------------------------
-
-
 def _summed(places, weights, directions):
-    """|E|^2 of square elements with the obliquity cos^2, by a sum over the elements."""
+    """Sum the fields of square elements with the obliquity cos^2, and return |E|^2."""
     s = directions / WAVELENGTH
     factor = np.exp(-2j * np.pi * s[..., :2] @ places.T) @ weights
     element = np.sinc(SIDE * s[..., 0]) * np.sinc(SIDE * s[..., 1]) * directions[..., 2]
@@ -169,7 +165,7 @@ def _summed(places, weights, directions):
 
 
 def _reference(places, weights, beam, tangent):
-    """Width, first nulls, first and peak sidelobes on both sides of a beam, on 8001 directions."""
+    """Return width, first nulls, and first and peak sidelobes from 8001 directions."""
     angle = np.linspace(-np.pi, np.pi, 8001)
     line = np.cos(angle)[:, None] * beam + np.sin(angle)[:, None] * tangent
     ahead = line[:, 2] > 0
@@ -193,7 +189,6 @@ def _reference(places, weights, beam, tangent):
 
 
 def _beam_of(places, weights, near):
-    """The direction of the largest |E|^2 next to another, by Nelder and Mead's simplex."""
     from scipy.optimize import minimize
 
     def loss(uv):
@@ -205,7 +200,7 @@ def _beam_of(places, weights, near):
 
 @pytest.mark.parametrize("azimuth", [0.0, 250.0])
 def test_the_cuts_of_a_steered_array_are_great_circles_through_its_beam(azimuth):
-    """12 x 10 elements, two of them dead: sidelobes that are highest far from the beam."""
+    """12 x 10 elements, of which two are dead, have their highest sidelobes far from the beam."""
     places = pw.arrays.grid_positions(12, 10, PITCH)
     theta, phi = math.radians(25), math.radians(azimuth)
     towards = np.array(
@@ -223,7 +218,7 @@ def test_the_cuts_of_a_steered_array_are_great_circles_through_its_beam(azimuth)
     pattern = pw.radiation_pattern(array, WAVELENGTH, *angles)
     for metrics, rough in ((pw.beam_metrics(exact), 1), (pw.beam_metrics(pattern), 4)):
         assert metrics.theta == pytest.approx(polar, abs=1e-5)
-        assert metrics.theta < theta - math.radians(0.1)  # the obliquity pulls the beam inwards
+        assert metrics.theta < theta - math.radians(0.1)  # due to the obliquity
         assert [cut.kind for cut in metrics.beam_cuts] == ["meridian", "across"]
         for cut, tangent in zip(
             metrics.beam_cuts, (outwards, np.cross(beam, outwards)), strict=True
@@ -241,7 +236,7 @@ def test_the_cuts_of_a_steered_array_are_great_circles_through_its_beam(azimuth)
 
 
 def test_the_direction_of_steering_is_told_when_the_beam_is_off_it():
-    """Phases of the weights, and of the wave on an aperture; a beam along the normal is on it."""
+    """The steering comes from phases of weights, and from a plane wave on an aperture."""
     angle = math.radians(25)
     wave = pw.steering((math.sin(angle), 0.0, math.cos(angle)), WAVELENGTH)
     square = pw.shapes.square(8 * WAVELENGTH)
@@ -260,7 +255,6 @@ def test_the_direction_of_steering_is_told_when_the_beam_is_off_it():
 
 
 def test_a_beam_next_to_the_normal_is_cut_along_the_axes():
-    """Tilted by 0.3 degrees towards phi = 37 degrees: no diagonal cut of a square."""
     tilt, phi = math.radians(0.3), math.radians(37)
     source = _steered(tilt, phi)
     straight = pw.beam_metrics(pw.beam_cuts(_steered(0.0, 0.0), WAVELENGTH))
@@ -272,7 +266,7 @@ def test_a_beam_next_to_the_normal_is_cut_along_the_axes():
 
 
 def test_a_grating_lobe_on_the_horizon_is_the_peak_sidelobe():
-    """Elements of 0.95 wavelengths, steered to 10 degrees: a lobe of sin(theta) = 0.17 - 1/0.95."""
+    """At 0.95 wavelengths and 10 degrees, a grating lobe has sin(theta) = 0.17 - 1/0.95."""
     places = pw.arrays.grid_positions(12, 1, 0.95 * WAVELENGTH)
     weights = pw.arrays.steering_weights(places, (math.sin(math.radians(10)), 0.0), WAVELENGTH)
     array = pw.phased_array(pw.shapes.rectangle(0.2 * WAVELENGTH, WAVELENGTH), places, weights)
@@ -284,7 +278,7 @@ def test_a_grating_lobe_on_the_horizon_is_the_peak_sidelobe():
 
 
 def _drawn(figure):
-    """Peak and half-power width of each line, read from the picture."""
+    """Return the peak and the half-power width of each drawn line."""
     result = []
     for line in figure.axes[0].lines[:2]:
         angle, level = line.get_xydata().T
@@ -328,7 +322,7 @@ def test_the_table_has_the_numbers_of_the_lines_in_the_picture():
 
 
 def test_cuts_of_a_polarised_source_have_a_cross_polar_part(tmp_path):
-    """A right-handed wave of Huygens' source, which is circular in the beam alone."""
+    """A right-handed Huygens source is circularly polarised on its axis only."""
     source = _steered(0.6, math.radians(40))
     cuts = pw.beam_cuts(source, WAVELENGTH, polarisation="right")
     angles = np.radians(np.arange(0, 90.5, 1)), np.radians(np.arange(0, 360, 2))
@@ -341,7 +335,7 @@ def test_cuts_of_a_polarised_source_have_a_cross_polar_part(tmp_path):
 
 
 def test_a_dipole_in_a_file_is_cut_around_the_sphere(tmp_path):
-    """Of 1.5 = 1.761 dBi, with a half-power width of 90 degrees over both cuts of its beam."""
+    """A dipole has 1.5 = 1.761 dBi and a half-power width of 90 degrees in both cuts."""
     lines = ["Theta [deg],Phi [deg],re(rETheta) [V],im(rETheta) [V],re(rEPhi) [V],im(rEPhi) [V]"]
     for phi in range(0, 360, 10):
         for theta in range(0, 181, 5):
@@ -353,7 +347,7 @@ def test_a_dipole_in_a_file_is_cut_around_the_sphere(tmp_path):
     assert metrics.directivity == pytest.approx(10 * math.log10(1.5), abs=1e-6)
     along, across = metrics.beam_cuts
     assert along.half_power_beamwidth == pytest.approx(math.pi / 2, rel=1e-3)
-    assert math.isnan(across.half_power_beamwidth)  # the same in all directions
+    assert math.isnan(across.half_power_beamwidth)  # constant in all directions
 
 
 @pytest.mark.usefixtures("unrendered_figures")
@@ -371,7 +365,7 @@ def test_the_command_line_prints_the_cuts_that_are_drawn_and_eirp_of_a_power(tmp
 
 
 def test_modes_with_nulls_on_samples_have_numbers():
-    """A parabola beside a null would overshoot by tens of dB."""
+    """A parabola through a null would overshoot by tens of dB."""
     theta, phi = np.radians(np.arange(0, 180.5, 0.5)), np.radians(np.arange(0, 360, 10))
     mode = pw.te_mode(14e-3, 11e-3, 2, 0)
     source = pw.shapes.rectangle(14e-3, 11e-3).with_illumination(mode)
@@ -391,7 +385,7 @@ def test_a_lobe_that_runs_into_the_horizon_is_no_sidelobe():
 
 
 def test_the_first_sidelobe_of_a_rippled_beam_is_the_first_beyond_half_power():
-    """Half a turn at the rim: a bump of -2.3 dB at 10 degrees, half power at 13, a lobe at 24."""
+    """A bump of -2.3 dB at 10 degrees, half power at 13, and a lobe at 24."""
     mouth = 5.5 * WAVELENGTH
     horn = pw.horns.e_plane(0.7 * WAVELENGTH, mouth, mouth**2 / (4 * WAVELENGTH), WAVELENGTH)
     theta = np.radians(np.arange(0, 60, 0.01))

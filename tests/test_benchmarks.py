@@ -1,4 +1,4 @@
-"""The comparison behind ``make bench``: contenders agree, missing peers are said to be missing."""
+"""The comparison with other packages by ``make bench``."""
 
 import sys
 from pathlib import Path
@@ -17,9 +17,9 @@ from benchmarks.questions import polyhedra, wigner
 pytestmark = pytest.mark.slow  # kernels of peers are compiled
 
 TINY = timing.Effort(rounds=2, seconds=1e-4, most=1 << 8, checked=3, quick=True)
-# Of the area. Float32 has 6e-8, times some tens of turns of phase; float64 likewise.
+# Relative to the area: rounding of float32 after tens of cycles of phase, and of float64.
 SINGLE, DOUBLE = 5e-6, 1e-13
-# Of the volume: libformfactor's series and closed forms meet there.
+# Relative to the volume: libformfactor switches between series and closed forms.
 PEER_OF_BODIES = 1e-10
 
 
@@ -28,7 +28,7 @@ PEER_OF_BODIES = 1e-10
 @pytest.mark.parametrize("case", ["chevron", "18 hexagons"])  # unrolled; loops over tables
 def test_the_kernel_in_cpp_gives_the_wigner_function(case, precision):
     source = wigner.SOURCES[case]()
-    x, nu = wigner.points(source, 203)  # no whole number of vectors
+    x, nu = wigner.points(source, 203)  # not a multiple of the vector length
     result = wigner.in_cpp(source, precision, 1)(x, nu)()
     expected = pw.wigner(source, x, nu, engine="numpy")
     error = np.abs(result - expected).max() / source.area
@@ -38,7 +38,7 @@ def test_the_kernel_in_cpp_gives_the_wigner_function(case, precision):
 @pytest.mark.skipif(not jax_kernel.available(), reason="JAX is not installed")
 def test_the_kernel_traced_by_jax_gives_the_wigner_function():
     source = wigner.SOURCES["chevron"]()
-    x, nu = wigner.points(source, 1000)  # more than NumPy takes as they come
+    x, nu = wigner.points(source, 1000)  # more samples than the direct NumPy path takes
     result = np.asarray(wigner.in_jax(source, "double")(x, nu)())
     expected = pw.wigner(source, x, nu, engine="numpy")
     assert np.abs(result - expected).max() < DOUBLE * source.area
@@ -46,7 +46,7 @@ def test_the_kernel_traced_by_jax_gives_the_wigner_function():
 
 @pytest.fixture
 def own_threads():
-    """What is measured here in the tests' own process leaves it as many threads as it had."""
+    """Restore the number of threads after measurements in this process."""
     drjit = pytest.importorskip("drjit")
     before = drjit.thread_count()
     yield

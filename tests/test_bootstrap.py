@@ -1,7 +1,4 @@
-"""``tools/bootstrap`` does what is needed and no more, and recovers from a damaged environment.
-
-The steps that download (venv, pip, LLVM) are replaced by ones that are recorded.
-"""
+"""``tools/bootstrap``, with recorded instead of real downloads."""
 
 import importlib.machinery
 import importlib.util
@@ -30,7 +27,7 @@ def load_bootstrap():
 
 
 class Project:
-    """A project folder with the bootstrap in it, and a record of its steps."""
+    """A project folder with the bootstrap script and a record of its steps."""
 
     def __init__(self, root):
         self.module = load_bootstrap()
@@ -38,7 +35,7 @@ class Project:
         self.move(root)
 
     def move(self, root):
-        """Let the script run in another folder, as after the project was moved."""
+        """Move the project to another folder."""
         self.root = root
         environment = root / ".venv"
         self.module.ROOT = root
@@ -64,7 +61,7 @@ class Project:
         self.steps.append(f"install {group}")
 
     def set_up(self, group="test", python=None):
-        """The steps that one run of the bootstrap takes."""
+        """Return the steps of one run of the bootstrap."""
         self.steps = []
         done = self.module.set_up(python, group)
         assert done == bool(self.steps)
@@ -93,7 +90,6 @@ def test_a_demo_after_the_tests_needs_nothing_and_tests_after_a_demo_only_their_
 
 
 def test_every_group_installs_what_the_groups_that_it_contains_do():
-    """So a set-up for one may stand in for those."""
     extras = tomllib.loads((SCRIPT.parent.parent / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
@@ -112,7 +108,6 @@ def test_every_group_installs_what_the_groups_that_it_contains_do():
 def test_new_requirements_are_installed_into_the_same_environment(project):
     project.set_up("dev")
     (project.root / "pyproject.toml").write_text("[project]\nversion = '2'\n")
-    # With all the tools that were there before.
     assert project.set_up("demo") == ["install dev", "llvm"]
 
 
@@ -147,7 +142,7 @@ def made_by_hand(project):
 
 
 def moved(project):
-    # The scripts in .venv/bin name the old place in their first line.
+    # The scripts in .venv/bin contain the old path in their first line.
     project.move(project.root.rename(project.root.with_name("elsewhere")))
 
 
@@ -176,7 +171,6 @@ def test_another_python_asks_for_another_environment_and_then_stays(project):
     project.module.python_of = lambda named: other if named == "python3.99" else this
     assert project.set_up(python="python3.99")[0] == "create"
     assert project.set_up(python="python3.99") == []
-    # Not naming one is not asking for the old one back.
     assert project.set_up() == []
 
 
@@ -206,7 +200,7 @@ def test_an_activated_environment_and_foreign_paths_do_not_reach_inside(project,
     code = "import os, json; print(json.dumps(dict(os.environ)))"
     seen = json.loads(project.module.run([sys.executable, "-I", "-c", code]).stdout)
     assert not {"PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "PIP_TARGET"} & set(seen)
-    assert seen["PIP_INDEX_URL"] == "https://index.example"  # pip's own settings stay the user's
+    assert seen["PIP_INDEX_URL"] == "https://index.example"  # The user's settings of pip apply.
 
 
 def test_two_runs_at_once_take_turns(project, monkeypatch):

@@ -1,4 +1,4 @@
-"""Fields on lines, planes, hemispheres and in volumes: the same numbers wherever they are asked."""
+"""Datasets of fields on lines, planes and hemispheres and in volumes."""
 
 import math
 import pickle
@@ -18,12 +18,12 @@ CHEVRONS = pw.shapes.chevron_pair(6e-3, 5e-3, 2e-3)
 BOX = ((-20e-3, -15e-3, 30e-3), (10e-3, 15e-3, 60e-3))
 SHAPE = (4, 3, 5)
 
-# Sums in other orders, of one computation.
+# Rounding of the same sums in another order.
 ROUNDING = 1e-12
 
 
 def _points(result):
-    """(..., 3) of a dataset, in the order of its variable's dimensions."""
+    """Return the points (..., 3) of a dataset."""
     variable = next(iter(result.data_vars.values()))
     parts = [result[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
     return np.stack([part.values for part in parts], axis=-1)
@@ -45,7 +45,6 @@ def _builders(**options):
 
 @pytest.mark.parametrize("name", ["line", "hemisphere", "volume"])
 def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name):
-    """Side by side: each variable is named after its method."""
     methods = ("wigner", "kirchhoff", "fraunhofer")
     result = _builders(method=methods)[name]()
     assert tuple(result.data_vars) == methods
@@ -83,7 +82,7 @@ def test_every_grid_knows_where_its_points_are():
 
 
 def test_a_dataset_describes_its_source_in_a_line_and_gives_it_back(tmp_path):
-    """A line of the display for each axis, each variable and each attribute, and five more."""
+    """One line for each axis, variable and attribute, and five more lines."""
     field = CHEVRONS.with_illumination(pw.steering((0.6, 0, 0.8), WAVELENGTH))
     computed = pw.line(field, BOX, 3, WAVELENGTH, method=("wigner", "kirchhoff"))
     assert computed["wigner"].attrs["units"] == "W m-2"
@@ -124,7 +123,7 @@ def test_a_lazy_volume_computes_only_what_is_asked_for():
         assert not tasks
         assert lazy["kirchhoff"].chunks == ((2, 2), (2, 1), (2, 2, 1))
         part = lazy["kirchhoff"][3, 2, :2].values
-        assert len(tasks) <= 2  # of 12 blocks one, and what takes its place in the answer
+        assert len(tasks) <= 2  # one of 12 blocks, and one task for the result
     assert part == pytest.approx(eager["kirchhoff"].values[3, 2, :2], rel=1e-6)
     assert lazy["kirchhoff"].values == pytest.approx(eager["kirchhoff"].values, rel=1e-6)
     assert lazy["kirchhoff"].dtype == eager["kirchhoff"].dtype == np.float32
@@ -144,7 +143,7 @@ def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(capfd, monkeypatch):
     _builders(method="fraunhofer", progress=True)["volume"]()
     drawn = capfd.readouterr().err
     assert "fraunhofer" in drawn
-    assert drawn.endswith("\x1b[1A\x1b[2K")  # up to its line, and that wiped out
+    assert drawn.endswith("\x1b[1A\x1b[2K")  # the bar is erased
 
 
 REFUSED: dict[str, tuple[Any, str]] = {

@@ -1,4 +1,4 @@
-"""Paths that interfere against couplings by hand, Fresnel's formulas, images and exchange."""
+"""Interfering paths against couplings, Fresnel's formulas, image sources and reciprocity."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
 FREQUENCY = 94e9
-# A hundredth of a wavelength: with "rayleigh-sommerfeld-2" the same to all sides in front.
+# A source of a hundredth of a wavelength is isotropic with "rayleigh-sommerfeld-2".
 DOT = pw.shapes.square(0.01 * WAVELENGTH)
 ALL_SIDES: dict[str, Any] = {"obliquity": "rayleigh-sommerfeld-2"}
 
-# Rounding of double precision in phases of 1e5 turns; what the task of two rays asks is 1e-6.
+# Rounding in double precision of phases of 1e5 cycles.
 ROUNDING = 1e-9
-# Transmission and reflectances of Mitsuba are in single precision.
+# Mitsuba's transmission and reflectances have single precision.
 SINGLE = 1e-6
-# Phase, in rad, of poses in single precision that no such numbers meet, at 2 m.
+# Phase error in rad of poses in single precision at 2 m.
 PLACES = 3e-4
-# 1024 rays between points that fill both apertures evenly.
+# 1024 rays between evenly distributed points of both apertures.
 RAYS = 0.01
-# Of the tolerance of couplings, by which bands are foretold as well.
+# Tolerance of couplings and of their interpolation over a band.
 BAND = 3e-6
 
 SLOW = pytest.mark.slow
@@ -53,12 +53,12 @@ def stokes() -> None:
 
 
 def floor(size: float = 10.0, **bsdf: Any) -> dict[str, Any]:
-    """A square in z = 0 with its normal upwards."""
+    """Return a square in z = 0 with its normal upwards."""
     return rectangle((0, 0, 0), (1, 0, 0), 0, size, bsdf or METAL)
 
 
 def flipped(source: Any = HANDED) -> Any:
-    """u(x, -y)."""
+    """Return u(x, -y)."""
     field = source.illumination
     outline = pw.Aperture([ring * [1, -1] for ring in source.rings])
     waves = pw.Illumination(field.amplitudes, field.frequencies * [1, -1])
@@ -66,25 +66,22 @@ def flipped(source: Any = HANDED) -> Any:
 
 
 def below(pose: np.ndarray) -> np.ndarray:
-    """The pose of the flipped source in the mirror z = 0."""
+    """Return the pose of the flipped source, mirrored at z = 0."""
     return np.diag([1.0, 1.0, -1.0, 1.0]) @ pose @ np.diag([1.0, -1.0, 1.0, 1.0])
 
 
 def path_amplitude(result: Any, *mirrors: str) -> complex:
-    """Amplitude of a path of the first pair of ends; zero without the path."""
+    """Return the amplitude of a path of the first pair of ends, or zero without the path."""
     here = result["mirrors"].values == ", ".join(mirrors)
     return complex(result["amplitude"].values[0, 0, 0, here].sum())
 
 
 def chains_of(result: Any) -> list[list[str]]:
-    """Names of the mirrors of each path."""
+    """Return the names of the mirrors of each path."""
     return [names.split(", ") if names else [] for names in result["mirrors"].values]
 
 
 ONE, OTHER = looking((0, 0, 0.5), (1, 0, 0)), looking((2, 0, 0.5), (-1, 0, 0))
-
-
-# ---- two rays -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("distance", [1.0, pytest.param(100.0, marks=SLOW)])
@@ -92,7 +89,7 @@ ONE, OTHER = looking((0, 0, 0.5), (1, 0, 0)), looking((2, 0, 0.5), (-1, 0, 0))
 def test_two_rays_over_metal_are_two_couplings(
     plain: None, distance: float, polarisation: str, metal: float
 ) -> None:
-    """E along the plane of incidence keeps its sign, across it E turns; x of both ends differ."""
+    """Reflection changes the sign of E across the plane of incidence."""
     one, other = looking((0, 0, 0.75), (1, 0, 0)), looking((distance, 0, 0.5), (-1, 0, 0))
     scene = scene_of(tx=emitter(HANDED, one), rx=receiver(SQUARE, other), floor=floor(2 * distance))
     result = pm.channel(scene, polarisation=polarisation)
@@ -125,23 +122,23 @@ GREY = {**CONDUCTOR, "specular_reflectance": 0.25}
 def test_a_floor_reflects_both_polarisations_as_fresnel_says(
     plain: None, bsdf: dict[str, Any], permittivity: complex, share: float, angle: float
 ) -> None:
-    """Both ends look at the place of the reflection, a metre away."""
+    """Both ends point at the point of reflection, 1 m away."""
     cosine, sine = np.cos(angle), np.sin(angle)
     one = looking((-sine, 0, cosine), (sine, 0, -cosine))
     other = looking((sine, 0, cosine), (-sine, 0, -cosine))
-    straight = coupled(SQUARE, ONE, SQUARE, OTHER)  # two metres apart
+    straight = coupled(SQUARE, ONE, SQUARE, OTHER)
     root = np.sqrt(permittivity - sine**2)
     across = (cosine - root) / (cosine + root)
     along = (permittivity * cosine - root) / (permittivity * cosine + root)
     scene = scene_of(tx=emitter(pose=one), rx=receiver(pose=other), floor=floor(**bsdf))
-    for polarisation, expected in (("x", -across), ("y", along)):  # x of both ends differ
+    for polarisation, expected in (("x", -across), ("y", along)):
         result = path_amplitude(pm.channel(scene, polarisation=polarisation), "floor")
         assert abs(result / straight) == pytest.approx(abs(share * expected), abs=SINGLE)
         assert result / straight == pytest.approx(share * expected, abs=PLACES)
 
 
 def test_metal_turns_a_right_handed_wave_into_a_left_handed_one(stokes: None) -> None:
-    """Who sends right-handed waves at a plate hears none of its own kind, and all of the other."""
+    """Reflection at metal reverses the handedness."""
     up = (1, 0, 0)
     one, other = looking((0, -0.05, 2), (0, 0, -1), up), looking((0, 0.05, 2), (0, 0, -1), up)
     ends = {"back": other, "facing": looking((0, -0.05, 0.5), (0, 0, 1), up)}
@@ -153,15 +150,12 @@ def test_metal_turns_a_right_handed_wave_into_a_left_handed_one(stokes: None) ->
     scene = scene_of(tx=emitter(pose=one), floor=floor(), **receivers)
     result = np.abs(pm.channel(scene, polarisation="right").amplitude)
     size = {name: float(result.sel(receiver=name).max()) for name in receivers}
-    assert size["right back"] < 0.01 * size["left back"]  # 3 degrees off the normal
+    assert size["right back"] < 0.01 * size["left back"]  # 3 degrees from the normal
     assert size["left facing"] < 1e-9 * size["right facing"]
 
 
-# ---- images of images, exchange -----------------------------------------------------------------
-
-
 def corner(**bsdf: Any) -> dict[str, Any]:
-    """Three walls in the planes of the axes, with normals to the positive sides."""
+    """Return three walls in the coordinate planes, with normals towards positive coordinates."""
     turns = {"x": ((0, 1, 0), 90), "y": ((1, 0, 0), -90), "z": ((1, 0, 0), 0)}
     return {k: rectangle((0, 0, 0), *turn, 5.0, bsdf or METAL) for k, turn in turns.items()}
 
@@ -169,7 +163,7 @@ def corner(**bsdf: Any) -> dict[str, Any]:
 @SLOW
 @pytest.mark.llvm
 def test_a_corner_of_three_mirrors_returns_the_source_turned_inside_out() -> None:
-    """Three reflections at right angles leave E as it is; the image is that in the corner."""
+    """Three reflections at right angles preserve E."""
     mi.set_variant("llvm_ad_mono")
     place = np.array([1.1, 0.9, 1.3])
     one = looking(place, -place)
@@ -179,7 +173,7 @@ def test_a_corner_of_three_mirrors_returns_the_source_turned_inside_out() -> Non
     total = sum(path_amplitude(result, *chain) for chain in chains_of(result) if len(chain) == 3)
     image = np.diag([-1.0, -1.0, -1.0, 1.0]) @ one @ np.diag([1.0, -1.0, 1.0, 1.0])
     b = coupled(flipped(), image, SQUARE, other)
-    # both look alike, to the corner: e.e, without a conjugate
+    # Both ends point at the corner: e.e without a conjugate.
     expected = b * complex(np.sum(np.square(ELLIPTIC)) / np.vdot(ELLIPTIC, ELLIPTIC))
     assert total == pytest.approx(expected, rel=0.01, abs=0.01 * abs(b))
 
@@ -188,7 +182,7 @@ ELLIPTIC = np.array([1.0, 0.3 - 0.8j])
 
 
 def between_glass_and_metal(is_back: bool = False, polarisation: Any = None) -> Any:
-    """Handed sources in any pose, over a floor of glass and beside a wall of metal."""
+    """Return handed sources in general poses, over a floor of glass and next to a metal wall."""
     one = HANDED, looking((0.1, 0.2, 0.5), (1, 0.1, -0.2), (0.2, 0, 1))
     other = SQUARE, looking((1.5, 0.4, 0.7), (-1, 0.2, -0.1), (0, 0.3, 1))
     sent, taken = (other, one) if is_back else (one, other)
@@ -216,7 +210,7 @@ def test_exchange_of_both_ends_changes_nothing(plain: None) -> None:
 @SLOW
 @pytest.mark.llvm
 def test_sources_in_polarised_variants_have_the_channel_of_the_others(plain: None) -> None:
-    """By two mirrors as well, whose Mueller matrices do not multiply number by number."""
+    """The Mueller matrices of two mirrors do not commute."""
     expected = pm.channel(between_glass_and_metal(), [FREQUENCY], polarisation=ELLIPTIC)
     mi.set_variant("llvm_ad_mono_polarized")
     result = pm.channel(between_glass_and_metal(polarisation=ELLIPTIC), [FREQUENCY])
@@ -227,11 +221,8 @@ def test_sources_in_polarised_variants_have_the_channel_of_the_others(plain: Non
         )
 
 
-# ---- obstacles ----------------------------------------------------------------------------------
-
-
 def screen(x: float, low: float, high: float, **bsdf: Any) -> dict[str, Any]:
-    """A screen across the line of sight, from one height to another."""
+    """Return a screen across the line of sight between two heights."""
     to_world = (
         mi.ScalarTransform4f()
         .translate([x, 0, (low + high) / 2])
@@ -252,7 +243,7 @@ def test_a_wall_in_the_line_of_sight_leaves_the_path_by_the_floor(plain: None) -
 def test_half_of_an_aperture_behind_a_plate_sends_half_of_the_amplitude(
     plain: None, many_rays: None
 ) -> None:
-    """A quarter of the power: not the half that rays of power count."""
+    """Half of the amplitude is a quarter of the power, in contrast to half of the rays."""
     scene = between(ONE, OTHER, plate=screen(4e-3, 0.0, 0.5))
     half = SQUARE & pw.shapes.rectangle(20e-3, 10e-3).moved((0.0, 5e-3))
     share = pw.radiated_power(half, WAVELENGTH) / pw.radiated_power(SQUARE, WAVELENGTH)
@@ -283,11 +274,8 @@ def test_over_a_knife_edge_half_of_the_amplitude_arrives_with_its_phase(plain: N
     )
     whole = coupled(DOT, ONE, DOT, OTHER, method=ALL_SIDES["obliquity"])
     result = complex(pm.channel(scene).h[0, 0, 0])
-    # the other edges of the screen, 5 m off, add some per cent
+    # The other edges of the screen, 5 m away, contribute some per cent.
     assert result == pytest.approx(whole / 2, rel=0.05)
-
-
-# ---- frequencies, powers, elements --------------------------------------------------------------
 
 
 def test_in_a_band_each_frequency_is_a_channel_of_its_own(plain: None) -> None:
@@ -296,7 +284,7 @@ def test_in_a_band_each_frequency_is_a_channel_of_its_own(plain: None) -> None:
     result = pm.channel(scene, band)
     assert result.h.dims == ("frequency", "receiver", "emitter")
     some = [0, 33, 77]
-    alone = pm.channel(scene, band[some])  # too few for a polynomial
+    alone = pm.channel(scene, band[some])  # too few frequencies for a polynomial
     assert result.h.values[some] == pytest.approx(alone.h.values, rel=BAND)
     for number in range(2):
         delay = result.delay.values[0, 0, number]
@@ -308,7 +296,7 @@ def test_in_a_band_each_frequency_is_a_channel_of_its_own(plain: None) -> None:
 
 @pytest.mark.parametrize("normalise", ["radiated", pytest.param("aperture", marks=SLOW)])
 def test_coherent_power_is_the_square_of_the_sum_of_all_paths(plain: None, normalise: str) -> None:
-    """The receiver counts radiated power, or power in its aperture."""
+    """The receiver measures radiated power, or power in its aperture."""
     rx = receiver(pose=OTHER, normalise=normalise)
     scene = scene_of(tx=emitter(HANDED, ONE), rx=rx, floor=floor())
     result = pm.received_power(scene, spp=16, coherent=True)
@@ -330,7 +318,7 @@ def test_elements_of_two_polarisations_reach_a_receiver_by_its_own(stokes: None)
     scene = scene_of(tx=emitter(pair, ONE, polarisation=["x", "y"]), rx=receiver(pose=OTHER))
     result = complex(pm.channel(scene).h[0, 0, 0])
     expected = 1.0j * coupled(pair.elements[1], ONE, SQUARE, OTHER) / math.sqrt(2)
-    # each end sees the other 0.2 degrees off its axis
+    # Each end is 0.2 degrees off the axis of the other end.
     assert result == pytest.approx(expected, rel=1e-4)
 
 
@@ -355,9 +343,6 @@ def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(pla
     )
     expected = pm.channel(alone).h.item()
     assert result.h.sel(receiver="rx", emitter="a").item() == pytest.approx(expected, rel=1e-6)
-
-
-# ---- bad input ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -411,11 +396,9 @@ def test_a_scene_without_a_channel_is_refused(
         pm.channel(scene_of(**parts))
 
 
-# ---- conducting bodies --------------------------------------------------------------------------
-
-# Of fields on pieces of a body, and of edges in physical optics.
+# Errors of fields on pieces of a body, and of edges in physical optics.
 PIECES = 3e-3
-# An aperture at each side, which looks at the origin.
+# Apertures on all sides that point at the origin.
 ASKANCE = looking((-0.5, 0, 0.6), (0.5, 0, -0.6)), looking((0.5, 0, 0.6), (-0.5, 0, -0.6))
 
 
@@ -424,7 +407,7 @@ def plate(side: float, pose: np.ndarray | None = None) -> Any:
 
 
 def trihedral(side: float) -> list[Any]:
-    """Three triangles with a right angle in the origin, open to all positive sides."""
+    """Return three triangles that form a right-angled corner at the origin."""
     face = pw.Aperture([(0, 0), (side, 0), (0, side)])
     poses = [np.eye(4) for _ in range(3)]
     for k, pose in enumerate(poses):
@@ -447,7 +430,7 @@ def test_a_wide_plate_is_a_mirror_with_its_phase(plain: None, polarisation: str)
 
 
 def test_the_echo_of_a_body_in_the_way_is_its_shadow(plain: None) -> None:
-    """Line of sight and echo add up to the field behind the edges of an obstacle."""
+    """The line of sight and the echo add up to the field behind the edges of an obstacle."""
     side, shift = 0.1, 0.02
     pose = looking((1.0, shift, 0.5), (1, 0, 0))
     result = pm.channel(between(ONE, OTHER), bodies={"plate": plate(side, pose)})
@@ -459,7 +442,7 @@ def test_the_echo_of_a_body_in_the_way_is_its_shadow(plain: None) -> None:
 
 
 def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> None:
-    """Within 0.02 dB, with a note for those that are near or count one reflection alone."""
+    """Within 0.02 dB; a note reports near bodies and single reflections."""
     body, towards = trihedral(10 * WAVELENGTH), np.ones(3) / math.sqrt(3)
     pose = looking(20.0 * towards, -towards)
     result = pm.channel(between(pose, pose), bodies={"corner": (body, 3)})
@@ -502,7 +485,7 @@ def test_echoes_over_a_band_are_those_of_each_frequency(plain: None) -> None:
     result = pm.channel(between(ONE, ONE), band, bodies=body).h[:, 0, 0].values
     each = [pm.channel(between(ONE, ONE), f, bodies=body).h.values.item() for f in band[::10]]
     assert np.abs(result[::10] - each).max() < PIECES * np.abs(each).max()
-    power = pm.received_power(between(ONE, ONE), 16, coherent=True, bodies=body)  # of 1 W
+    power = pm.received_power(between(ONE, ONE), 16, coherent=True, bodies=body)  # for 1 W
     assert float(power) == pytest.approx(abs(result[10]) ** 2, rel=2 * PIECES)
     (path,) = power.contributions[0].paths
     assert path.mirrors == ("plate",) and path.arrives_from == pytest.approx((0.1 / 3, 0), rel=1e-2)

@@ -1,5 +1,4 @@
-"""The command line as a whole: exit codes, one line per error, nothing half-written, and no heavy
-library before it is needed."""
+"""Exit codes, error messages and start-up time of the command line."""
 
 import os
 import subprocess
@@ -25,7 +24,7 @@ def test_help_imports_no_heavy_library():
     assert all(command in run.stdout for command in ("render", "transform", "doctor"))
 
 
-# Seconds of processor time; ten times what they take, and what people notice.
+# Processor time in s: ten times the usual time.
 IMPORT, HELP = 0.3, 0.5
 
 
@@ -36,7 +35,7 @@ IMPORT, HELP = 0.3, 0.5
     ids=["import", "help"],
 )
 def test_a_cold_start_takes_no_time_to_speak_of(command, seconds):
-    subprocess.run([sys.executable, *command], capture_output=True, check=True)  # compiles
+    subprocess.run([sys.executable, *command], capture_output=True, check=True)  # compiles bytecode
     before = os.times()
     subprocess.run([sys.executable, *command], capture_output=True, check=True)
     after = os.times()

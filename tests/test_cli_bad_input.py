@@ -1,4 +1,4 @@
-"""Input that no command can use: exit code 2, one line that says what was expected, no file."""
+"""Invalid input of all commands: exit code 2, one line on stderr, and no files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def scene(*parts: str) -> str:
 
 
 def lit(old: str, new: str) -> str:
-    """A scene whose Wigner source is not as it should be."""
+    """Return a scene with a modified Wigner source."""
     assert old in source()
     return scene(CAMERA, source().replace(old, new), FLOOR)
 
@@ -71,7 +71,7 @@ LINE = '--line "0 mm, 0 mm, 20 mm to 0 mm, 0 mm, 90 mm"'
 BOX = '--box "-20 mm to 20 mm, -15 mm to 15 mm, 30 mm to 60 mm"'
 SMALL = f'{BOX} --shape "6 x 5 x 4" --engine numpy'
 
-# The first words of commands, and for each: further words => parts of the message
+# Command, and for each of its lines: options => parts of the message.
 BAD: dict[str, str] = {
     "transform": """
         absent.geojson => absent.geojson
@@ -270,7 +270,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def refusal(command: list[str], folder: Path, captured: Captured) -> str:
-    """The one line with which a command refuses; asserts all else that a refusal has to be."""
+    """Return the error line of a command; assert exit code 2 and unchanged files."""
     for name, content in FILES.items():
         if any(name in word for word in command) or name in ("square.wkt", "bow.csv"):
             data = content if isinstance(content, bytes) else content.encode()

@@ -1,4 +1,4 @@
-"""``polywigner propagate`` and ``volume``: their files and tables hold the fields at the points."""
+"""Files and tables of ``polywigner propagate`` and ``volume``."""
 
 import re
 
@@ -17,7 +17,7 @@ WAVELENGTH = 299_792_458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
 FREQUENCY = ("--frequency", "94 GHz")
 
-# The same sums, perhaps of points in other blocks.
+# Rounding of the same sums in other blocks.
 ROUNDING = 1e-12
 
 
@@ -96,7 +96,7 @@ def test_the_table_says_how_far_methods_are_apart(square, capfd):
         "--method", "wigner", "--method", "rayleigh-sommerfeld-1", "--method", "fraunhofer",
     )  # fmt: skip
     printed = capfd.readouterr().out
-    assert "Differences from rayleigh-sommerfeld-1" in printed  # the exact one among them
+    assert "Differences from rayleigh-sommerfeld-1" in printed  # the only exact method
     rows = dict(re.findall(r"^  (\S+)\s+(.*) of 4$", printed, re.MULTILINE))
     assert set(rows) == {"wigner", "fraunhofer"}
     for name, row in rows.items():
@@ -117,7 +117,7 @@ BOX = pw.Polyhedron(
 
 
 def write_box(path):
-    """The box in cm, 5 cm before its place."""
+    """Write the box in cm, shifted by -5 cm along z."""
     corners = ["v {} {} {}".format(*(100 * v - (0, 0, 5))) for v in BOX.vertices]
     faces = ["f " + " ".join(str(k + 1) for k in face) for face in BOX.faces]
     path.write_text("\n".join(corners + faces))
@@ -139,7 +139,7 @@ def test_fields_behind_meshes_and_plates_are_those_of_irradiance(square):
     np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-9)
     result = propagated(square, "--line", "0 mm, 0 mm, 70 mm to 20 mm, 5 mm, 70 mm", "--samples",
                        "4", "--obstacle", plate, "--edge", "hard", "--engine", "numpy")  # fmt: skip
-    # x stays x where z is turned towards y, and y towards -z
+    # The rotation turns z towards y, and y towards -z.
     s, c = 0.5, 3**0.5 / 2
     pose = [[1, 0, 0, 5e-3], [0, c, s, 0], [0, -s, c, 50e-3], [0, 0, 0, 1]]
     expected = pw.irradiance(

@@ -1,4 +1,4 @@
-"""``polywigner radar``: the data cube and its maps as files, and errors before the work."""
+"""Files and errors of ``polywigner radar``."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""``polywigner rcs``: its files hold the cross sections, and it says what it drew."""
+"""Files, figures and messages of ``polywigner rcs``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Captured = pytest.CaptureFixture[str]
 
 FREQUENCY = ("--frequency", "3 GHz")
 WAVELENGTH = pw.SPEED_OF_LIGHT / 3e9
-# Of numbers written with twelve digits.
+# Numbers have twelve digits.
 WRITTEN = 1e-11
 
 
@@ -69,7 +69,7 @@ def test_a_mesh_is_a_body_whose_concave_edges_are_warned_of(
     path.write_text("\n".join(lines) + "\n")
     options = ("--step", "30 deg", "--polarisation", "hh", "--format", "nc", "--out", str(tmp_path))
     with warnings.catch_warnings():
-        warnings.simplefilter("always")  # not once in a process
+        warnings.simplefilter("always")  # for each call
         assert main(["rcs", str(path), *FREQUENCY, *options]) == 0
     assert "two or three reflections" in capsys.readouterr().err
     with xarray.open_dataset(tmp_path / "body_rcs.nc", engine="h5netcdf") as result:

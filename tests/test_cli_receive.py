@@ -1,4 +1,4 @@
-"""``polywigner receive`` on a link whose coupling is known."""
+"""``polywigner receive`` on links with known couplings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def scene_file(folder: Path, walls: str = "") -> Path:
 
 @pytest.fixture
 def coarse_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Maps of arrivals in scalar variants are of few pixels."""
+    """Reduce the pixels of arrival maps in scalar variants."""
     pytest.importorskip("polywigner.mitsuba")
     monkeypatch.setattr("polywigner.mitsuba.receive.received_power._COARSE", (6, 1))
 
@@ -79,7 +79,7 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     assert main(["receive", str(EXAMPLE), "--spp", "16384", "--out", str(out)]) == 0
     (result,) = json.loads(out.with_suffix(".json").read_text())["receivers"]
     straight, mirrored = result["emitters"][0]["paths"]
-    # Friis, with the directivity of a uniform patch of 10 x 4 mm
+    # Friis' formula with the directivity of a uniform patch of 10 mm x 4 mm.
     wavelength, patch = result["wavelength_m"], pw.shapes.rectangle(10e-3, 4e-3)
     pattern = pw.radiation_pattern(patch, wavelength, 0.0, 0.0)
     gain = 10 ** (pattern.attrs["largest_directivity"] / 10)
@@ -94,16 +94,16 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     scene = load_scene(EXAMPLE, "llvm_ad_mono")
     picture = arrival_map(scene, 0)
     total = picture.sum()
-    # the receiver stands above the floor, with the box at its right
+    # The receiver is above the floor; the box is on its right.
     places = shapes_in(scene, 0, picture)
     assert list(places) == ["floor", "box"]
     assert abs(places["floor"][0]) < 0.05 and -0.6 < places["floor"][1] < -0.3
     assert -0.3 < places["box"][0] < -0.05 and -0.5 < places["box"][1] < -0.1
-    # 64 samples of each pixel
+    # 64 samples of each pixel.
     assert total == pytest.approx(result["scattered_w"], abs=5 * result["standard_error_w"])
 
 
-# A small lamp at the right-hand side of a receiver that looks to -z, and above its axis.
+# A small lamp to the right of the axis of a receiver that points to -z, and above the axis.
 LAMP = """<shape type="sphere">
     <point name="center" x="0.5" y="0.25" z="0"/><float name="radius" value="0.1"/>
     <emitter type="area"><spectrum name="radiance" value="1"/></emitter>
@@ -112,7 +112,7 @@ AWAY = '<transform name="to_world"><translate z="-5"/><rotate y="1" angle="180"/
 
 
 def test_pictures_are_seen_as_the_receiver_sees(tmp_path: Path) -> None:
-    """Along its z axis, its y axis upwards: its x axis points to the left."""
+    """The view is along the receiver's +z axis with +y upwards, so that +x points to the left."""
     from polywigner.mitsuba import load_scene, render
     from polywigner.mitsuba.receive.received_power import arrival_map
 

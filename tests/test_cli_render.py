@@ -1,4 +1,4 @@
-"""``polywigner render`` on scenes whose radiance is known in closed form."""
+"""``polywigner render`` on scenes whose radiance has a closed form."""
 
 import json
 import math
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.drjit
 
 WAVELENGTH = wavelength_of(94e9)
 
-# 64 pixels x 64 samples; a sample's relative standard deviation is sqrt(16/9 - 1) = 0.88.
+# 64 pixels with 64 samples; the relative standard deviation of a sample is sqrt(16/9 - 1) = 0.88.
 STATISTICAL = 4 * 0.88 / 64
 
 CAMERA = """<sensor type="orthographic">
@@ -35,15 +35,15 @@ DIFFUSE = '<bsdf type="diffuse"><spectrum name="reflectance" value="{0}"/></bsdf
 
 
 def scene_of_the_aperture_itself(folder):
-    """A camera in colour that looks straight at a 10 mm square."""
+    """Write a scene with a camera in front of a square of 10 mm."""
     camera = CAMERA.format(half=6e-3, pose=LOOKING_DOWN, size=16, pixels="")
-    # Mitsuba's path integrators drop what they saw on the way to nothing at all: a black wall.
+    # Mitsuba's path integrators omit emission in front of an empty background: a black wall.
     wall = rectangle('<translate z="-0.1"/>', DIFFUSE.format(0))
     return written(folder, scene(PATH.format(3), camera, source(), wall))
 
 
 def scene_of_a_lit_floor(folder):
-    """A floor of reflectance 0.5, 1 m in front of a 2 mm square, seen where the axis meets it."""
+    """Write a scene with a floor of reflectance 0.5, 1 m in front of a square of 2 mm."""
     pose = '<lookat origin="0, 0, 0.5" target="0, 0, 1" up="0, 1, 0"/>'
     luminance = '<string name="pixel_format" value="luminance"/>'
     camera = CAMERA.format(half=5e-3, pose=pose, size=8, pixels=luminance)
@@ -52,10 +52,10 @@ def scene_of_a_lit_floor(folder):
 
 
 def rendered(path, *options):
-    """The EXR file, (height, width, channels), and the record."""
+    """Render a scene; return the image (height, width, channels) and the record."""
     out = path.parent / "out" / "picture"
     assert main(["render", str(path), "--out", str(out), *options]) == 0
-    import mitsuba as mi  # after the command, which chooses the LLVM library
+    import mitsuba as mi  # after the command, which selects the LLVM library
 
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
@@ -67,12 +67,12 @@ def rendered(path, *options):
 @pytest.mark.usefixtures("unrendered_figures")
 def test_a_distant_floor_is_as_bright_as_the_far_field_says(tmp_path):
     image, record = rendered(scene_of_a_lit_floor(tmp_path), "--variant", "scalar_rgb")
-    intensity = (2e-3) ** 4 / WAVELENGTH**2  # |F(0)|^2/lambda^2; the distance is 1 m
+    intensity = (2e-3) ** 4 / WAVELENGTH**2  # |F(0)|^2/lambda^2 at a distance of 1 m
     expected = 0.5 / math.pi * intensity
     assert image.mean() == pytest.approx(expected, rel=STATISTICAL)
     assert record["figure"]["unit"] == "W m^-2 sr^-1"
     assert record["figure"]["zero_db"] == pytest.approx(expected, rel=0.5)
-    used = record["used"]  # what the scene chose
+    used = record["used"]  # setting of the scene
     assert (used["integrator"], used["spp"]) == ("PathIntegrator", 64)
     assert record["settings"]["spp"] is None
 

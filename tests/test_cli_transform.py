@@ -1,4 +1,4 @@
-"""``polywigner transform``: the files it writes hold the transforms, with their units."""
+"""Files of ``polywigner transform``."""
 
 import json
 
@@ -10,7 +10,7 @@ import polywigner as pw
 from polywigner.cli import main
 from polywigner.quantities import wavelength_of
 
-# Separable closed forms of a rectangle; the kernel's own bound, relative to the area.
+# Error of the kernel relative to the area.
 ROUNDING = 1e-12
 
 RECTANGLE = "POLYGON ((-3 -2, 3 -2, 3 2, -3 2, -3 -2))"  # 6 mm x 4 mm
@@ -28,7 +28,7 @@ def transformed(path, *options):
     stem = path.parent / "out" / "values"
     assert main(["transform", str(path), "--out", str(stem), *options]) == 0
     assert stem.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
-    with np.load(stem.with_suffix(".npz")) as file:  # without pickle: plain arrays only
+    with np.load(stem.with_suffix(".npz")) as file:  # plain arrays without pickle
         return dict(file)
 
 
@@ -59,7 +59,6 @@ def test_the_values_are_those_of_the_closed_forms(rectangle):
 
 @pytest.mark.usefixtures("unrendered_figures")
 def test_units_digits_and_versions_are_kept(rectangle):
-    """The unit scales the aperture, whose outline comes back with all digits."""
     rectangle.write_text("POLYGON ((0 0, 0.1 0, 0.30000000000000004 1, 0 0))")
     values = transformed(rectangle, "--unit", "in", "--samples", "3")
     np.testing.assert_allclose(values["fourier"][1, 1], 0.05 * 25.4e-3**2, rtol=ROUNDING)
@@ -74,7 +73,7 @@ def test_units_digits_and_versions_are_kept(rectangle):
 @pytest.mark.usefixtures("unrendered_figures")
 def test_the_files_are_named_after_the_aperture_and_told(rectangle, tmp_path, capfd):
     out = f"{tmp_path}/new/"
-    options = ("--samples", "65", "--frequency", "94 Hz")  # far from the aperture's size
+    options = ("--samples", "65", "--frequency", "94 Hz")  # far from the size of the aperture
     assert main(["transform", str(rectangle), *options, "--out", out]) == 0
     captured = capfd.readouterr()
     assert captured.out.splitlines() == [f"{out}rectangle.png", f"{out}rectangle.npz"]

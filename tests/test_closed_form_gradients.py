@@ -1,4 +1,4 @@
-"""Derivatives in closed form, against exact arithmetic and against laws of physics."""
+"""Derivatives in closed form against exact arithmetic and physical laws."""
 
 from typing import Any
 
@@ -17,12 +17,11 @@ FRAME = [
     np.array([[0, 0], [2, 0.125], [1.75, 1.5], [0.25, 1.25]]),
     np.array([[0.5, 0.375], [0.75, 1], [1.25, 0.875]]),  # the hole
 ]
-# Of the largest component of the gradient, which is what issues of rounding are relative to.
+# Rounding relative to the largest component of the gradient.
 ERRORS = {"double": 1e-11, "single": 1e-4}
-# Differences of values in exact arithmetic with steps h and h/2, extrapolated: they err by some
-# h^4 (2 pi nu D)^5, 1e-15.
+# Error of extrapolated differences with steps h and h/2: h^4 (2 pi nu D)^5, about 1e-15.
 STEP = 2.0**-17
-# Two routes of float64 sums of some tens of terms.
+# Rounding of two float64 sums of tens of terms.
 ROUNDING = 1e-11
 
 
@@ -46,7 +45,7 @@ def _read(points):
 
 
 def _on_grid(rng, low, high, count):
-    """Random points that float32 holds, steps from them included in float64."""
+    """Return random points that float32 represents exactly, with steps exact in float64."""
     return np.round(rng.uniform(low, high, (count, 2)) * 2**12) / 2**12
 
 
@@ -56,7 +55,7 @@ def _exact_value(rings, x, nu):
 
 
 def _exact_slope(rings, pair, change):
-    """The derivative of W along a change of all numbers, at 50 digits."""
+    """Return the derivative of W along a change of all numbers, with 50 digits."""
 
     def at(step):
         moved = [ring + step * own for ring, own in zip(rings, change[0], strict=True)]
@@ -77,13 +76,13 @@ OUTLINES: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize(("rings", "precision"), OUTLINES.values(), ids=OUTLINES)
 def test_derivatives_are_those_of_exact_arithmetic(rings, precision):
-    """Of W; those of A and F share the derivatives of edges."""
+    """The derivatives of A and F use the same derivatives of edges."""
     import drjit as dr
 
     rng, double, count = np.random.default_rng(8), precision == "double", 3
     source = pw.Aperture([shapely.Polygon(rings[0], rings[1:])])
     low, high = np.reshape(source.bounds, (2, 2))
-    middle, size = (low + high) / 2, (high - low) / 5  # where W is not zero
+    middle, size = (low + high) / 2, (high - low) / 5  # W is not zero here.
     pair = _on_grid(rng, middle - size, middle + size, count), _on_grid(rng, -1.5, 1.5, count)
     arrays = [_points(np.concatenate(source.rings), double), *(_points(p, double) for p in pair)]
     dr.enable_grad(arrays)
@@ -94,7 +93,7 @@ def test_derivatives_are_those_of_exact_arithmetic(rings, precision):
         dr.enqueue(dr.ADMode.Backward, value)
         dr.traverse(dr.ADMode.Backward, dr.ADFlag.ClearInterior)
         gradient = [_read(dr.grad(a)) for a in arrays]
-        # steps of a few bits: sums with coordinates are exact
+        # Coordinates have few bits, so that sums are exact.
         change = [_on_grid(rng, -1, 1, len(ring)) for ring in source.rings]
         moves = [_on_grid(rng, -1, 1, 1)[0] for _ in pair]
         expected = _exact_slope(source.rings, [p[k] for p in pair], (change, moves))
@@ -106,7 +105,7 @@ def test_derivatives_are_those_of_exact_arithmetic(rings, precision):
 
 @pytest.mark.slow
 def test_forward_and_reverse_mode_are_adjoint():
-    """<g, J t> = <J* g, t> for random t and g: of A of a collection, in all numbers."""
+    """<g, J t> = <J* g, t> for random t and g."""
     import drjit as dr
 
     rng = np.random.default_rng(2)
@@ -140,7 +139,7 @@ def test_forward_and_reverse_mode_are_adjoint():
 
 
 def _gradient(source, vertices, *points, double=True):
-    """Of W summed over samples: in vertices, x and nu."""
+    """Return the gradient of the sum of W in vertices, x and nu."""
     import drjit as dr
 
     arrays = [_points(np.asarray(v, float), double) for v in (vertices, *points)]
@@ -164,7 +163,7 @@ def test_of_many_edges_derivatives_by_cells_are_those_by_rows(corners):
 
 
 def test_rings_that_begin_elsewhere_keep_their_own_numbers():
-    """Equal apertures share tables; derivatives belong to the vertices as they were given."""
+    """Equal apertures share tables, but derivatives belong to the vertices of each aperture."""
     points = np.array([[0.9, 0.7]]), np.array([[0.4, -0.3]])
     gradients = []
     for k in (0, 2):
@@ -238,15 +237,12 @@ def test_vertices_that_make_no_outline_are_refused(ring):
         pw.differentiable(square, vertices=_points(square.rings[0] * [1, -1]))
 
 
-# --- where derivatives of either side differ, and close to such places
-
 AT = np.array([[0.3125, -0.1875]])
-# To the right of every direction of an edge, which lie between 0 and 180 degrees.
+# Direction to the right of all edges, which have directions from 0 to 180 degrees.
 RIGHT = np.array([1.0, -0.3125])
-# Gradients change by their own derivatives, of about 2 pi nu D, on the way; D is 4 at most.
+# Gradients vary by second derivatives, of about 2 pi nu D with D up to 4.
 ACROSS, CHANGE = 2.0**-36, 1e-7
-# Of the area, which is about the largest component of the gradient; how far from the kink: a few
-# thousand ulps and more.
+# Relative to the area, at a distance from the kink of a few thousand ulps or more.
 CLOSE = {"double": (1e-14, 2.0**-10, 2.0**-34), "single": (2e-6, 2.0**-6, 2.0**-14)}
 
 
@@ -257,7 +253,7 @@ CLOSE = {"double": (1e-14, 2.0**-10, 2.0**-34), "single": (2e-6, 2.0**-6, 2.0**-
 def test_close_to_kinks_derivatives_err_as_elsewhere(ring, precision):
     double, (error, *distances) = precision == "double", CLOSE[precision]
     ring, move = np.asarray(ring, float), np.array([0.25, 0.125])  # not across an edge
-    # where corners of the two copies meet, and edges if any are parallel
+    # Vertices of the two copies coincide here, and so do parallel edges.
     for place in np.unique([(p + q) / 2 for p in ring for q in ring], axis=0)[5::6]:
         for distance in distances:
             x = (place + distance * RIGHT).astype(np.float64 if double else np.float32)
@@ -268,5 +264,5 @@ def test_close_to_kinks_derivatives_err_as_elsewhere(ring, precision):
             wide, narrow = values[0] - values[1], values[2] - values[3]
             expected = float((8 * narrow - wide) / (6 * exact.mpmath.mpf(distance / 4)))
             got = _gradient(None, ring, [x], AT, double=double)[1][0] @ move
-            # the differences err by (h 2 pi nu D)^4, which counts at the larger distances
+            # The differences have errors of (h 2 pi nu D)^4.
             assert abs(got - expected) < (error + 10 * distance**4) * pw.Aperture(ring).area

@@ -1,4 +1,4 @@
-"""Partly coherent sources and light of a band, against quadrature and closed forms."""
+"""Partially coherent sources and finite bands against quadrature and closed forms."""
 
 import itertools
 import math
@@ -24,30 +24,30 @@ CHEVRONS = pw.shapes.chevron_pair(SIDE, 6e-3, 2e-3)
 SLITS = pw.Slits([(0.0, 3e-3), (5e-3, 9e-3)])
 WAVES = pw.Illumination([1.0, 0.5j], [(150.0, 80.0), (-90.0, 30.0)])
 STEERED = pw.shapes.regular_polygon(6, SIDE / 2).with_illumination(WAVES)
-# a product of fields along both sides
+# A product of fields along both sides.
 TAPERED = SQUARE.turned(0.4).with_illumination(pw.cosine_taper(SIDE, SIDE).turned(0.4))
-# summed by elements in coherent light; in partly coherent light the large one is a mean over tilts
+# Coherent light is summed over elements, partially coherent light over tilts.
 LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((2, 3)).reshape(2, -1).T)
 LARGE_LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((3, 6)).reshape(2, -1).T)
-# parts that are far from each other, and slits of one width
+# Separate parts, and slits of equal width.
 DISTANT = pw.Aperture([shift + np.array([(0, 0), (1e-3, 0), (0, 1e-3)]) for shift in (0, 0.5)])
 ARRAY = pw.phased_array(
     pw.shapes.square(3e-3), [(0, 0), (4e-3, 0), (0, 4e-3)], np.array([1, 1j, 0.5])
 )
 
-# Of the closed form (1e-12) and of the quadrature, of int |u|^2.
+# Errors of the closed form (1e-12) and of the quadrature, relative to int |u|^2.
 BY_QUADRATURE = 1e-10
-# Of the closed form in single precision, of int |u|^2.
+# Single precision relative to int |u|^2.
 IN_SINGLE = 2e-6
 # A product of two floats.
 CLOSED_FORM = 1e-13
 VISIBILITY = 1e-6
-# Of the mean over the band: the sum that it is compared with has 2000 terms.
+# The reference for the mean over the band has 2000 terms.
 NULLS_DB = 0.02
 
 
 def by_hermite(source, x, nu, width):
-    """W of the coherent source, its mean over tilts by Gauss-Hermite's rule of 64 nodes an axis."""
+    """Average W of the coherent source over tilts with 64 Gauss-Hermite nodes per axis."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(64)
     nodes, weights = nodes / (2 * math.pi * width), weights / weights.sum()
     d = x.shape[-1]
@@ -57,7 +57,7 @@ def by_hermite(source, x, nu, width):
 
 
 def over_lag_slice(outline, x, nu, width):
-    """The Gaussian wave over triangles of the lag slice, as far as it is more than 1e-17."""
+    """Integrate the Gaussian wave over triangles of the lag slice, down to 1e-17."""
     around = scaled(translated(shapely.Polygon(outline.rings[0]), *-x), 2, 2, origin=(0, 0))
     reach = 9 * width
     window = shapely.box(-reach, -reach, reach, reach)
@@ -81,7 +81,7 @@ def test_w_is_the_integral_over_the_lag_slice(share):
     partly = hexagon.partially_coherent(width)
     draw = np.random.default_rng(8)
     x = draw.uniform(-0.45 * SIDE, 0.45 * SIDE, (12, 2))
-    # the mean frequency over the width, and over the source
+    # Mean frequency over the coherence width, and over the source.
     spread = np.where(np.arange(12) % 2, SIDE / 2, min(width, SIDE))
     nu = draw.normal(0, 1, (12, 2)) / spread[:, None]
     expected = [over_lag_slice(hexagon, a, b, width) for a, b in zip(x, nu, strict=True)]
@@ -113,7 +113,7 @@ def test_the_visibility_of_two_slits_is_the_degree_of_coherence(distance):
     apart = distance * width
     pair = pw.shapes.double_slit(1e-4 * width, 1e-4 * width, (-apart / 2, apart / 2))
     partly = pair.partially_coherent(width)
-    # a maximum and a minimum of the fringes, in the directions of wavelength/(2 apart)
+    # Maximum and minimum of the fringes, at wavelength/(2 distance).
     sine = np.array([0.0, WAVELENGTH / (2 * apart)]) * 1e-3
     direction = np.stack([sine, 0 * sine, np.sqrt(1 - sine**2)], -1)
     bright, dark = pw.radiant_intensity(partly, direction, WAVELENGTH * 1e-3) / direction[:, 2]
@@ -128,7 +128,7 @@ def test_a_bandwidth_fills_nulls_as_the_integral_over_wavelengths_says():
     length = SPEED_OF_LIGHT / carrier
     result = pw.radiant_intensity(SQUARE, direction, length, bandwidth=bandwidth)
     frequencies = carrier + bandwidth * ((np.arange(2000) + 0.5) / 2000 - 0.5)
-    # of a square in its plane: a sinc
+    # F of a square in its plane is a sinc.
     sines = np.sin(theta) * (frequencies / SPEED_OF_LIGHT)[:, None]
     single = (SIDE**2 * np.sinc(SIDE * sines)) ** 2 * (frequencies / SPEED_OF_LIGHT)[:, None] ** 2
     expected = single.mean(axis=0) * np.cos(theta)
@@ -139,7 +139,7 @@ def test_a_bandwidth_fills_nulls_as_the_integral_over_wavelengths_says():
 
 @pytest.mark.parametrize("pupil", [SQUARE, SQUARE.curved(0.3, WAVELENGTH)])
 def test_there_is_no_transfer_function_in_partly_coherent_light(pupil):
-    """The lag marginal falls by the degree of coherence: that of the light, not of images."""
+    """The lag marginal decreases with the degree of coherence of the light."""
     partly = pupil.partially_coherent(5e-3)
     content = pw.lag_marginal(partly, (0.0, 0.0)).real
     fallen = abs(pw.lag_marginal(pupil, (5e-3, 0.0))) * math.exp(-0.5)
@@ -195,7 +195,6 @@ def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave):
     ahead = np.array([(0.0, 0.0, 0.3)])
     paper = pw.irradiance(partly, ahead, WAVELENGTH, obliquity="paper")
     assert np.allclose(paper, pw.irradiance(partly, ahead, WAVELENGTH), rtol=1e-2)
-    # in a band as well
     band = pw.irradiance(partly, points, WAVELENGTH, bandwidth=1e6)
     assert np.allclose(band, result, rtol=1e-3)
 
@@ -224,7 +223,7 @@ def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path):
 )  # fmt: skip
 @pytest.mark.parametrize("angle", [0.3])
 def test_w_and_a_of_partly_coherent_light_are_constant_along_rays(source, angle):
-    """Tilts are those of the source: the system turns them into shifts as well."""
+    """A first-order system converts tilts of the source to shifts."""
     d = len(source.bounds) // 2
     lens = pw.FirstOrder.lens((0.1, 0.3), angle if d == 2 else 0.0)
     system = pw.FirstOrder.free_space(0.05) @ lens @ pw.FirstOrder.free_space(0.02)

@@ -1,10 +1,7 @@
 """Positions and lags at which edges of the two copies coincide, nearly coincide, or touch.
 
-No value may jump, however rounding decides. 28 shapes with 500 positions and 300 lags each,
-jittered by ulps, against exact clipping (``oracles/generate.py``); random outlines
-(``oracles.degenerate``); and regular polygons about their centre, where all edges coincide. NumPy
-looks up pairs of edges. LLVM does so for few samples, and has edges as code for many samples of few
-edges.
+Values must be continuous for any rounding. References are exact clipping of 28 shapes and of
+random outlines (``oracles/generate.py``, ``oracles.degenerate``).
 """
 
 from collections.abc import Callable
@@ -22,12 +19,11 @@ from oracles.degenerate import outlines
 from oracles.positions import frequencies, lags, outline, positions
 from oracles.references import ENGINES, FEW, awkward, awkward_names, numpy_and_few
 
-# Relative to the area: what the package promises.
+# Stated accuracy relative to the area.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
-# Half an ulp by which vertices and offsets are moved, times the perimeter, and some ulps of sums
-# that are up to four times the area.
+# Rounding of vertices and offsets times the perimeter, and of sums of up to four areas.
 BY_PAIRS = {"double": 2e-14, "single": 5e-6}
-# Vertices and offsets are moved by half a step of 2^-52 or 2^-23 of twice the diameter at most.
+# Vertices and offsets move by at most half a step of 2^-52 or 2^-23 of twice the diameter.
 GRID_STEP = {"double": 2.0**-51, "single": 2.0**-22}
 FEW_OUTLINES, DRAWS = 9, 6
 
@@ -61,7 +57,7 @@ def test_no_value_jumps_where_edges_coincide(name, precision, engine):
         assert np.abs(error[worst]) <= allowed * case.area, [p[worst].tolist() for p in points]
 
 
-# Samples from which on few edges are code.
+# Number of samples above which few edges are compiled as code.
 AS_CODE = 1 << 18
 
 
@@ -87,15 +83,12 @@ def test_no_value_jumps_where_edges_are_code(name, precision):
     assert np.abs(result - case.ambiguity[rows]).max() <= allowed
 
 
-# --- random outlines, cut by lists of pairs
-
-
 def tolerance(source, precision):
-    """The error allowed, in m^2: more than that of the area only of thin outlines."""
+    """Return the error allowed in m^2, which is larger for thin outlines."""
     rings = source.rings
     edges = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
     sides = np.ptp(np.concatenate(rings), axis=0)
-    # a needle is stretched before it is rounded
+    # Rounding happens before the stretch of a needle.
     size = np.sqrt(source.area) if len(rings) == 1 else float(np.hypot(*sides))
     rounded = GRID_STEP[precision] * size * float(np.hypot(*edges.T).sum())
     least = BY_PAIRS[precision] * source.area
@@ -104,7 +97,7 @@ def tolerance(source, precision):
 
 @lru_cache
 def cases(function, seed, count, each):
-    """Outlines, degenerate points, and exact values of a function there."""
+    """Return outlines, degenerate points, and exact values of a function."""
     rng, result = np.random.default_rng(seed), []
     for source, rings in islice(outlines(rng), count):
         shape = outline(rings)
@@ -133,11 +126,8 @@ def test_random_outlines_have_exact_values(function, engine, precision):
         assert np.abs(result - expected).max() <= tolerance(source, precision)
 
 
-# --- many edges
-
-
 def comb(teeth, angle):
-    """Teeth of one width, as far apart as wide: many edges coincide at many places."""
+    """Return a comb whose teeth and gaps have equal widths, so that many edges coincide."""
     gap = [[[x, 1.0], [x, 3.0], [x + 1, 3.0], [x + 1, 1.0]] for x in np.arange(0.0, 2 * teeth, 2)]
     ring = np.vstack([[[2.0 * teeth - 1, 0.0], [0.0, 0.0]], *gap])
     ring = np.delete(ring, [2, len(ring) - 1], axis=0)  # on the sides of the back
@@ -146,13 +136,13 @@ def comb(teeth, angle):
 
 
 def with_touching_holes(count):
-    """A row of square holes, corner to corner."""
+    """Return an outline with a row of square holes that touch at corners."""
     corners = np.array([[0, 0], [0.5, -0.5], [1, 0], [0.5, 0.5]])
     holes = shapely.union_all([shapely.Polygon(corners + np.array([k, 0])) for k in range(count)])
     return pw.Aperture(shapely.box(-1, -1, count + 1, 1).difference(holes))
 
 
-# So many vertices that cells of pairs are divided a few times; more of them only take longer.
+# Enough vertices to divide cells of pairs several times.
 OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
     "regular polygon": lambda: pw.shapes.regular_polygon(48, 1.0),
     "star": lambda: pw.shapes.star(12, 1.0, 0.4),
@@ -161,16 +151,16 @@ OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
     "touching hexagons": lambda: pw.shapes.hexagonal_segments(1.0),
     "touching holes": lambda: with_touching_holes(8),
 }
-# Points at which each outline is compared with exact values.
+# Number of points of each outline.
 COUNT = 60
-# Area of a part of a slice that does not count.
+# Area below which a part of a slice is ignored.
 NO_SLIVER = 1e-12
-# Of the area, or of diameter times perimeter, whose ulps move every piece of the boundary.
+# Relative to the area, or to diameter times perimeter.
 BY_BOUNDARY = {"double": 4e-16, "single": 6e-7}
 
 
 def transform_of(region, nu):
-    """F of the parts of a slice that are no slivers."""
+    """Return F of the parts of a slice that are not slivers."""
     parts = [part for part in getattr(region, "geoms", [region]) if part.area > NO_SLIVER]
     return sum(complex(pw.fourier(pw.Aperture(part), nu)) for part in parts)
 
@@ -189,7 +179,7 @@ def test_outlines_of_many_edges_transform_their_slices(name, engine):
     x[some] = rng.uniform(*np.reshape(source.bounds, (2, 2)), (COUNT // 3, 2))
     x[others] *= 1 + 2**-52 * rng.integers(-2, 3, (COUNT // 3, 2))
     nu = rng.uniform(-1, 1, x.shape) * 10 ** rng.uniform(-2, 1.5, (len(x), 1)) / source.diameter
-    # F of slices that GEOS cuts
+    # F of slices by GEOS
     expected_w = [transform_of(pw.lag_slice(source, p), f).real for p, f in zip(x, nu, strict=True)]
     expected_a = [
         transform_of(pw.position_slice(source, p), f) for p, f in zip(lag, nu, strict=True)
@@ -204,20 +194,18 @@ def test_outlines_of_many_edges_transform_their_slices(name, engine):
 
 @engines
 def test_without_a_frequency_shift_sums_of_many_edges_round_no_worse(engine):
-    """A(0, xi) of many edges: what rounding loses of a sum of small terms is summed up as well."""
+    """A(0, xi) of many edges needs compensated summation."""
     source = pw.shapes.regular_polygon(256, 1.0)
     xi = 0.3 * np.random.default_rng(1).normal(size=(500, 2))
     result = pw.ambiguity(source, [0.0, 0.0], xi, engine=engine, precision="single")
-    # a fifth of what is promised for W; without the compensation 2e-6
+    # a fifth of the limit for W; 2e-6 without compensation
     assert np.abs(result - pw.lag_marginal(source, xi)).max() < 1e-6 * source.area
 
 
-# --- at the centre of symmetry, and at lags along an edge
-
-# Each of n ends of edges is off by some ulps, whatever the angle there.
+# Each of n edge ends has an error of some ulps.
 POLYGON = {"double": 2e-14, "single": 5e-6}
-# Of a ring, vertices that are rounded count times diameter times perimeter over area, which is 40
-# for radii of 1 and 0.9 and 400 for 0.99; the latter is the limit that docs/accuracy.md gives.
+# Rounded vertices times diameter times perimeter over area: 40 for radii of 1 and 0.9, and 400 for
+# 0.99.
 RING = {0.9: 6e-14, 0.99: 3e-13}
 
 
@@ -227,7 +215,7 @@ def polygon(n, shear=0.0):
 
 
 def worst_error(rings, xi, samples, **how):
-    """Of W and R at the origin, and of A at a lag, over the area, at three frequencies."""
+    """Return the largest error of W and R at the origin and of A at a lag, relative to the area."""
     source = pw.Aperture(shapely.Polygon(rings[0], rings[1:]))
     nu = np.array([[0.0, 0.0], [0.3, 0.2], [1.3, -0.7]])
     oriented = [ring[:: (-1) ** k] for k, ring in enumerate(rings)]

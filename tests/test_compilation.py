@@ -1,4 +1,4 @@
-"""What is compiled once serves every later call: other numbers, shapes, strides and alignments."""
+"""Kernels are compiled once for all numbers, shapes, strides and alignments."""
 
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ SOURCES: dict[str, Callable[[], Any]] = {
 
 @contextmanager
 def compiled():
-    """The kernels that are new to this process, filled in at the end."""
+    """Yield a list that contains the kernels compiled in the block."""
     import drjit
 
     result: list[Any] = []
@@ -36,7 +36,7 @@ def compiled():
 
 
 def _unaligned(values):
-    """The same numbers, eight bytes further than memory usually starts."""
+    """Return a copy at an unaligned address."""
     memory = np.empty(values.size + 1)
     memory[1:] = values.ravel()
     return memory[1:].reshape(values.shape)
@@ -63,7 +63,7 @@ def test_a_second_call_compiles_nothing(form, transform, name, precision, llvm):
         transform(source, *points, precision=precision, engine="llvm")
 
     call(5, 300)
-    call(80, 300)  # of many rows, sums are made beforehand
+    call(80, 300)  # several rows share sums
     with compiled() as result:
         call(5, 300, _unaligned)
         call(7, 411)
@@ -77,7 +77,7 @@ def test_points_of_numpy_beside_arrays_of_the_engine_compile_nothing_anew(llvm):
     import drjit.llvm.ad as backend
 
     source, rng = SOURCES["square"](), np.random.default_rng(4)
-    kept = []  # so that memory begins elsewhere in each call
+    kept = []  # keeps memory, so that each call has another address
 
     def call(count):
         kept.append(np.empty(count))
@@ -93,9 +93,9 @@ def test_points_of_numpy_beside_arrays_of_the_engine_compile_nothing_anew(llvm):
     assert result == []
 
 
-# Of W, A and F: with or without vertices on a grid, pieces turned over, lines of both kinds.
+# Outlines of W, A and F with or without vertices on a grid, and with lines of both orientations.
 MOST_FORMS = 12
-# Of sums of some ten terms, each good to an ulp or two of the area.
+# Rounding of sums of ten terms, relative to the area.
 DOUBLE = 2e-12
 TRANSFORMS: dict[str, Callable[..., Any]] = {
     "wigner": pw.wigner,
@@ -117,7 +117,6 @@ def random_outlines(seed):
 
 @pytest.mark.parametrize("name", TRANSFORMS)
 def test_any_number_of_outlines_needs_a_few_kernels(name):
-    """With the values that NumPy finds."""
     rng, outlines = np.random.default_rng(3), random_outlines(4)
 
     def call(count):

@@ -1,4 +1,4 @@
-"""Soft and hard plates: the exact half-plane, conditions on the plate, and errors."""
+"""Soft and hard plates against the exact half-plane and boundary conditions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.kernels.boundary.edge_waves import EdgeRule, edge_wave
 
 KINDS = ("soft", "hard")
-LONG = 1e5  # half the length of edges that stand for infinite ones, in wavelengths
+LONG = 1e5  # half length of quasi-infinite edges in wavelengths
 LAMP = pw.PointSource((0.3, 0.2, -10.0))
 OUTLINE = pw.Aperture([(-6, -5), (7, -4), (5, 6), (0, 1), (-5, 4)])
 POSE = np.array([[0.8, 0, 0.6, 1], [0, 1, 0, 0], [-0.6, 0, 0.8, 20], [0, 0, 0, 1.0]])
@@ -37,7 +37,7 @@ def test_edge_wave_of_a_half_plane_is_macdonalds(turns: float, nodes: int, allow
     radius, start = 10 ** rng.uniform(0.5, 3, count), rng.uniform(0.05, 3.09, count)
     source = np.stack([-radius * np.cos(start), 0 * start, -radius * np.sin(start)], axis=1)
     last, angle = 10 ** rng.uniform(-2, 3, count), rng.uniform(0, 2 * np.pi, count)
-    near = np.arange(count) % 3 == 0  # points near the boundary of the shadow
+    near = np.arange(count) % 3 == 0  # points near the shadow boundary
     angle[near] = np.clip(start + np.pi + 0.05 * rng.normal(size=count), 0, 6.283)[near]
     along = rng.uniform(-30, 30, count)
     points = np.stack([-last * np.cos(angle), along, -last * np.sin(angle)], axis=1)
@@ -53,7 +53,7 @@ def test_edge_wave_of_a_half_plane_is_macdonalds(turns: float, nodes: int, allow
 @pytest.mark.parametrize("engine", ["numpy", pytest.param("llvm", marks=pytest.mark.llvm)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_large_plate_is_a_half_plane(kind: str, engine: Any) -> None:
-    # a plate like an M, with one near edge
+    # An M-shaped plate with one near edge.
     corners = [(0.0, -1.0), (0.0, 1.0), (-0.6, 1.2), (-0.4, 0.0), (-0.6, -1.2)]
     plate = pw.Aperture([(LONG * x, LONG * y) for x, y in corners]).placed(np.eye(4))
     points = drawn(200, -30.0, 30.0)
@@ -88,7 +88,7 @@ def test_field_is_zero_on_a_soft_plate_and_its_slope_on_a_hard_one() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_obliquity_of_an_aperture_belongs_to_the_directions_of_the_edges(kind: str) -> None:
-    """(SB5): the first condition is the derivative of the second one in z of the source."""
+    """(SB5): one condition is the derivative of the other condition in z of the source."""
     square, points = pw.shapes.square(2.0), drawn(6, (-20, -20, 5), 25)
 
     def by(method: str, up: float = 0.0) -> Any:
@@ -107,11 +107,7 @@ def test_obliquity_of_an_aperture_belongs_to_the_directions_of_the_edges(kind: s
 
 @pytest.mark.parametrize(("kind", "other"), [KINDS, KINDS[::-1]])
 def test_holes_and_plates_follow_babinet(kind: str, other: str) -> None:
-    """Plates side by side change the field by a sum.
-
-    A hole in a soft plate changes the field by that of a hard plate in the hole, with the opposite
-    sign behind the plate, and vice versa.
-    """
+    """A hole in a soft plate corresponds to a hard plate in the hole."""
     whole, part = pw.shapes.rectangle(8.0, 6.0), pw.shapes.square(2.0)
     beside = POSE.copy()
     beside[:3, 3] += POSE[:3, :3] @ [9.0, 1.0, 0.0]
@@ -134,7 +130,7 @@ def test_holes_and_plates_follow_babinet(kind: str, other: str) -> None:
 def test_field_is_smooth_where_the_mirror_image_is_the_source(kind: str) -> None:
     plate, step = pw.shapes.rectangle(8.0, 6.0).placed(at(0.5, 0.2, 20)), np.array([3e-3, 0, 0])
     for shift in (0.0, 1e-12, 1e-7):
-        image = np.array([0.3 + shift, 0.2, 50.0])  # of LAMP
+        image = np.array([0.3 + shift, 0.2, 50.0])  # mirror image of LAMP
         points = np.stack([image + number * step for number in (0, -2, -1, 1, 2)])
         value, *near = field(LAMP, points, kind, obstacles=plate)
         assert abs(value - np.dot([-1, 4, 4, -1], near) / 6) < 1e-6 * abs(value)

@@ -1,4 +1,4 @@
-"""CONTRIBUTING tells the truth: its walk happens, its layout and targets exist, hooks are ours."""
+"""CONTRIBUTING.md: its walk, layout, targets and hooks."""
 
 import json
 import os
@@ -34,7 +34,7 @@ def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path, unrender
             if not entered or entered[-1] != room:
                 entered.append(room)
 
-    # of its own, since tables are kept for sources that were seen before
+    # A new source, because tables of earlier sources are cached.
     aperture = tmp_path / "chevron.geojson"
     ring = [[-10.1, -6.2], [-10.1, -2.3], [0.4, 6.5], [10.6, -2.7], [10.6, -6.8], [0.4, 2.9]]
     geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
@@ -49,12 +49,12 @@ def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path, unrender
     assert len(rooms_of_the_walk()) >= 10
     later = iter(entered)
     for room in rooms_of_the_walk():
-        assert room in later, room  # takes rooms up to this one
+        assert room in later, room  # subpackages up to this row
 
 
 def test_the_map_has_every_room():
     rooms = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("_")}
-    rooms -= {"py", "references"}  # marks and data
+    rooms -= {"py", "references"}  # type marker and data
     assert set(re.findall(r"^\| `(\w+)` \|", section("Layout"), flags=re.MULTILINE)) == rooms
 
 

@@ -1,4 +1,4 @@
-"""Links between two sources, against reference values, integrals of fields and closed forms."""
+"""Links between two sources against reference values, integrals of fields and closed forms."""
 
 import math
 from typing import Any
@@ -31,23 +31,23 @@ SOURCES = {
     "TE10 square to square, tilted": (COSINE, SQUARE),
     "steered square to TE10 square": (STEERED, COSINE),
 }
-# Of sums of float64 and of the reference values, which were found by two rules to 2.5e-14.
+# Rounding of sums, and error of the reference values (2.5e-14).
 ROUNDING = 1e-12
-# Of fields to 1e-12, summed over some hundred nodes.
+# Fields have errors of 1e-12 in sums of some hundred nodes.
 FIELDS = 1e-10
 
 
 def norm(source):
-    """int |u|^2: aperture power."""
+    """Return int |u|^2."""
     return float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
 
 
-# a and b of a wave's far field at the cosine c, a c + b.
+# Far field of a wave at the cosine c: a c + b.
 FACTORS = {"rayleigh-sommerfeld-2": (0.0, 1.0), "kirchhoff": (0.5, 0.5)}
 
 
 def rays(count=64):
-    """Unit vectors (n, 3) of the hemisphere in front, and solid angles."""
+    """Return unit vectors (n, 3) in the front hemisphere, and solid angles."""
     node, weight = np.polynomial.legendre.leggauss(count)
     theta, phi = np.meshgrid(math.pi / 4 * (node + 1), np.arange(2 * count) * math.pi / count)
     sine = np.sin(theta)
@@ -56,7 +56,7 @@ def rays(count=64):
 
 
 def radiated(one, method, other=None):
-    """int g F* F' dOmega/wavelength^2 of fields that the method takes as they are, (RX1)."""
+    """Return int g F* F' dOmega/wavelength^2, (RX1)."""
     directions, solid_angles = rays()
     a, b = FACTORS.get(method, (1.0, 0.0))
     share = (a * directions[:, 2] + b) ** 2 * solid_angles / WAVELENGTH**2
@@ -117,7 +117,7 @@ def test_phases_are_right_at_any_distance(distance):
     to_transmitter = pose(0.3 * distance, 0.1 * distance, distance, 0.2)
     exact = pw.coupling(COSINE, L_SHAPE, to_transmitter, WAVELENGTH, tolerance=1e-9)
     far = pw.coupling(COSINE, L_SHAPE, to_transmitter, WAVELENGTH, "fraunhofer")
-    # what Fraunhofer's approximation misses falls with the distance
+    # The error of Fraunhofer's approximation decreases with the distance.
     assert abs(exact / far - 1) < max(1e-9, 0.1 / distance)
 
 

@@ -1,4 +1,4 @@
-"""Covariances of arrays that receive clouds of scatterers, against closed forms and powers."""
+"""Covariances of arrays that receive scatterers, against closed forms and powers."""
 
 from typing import Any
 
@@ -19,14 +19,14 @@ PLACES = (np.arange(12) - 5.5) * WAVELENGTH * 0.75
 ARRAY = pw.Array([ELEMENT.moved((x, 0.0)) for x in PLACES], np.exp(0.3j * np.arange(12)))
 DISTANCE, RADIUS = 5.0, 0.5
 
-# Error of Airy's formula for a disc of this angle: cosines vary, and positions are random.
+# Error of Airy's formula for a disc of this angle with random points.
 AIRY = 0.01
-# Fields of a tolerance of 1e-6, sums of thousands.
+# Fields have a tolerance of 1e-6.
 FIELDS = 1e-5
 
 
 def cloud(place, intensity, path=None, **attrs):
-    """Scatterers for a receiver at the origin that looks along z."""
+    """Return scatterers for a receiver at the origin that points along z."""
     values = {
         "position": np.asarray(place, float),
         "intensity": np.asarray(intensity, float),
@@ -46,14 +46,14 @@ def cloud(place, intensity, path=None, **attrs):
 
 
 def disc(count=4000):
-    """Places that fill a disc evenly: a sunflower."""
+    """Return points that fill a disc evenly (a sunflower pattern)."""
     k = np.arange(count) + 0.5
     angle, radius = k * np.pi * (3 - np.sqrt(5)), RADIUS * np.sqrt(k / count)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * k + DISTANCE], axis=1)
 
 
 def airy():
-    """Of the first element with each: 2 J1(z)/z, with the phase of waves from the disc's middle."""
+    """Return the coherence with the first element, 2 J1(z)/z times a phase."""
     sine = RADIUS / np.hypot(RADIUS, DISTANCE)
     apart = 2 * np.pi / WAVELENGTH * sine * (PLACES - PLACES[0])
     modulus = np.array([1.0 if z == 0 else float(2 * besselj(1, z) / z) for z in apart])
@@ -67,16 +67,16 @@ def degree(matrix):
 
 
 def test_a_disc_gives_airys_coherence():
-    """Van Cittert and Zernike."""
+    """The van Cittert-Zernike theorem."""
     result = degree(pm.covariance(cloud(disc(), np.ones(4000)), ARRAY))
     assert np.abs(result[0] - airy()).max() < AIRY
-    # the first zero of Airy's function is passed
+    # beyond the first zero of Airy's function
     assert result[0, -1].real < 0
     assert np.allclose(result, result.conj().T, rtol=1e-12, atol=1e-12)
 
 
 def test_responses_are_fields_by_reciprocity():
-    """A small source of known power at the place couples as the response says."""
+    """The coupling to a small source of known power equals the response."""
     place = np.array([[0.3, -0.2, 1.0]])
     source = pw.shapes.square(WAVELENGTH / 100)
     turned = np.diag([-1.0, 1.0, -1.0, 1.0])
@@ -84,7 +84,7 @@ def test_responses_are_fields_by_reciprocity():
     how: Any = {"method": "rayleigh-sommerfeld-2", "normalise": "aperture"}
     b = pw.coupling(ELEMENT, source, turned, WAVELENGTH, **how)
     field = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-2")
-    # b = U A_s/sqrt(N_t A_s): the source receives the field there
+    # b = U A_s/sqrt(N_t A_s) for the field U at the small source
     assert b == pytest.approx(field * np.sqrt(source.area / ELEMENT.area), rel=1e-3)
     first = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-1")
     radiated = pw.radiated_power(ELEMENT, WAVELENGTH)

@@ -1,4 +1,4 @@
-"""Curved waves in radiometry, fields, links and files, and horns against the textbook."""
+"""Curved waves in radiometry, fields, links and files, and textbook horns."""
 
 import mpmath
 import numpy as np
@@ -14,11 +14,11 @@ HORN = MOUTH.curved((20e-3, 30e-3), WAVELENGTH)
 POINTS = np.array([(0, 0, 30e-3), (5e-3, -8e-3, 20e-3), (1e-3, 2e-3, 1e-3), (30e-3, 0, 10e-3)])
 METHODS = ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel", "fraunhofer"]
 
-# Of the incident amplitude: the boundary integrals that flat waves are compared with.
+# Error of boundary integrals relative to the incident amplitude.
 BOUNDARY = 3e-11
-# Of the field on the axis, by Gauss's rules and closed forms.
+# Error of the field on the axis by Gauss rules and closed forms.
 CLOSED = 1e-12
-# The directivities of textbooks are closed forms as well.
+# Error of the closed forms of textbooks.
 TEXTBOOK = 1e-12
 
 
@@ -41,9 +41,9 @@ def test_far_away_every_field_of_a_horn_is_its_far_field(method):
     point = (100.0, 200.0, 1e5)
     result = pw.amplitude(HORN, point, WAVELENGTH, method)
     far = pw.amplitude(HORN, point, WAVELENGTH, "fraunhofer")
-    if method == "rayleigh-sommerfeld-1":  # Fresnel's distance is another one
+    if method == "rayleigh-sommerfeld-1":  # Fresnel's approximation has another distance.
         assert result == pytest.approx(far, rel=1e-6, abs=0.0)
-    # the slopes of Kirchhoff's waves are not along the axis
+    # The slopes of Kirchhoff's waves are not along the axis.
     share = {"kirchhoff": 3e-2, "fresnel": 1e-5}.get(method, 1e-6)
     assert abs(result) == pytest.approx(abs(far), rel=share, abs=0.0)
 
@@ -66,7 +66,7 @@ def test_power_is_that_of_the_spectrum_in_front():
     flat = pw.wigner(MOUTH, (1e-3, 0), (0.1 / WAVELENGTH - 1e-3 / (20e-3 * WAVELENGTH), 0))
     assert radiance == pytest.approx(flat / WAVELENGTH**2, rel=1e-12)
     flux = pw.flux_vector(HORN, (2e-3, 0.0), WAVELENGTH)
-    assert flux[0] > 0.05 * flux[2] > 0  # it diverges
+    assert flux[0] > 0.05 * flux[2] > 0  # the wave diverges
 
 
 def test_a_pattern_is_that_of_the_spectrum():
@@ -110,7 +110,7 @@ def textbook_h(width, height, radius):
     return 4 * np.pi * height * radius / width * size
 
 
-# Phase errors at the edge, height^2/(8 radius), in wavelengths.
+# Phase errors at the edge in wavelengths, height^2/(8 radius).
 PHASE_ERRORS = [1 / 64, 3 / 8]
 
 

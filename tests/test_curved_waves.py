@@ -1,4 +1,4 @@
-"""Curved waves in the transforms: references, quadrature, closed forms in one dimension, lenses."""
+"""Curved waves in the transforms against references, quadrature, closed forms and lenses."""
 
 import pickle
 
@@ -22,7 +22,7 @@ WAVES = ELL.with_illumination(pw.Illumination([1.0, 0.5j], [(30.0, 10.0), (-50.0
 SITES = [(0.0, 0.0), (5e-3, 0.0), (1e-3, 6e-3)]
 ARRAY = pw.phased_array(pw.shapes.square(3e-3), SITES, [1.0, 0.5j, -0.7])
 SOURCES = {"L": ELL, "waves": WAVES, "array": ARRAY}
-# Along x and y: spherical, converging, astigmatic, saddle, cylinders, nearly flat and flat.
+# Spherical, converging, astigmatic, saddle-shaped, cylindrical, nearly flat and flat waves.
 RADII = {
     "spherical": 0.02,
     "converging": -0.05,
@@ -34,14 +34,14 @@ RADII = {
 }
 CENTRE = (5e-4, -1e-3)
 
-# Relative to the area: some ten roundings, and those of turns of phase.
+# Rounding of values and of phases, relative to the area.
 ROUNDING = 1e-14
-# Identities of W and A, relative to the area: the flat kernels are as good.
+# Identities of W and A, relative to the area.
 IDENTITY = 1e-12
 
 
 def quadrature(source, field):
-    """The integral over an outline by Gauss's rules on its triangles, some ten nodes a turn."""
+    """Integrate over an outline with about ten Gauss nodes per cycle on triangles."""
     corners, numbers = triangulate(source)
     places, weights = triangle_nodes(corners[numbers], 50)
     return complex(weights @ field(places))
@@ -81,7 +81,6 @@ def test_a_curved_wave_is_a_lens_directly_behind(source):
         for function, points in ((pw.wigner, (x, nu)), (pw.ambiguity, (nu, x))):
             expected = function(source, *points, through=lens, **through)
             assert np.abs(function(wave, *points) - expected).max() < IDENTITY * ELL.area
-            # and further on
             system = behind @ lens
             expected = function(source, *points, through=system, **through)
             result = function(wave, *points, through=behind, **through)
@@ -135,7 +134,7 @@ def test_sources_with_curved_waves_are_values():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda wave: pw.fourier(wave, [1j, 0]), "nu as real numbers"),
+        (lambda wave: pw.fourier(wave, [1j, 0]), "real numbers .*, got complex numbers"),
         (lambda wave: pw.fourier(wave, [0, 1e9]), "cycles of phase of the curved wave"),
         (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "cycles of phase"),
         (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),
@@ -158,7 +157,6 @@ def test_a_wave_needs_a_flat_source_and_a_symmetric_matrix():
 
 
 def test_flat_waves_have_no_centre():
-    """What is curved next touches the plane at the origin, whatever happened before."""
     shift = (3e-3, 1e-3)
     wave = SQUARE.curved(0.05, WAVELENGTH, shift).curved(-0.05, WAVELENGTH)
     assert wave == pw.Wavefront(SQUARE)

@@ -1,4 +1,4 @@
-"""Curves become chords that stay within the tolerance, and not many more than it takes."""
+"""Curves become chords within the tolerance, with few vertices."""
 
 import math
 
@@ -15,7 +15,7 @@ from polywigner.geometry.io.outlines import (
     transformed,
 )
 
-# Sampled distances lie below the true maximum, computed ones a few ulp off.
+# Sampled distances are below the true maximum, and computed distances are rounded.
 ROUNDING = 1e-12
 
 DENSE = 3001
@@ -37,7 +37,7 @@ CURVES: dict[str, Curve] = {
 
 
 def points_on(curve):
-    """Many points of the curve, by its definition."""
+    """Return many points of the curve from its definition."""
     t = np.linspace(0, 1, DENSE)
     if isinstance(curve, Arc):
         angles = (curve.start + t * curve.sweep)[:, None]
@@ -58,7 +58,7 @@ def largest_distance(points, chords):
 
 
 def chords_of(curve, tolerance):
-    """Chords, and a straight line back; the end of the curve stands before it."""
+    """Return the chords of a curve and a line back to its start."""
     first, last = sampled(curve)
     ring = flattened([[curve, np.array([last, first])]], tolerance)[0]
     assert np.allclose(ring[[0, -1]], [first, last], rtol=0, atol=ROUNDING * np.abs(ring).max())

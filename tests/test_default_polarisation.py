@@ -1,4 +1,4 @@
-"""Ends without a polarisation count alike in tables, channels, ranges and renders."""
+"""Default polarisation in tables, channels, range profiles and renders."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 
 POLARISED = "llvm_ad_mono_polarized"
-# Relative, of powers: 1e-6 dB, a few times single precision.
+# Relative error of powers: 1e-6 dB, a few times single precision.
 MICRO_DECIBEL = 2.3e-7
 HALF = {"type": "diffuse", "reflectance": spectrum(0.5)}
 
 
 def poses(roll: float, lean: float, distance: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    """Two ends off each other's axes, in numbers that single precision holds."""
+    """Return two poses in numbers that single precision represents exactly."""
     made = []
     for place, ahead, own in (((0, 0, 0), 1, 0.0), ((0.125, -0.25, distance), -1, roll)):
         turn, (c, s) = np.eye(4), (math.cos(own), math.sin(own))
@@ -58,7 +58,7 @@ def linked(
 
 
 def routes(scene: Any) -> list[float]:
-    """The power of a link by each function that reports it, over the transmitted power."""
+    """Return the relative power of a link by each function that reports it."""
     return [
         pm.received_power(scene, spp=16).direct,
         pm.received_power(scene, spp=16, coherent=True).direct,
@@ -68,7 +68,7 @@ def routes(scene: Any) -> list[float]:
 
 @pytest.mark.parametrize(("roll", "lean"), [(0.7, 0.0), (0.4, 1.0)])
 def test_in_unpolarised_variants_all_routes_are_the_scalar_link(roll: float, lean: float) -> None:
-    """Friis' formula without a mismatch, however the ends are turned about their axes."""
+    """Friis' formula without polarisation mismatch, for any rotation about the axes."""
     use("scalar_rgb")
     one, other = poses(roll, lean)
     expected = abs(coupled(SQUARE, one, SQUARE, other)) ** 2
@@ -77,7 +77,7 @@ def test_in_unpolarised_variants_all_routes_are_the_scalar_link(roll: float, lea
 
 @pytest.mark.llvm
 def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> None:
-    """Ends in parallel planes see one field vector: Malus' cosine of the roll is exact."""
+    """Ends in parallel planes have the mismatch cos^2 of the roll (Malus)."""
     use(POLARISED)
     for roll, sent, taken, share in [
         (0.3, None, "x", math.sin(0.3) ** 2),
@@ -91,12 +91,12 @@ def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> Non
 
 @pytest.mark.llvm
 def test_the_default_is_the_link_of_huygens_sources_along_y() -> None:
-    """With Kirchhoff's condition, against `coupling` of vector fields, leaning and rolled."""
+    """Kirchhoff's condition against `coupling` of vector fields."""
     use(POLARISED)
     one, other = poses(0.5, 1.0, 2.0)
     expected = coupled(SQUARE, one, SQUARE, other, polarisation="y", method="huygens")
     result = routes(linked((one, other), obliquity="kirchhoff"))
-    assert result == pytest.approx([abs(expected) ** 2] * 3, rel=1e-3)  # near fields beside it
+    assert result == pytest.approx([abs(expected) ** 2] * 3, rel=1e-3)  # near fields differ
     assert max(result) / min(result) - 1 < MICRO_DECIBEL
 
 
@@ -123,8 +123,8 @@ def test_a_source_without_a_polarisation_is_seen_polarised_along_its_y_axis() ->
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_a_diffuse_floor_returns_half_to_the_default_and_ranges_and_scatterers_agree() -> None:
-    """A diffuse surface undoes polarisations: one mode takes half of what all take."""
-    if importlib.util.find_spec("mitransient") is None:  # importing it sets a default variant
+    """A diffuse surface depolarises: one mode receives half of the power."""
+    if importlib.util.find_spec("mitransient") is None:  # its import sets a default variant
         pytest.skip("mitransient is not installed")
     use(POLARISED)
     side = shifted(0.25)
@@ -160,7 +160,7 @@ def test_results_state_the_polarisations_that_count() -> None:
 
 @pytest.mark.llvm
 def test_a_requested_default_holds_for_direct_and_scattered_power_and_ends_with_the_call() -> None:
-    """Rough metal keeps polarisations: what crossed ends receive, either way, is little."""
+    """Rough metal preserves polarisation: crossed ends receive little power."""
     use(POLARISED)
     value = spectrum(3000.0)
     metal = {"type": "roughconductor", "alpha": 0.3, "eta": value, "k": value}
@@ -182,7 +182,7 @@ def test_unpolarised_ends_have_no_amplitude() -> None:
 
 
 def test_rolled_ends_over_a_floor_are_pointed_out() -> None:
-    """Without polarisations the reflection counts along both y axes, the line of sight does not."""
+    """Only the reflected path depends on the y axes if no polarisation is specified."""
     use("scalar_rgb")
     floor = {"floor": rectangle((0, -1, 0.25), (1, 0, 0), -90, bsdf=MIRROR)}
     for roll, is_noted in ((0.0, False), (0.7, True)):

@@ -29,12 +29,12 @@ pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
 ONE = spectrum(1.0)
-# Images of Mitsuba are in single precision, as are positions of lights.
+# Mitsuba's images and light positions have single precision.
 SINGLE = 1e-5
 
 
 def area(source: Any, place: Any, obliquity: str = "rayleigh-sommerfeld-1") -> float:
-    """lambda^2 D/(4 pi) over r^2 towards a place, by the exact field: received W per W/sr."""
+    """Return lambda^2 D/(4 pi r^2) from the exact field: received W per W/sr."""
     field = complex(pw.amplitude(source, np.asarray(place, float), WAVELENGTH, obliquity))
     return WAVELENGTH**2 * abs(field) ** 2 / pw.radiated_power(source, WAVELENGTH, obliquity)
 
@@ -62,12 +62,9 @@ def along(theta: float, phi: float) -> np.ndarray:
 
 
 def both_readings(scene: Any) -> tuple[float, float]:
-    """Received power, and the image of the sensor."""
+    """Return the received power and the image of the sensor."""
     image = pm.render(scene, spp=16)
     return float(pm.received_power(scene, spp=16)), float(image.sum())
-
-
-# ---- closed forms -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
@@ -78,7 +75,7 @@ def test_a_point_light_far_away_obeys_friis(plain: None, estimator: str) -> None
     )
     expected = directivity(HANDED, theta, phi) * (WAVELENGTH / (4 * math.pi * distance)) ** 2
     result = both_readings(scene)
-    # the outline reaches some millimetres to one side of the origin
+    # The outline is some millimetres off the origin.
     assert result == pytest.approx([4 * math.pi * expected] * 2, rel=2e-3)
     (part,) = pm.received_power(scene, spp=16).contributions
     assert part.name == "other lights" and part.scattered == 0.0
@@ -107,7 +104,7 @@ def test_a_plane_wave_is_received_by_the_effective_area(plain: None) -> None:
 
 @pytest.mark.parametrize(("off", "share"), [(5.0, 1.0), (18.0, 0.2), (25.0, 0.0)])
 def test_a_spot_falls_off_towards_its_rim(plain: None, off: float, share: float) -> None:
-    """Full intensity within 10 degrees, linear in the angle down to zero at 20."""
+    """Full intensity within 10 degrees, with a linear decrease to zero at 20 degrees."""
     target = [0.0, 2 * math.sin(math.radians(off)), 2 - 2 * math.cos(math.radians(off))]
     spot = towards((0, 0, 2), target, intensity=ONE, cutoff_angle=20.0, beam_width=10.0)
     scene = scene_of(rx=receiver(), spot=spot)
@@ -126,9 +123,6 @@ def test_a_projector_is_received_as_its_light_on_a_floor_says(plain: None) -> No
     irradiance = math.pi * float(image[0, 0].mean())
     result = both_readings(scene_of(rx=receiver(), light=projector))
     assert result == pytest.approx([irradiance * 4 * area(SQUARE, (0, 0, 2))] * 2, rel=1e-3)
-
-
-# ---- what is in between -------------------------------------------------------------------------
 
 
 def wall(z: float, x: float = 0.0, bsdf: Any = BLACK) -> dict[str, Any]:
@@ -174,17 +168,17 @@ def test_a_mirror_shows_the_image_of_a_light(plain: None) -> None:
     assert paths[()].power == pytest.approx(area(SQUARE, place), rel=SINGLE)
     assert paths["mirror",].power == pytest.approx(0.5 * area(SQUARE, image), rel=SINGLE)
     assert paths["mirror",].length == pytest.approx(float(np.linalg.norm(image)), rel=1e-6)
-    # and a plane wave, whose image comes from the other side
+    # A plane wave, whose reflection comes from the other side.
     sun = {"type": "directional", "direction": (-along(0.3, math.pi)).tolist(), "irradiance": ONE}
     effective = directivity(SQUARE, 0.3, 0.0) * WAVELENGTH**2 / (4 * math.pi)
     assert paths_of(sun)["mirror",].power == pytest.approx(0.5 * effective, rel=1e-4)
 
 
 def test_diffuse_light_of_a_lamp_is_found_by_samples(plain: None) -> None:
-    """A small plate in the far field of both: radiance rho I cos/(pi d^2)."""
+    """A small plate in both far fields has the radiance rho I cos/(pi d^2)."""
     half, rho = 0.02, 0.5
     plate = rectangle((0, 0, 3), (1, 0, 0), 180, half, {"type": "diffuse", "reflectance": rho})
-    # the lamp stands behind the receiver's plane: no direct light
+    # The light is behind the receiver, so there is no direct path.
     lamp = point((1.0, 0.0, -0.5))
     result = pm.received_power(scene_of(rx=receiver(), lamp=lamp, plate=plate), spp=2048, seed=2)
     squared = 1.0 + 3.5**2
@@ -226,9 +220,6 @@ def test_a_polarised_receiver_takes_half_of_a_lamp() -> None:
     )
     assert plain == pytest.approx(area(SQUARE, (0, 0, 2.0)), rel=SINGLE)
     assert own == pytest.approx(plain / 2, rel=SINGLE)
-
-
-# ---- what is refused ----------------------------------------------------------------------------
 
 
 def test_a_light_that_no_receiver_can_take_is_refused(plain: None) -> None:

@@ -10,7 +10,7 @@ from polywigner.propagation.far_fields import far_field
 from polywigner.source.obliquities import OBLIQUITIES, Forms, times_direction_cosine
 
 WAVELENGTH = 3e-3
-# Sums of a few terms of order one, rounded once each.
+# Rounding of sums of a few terms of order one.
 ROUNDING = 1e-14
 
 WAVES = pw.Illumination(
@@ -30,7 +30,7 @@ def test_waves_that_graze_leave_nothing():
 
 @pytest.mark.parametrize("name", OBLIQUITIES)
 def test_obliquity_factors_of_pairs_of_waves_are_those_of_their_far_fields(name):
-    """Sum of g |F|^2 over the weighted sources, and |a c F + b F_p|^2 of the field itself."""
+    """The sum of g |F|^2 over the weighted sources equals |a c F + b F_p|^2."""
     angles = np.linspace(-80, 80, 33)
     directions = np.column_stack(
         [np.sin(np.radians(angles)), 0 * angles, np.cos(np.radians(angles))]

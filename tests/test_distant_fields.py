@@ -1,4 +1,4 @@
-"""Phases of fields at 1e4 to 1e12 wavelengths, against fields with 40 digits."""
+"""Phases of fields at 1e4 to 1e12 wavelengths against fields with 40 digits."""
 
 from functools import cache
 from typing import Any
@@ -38,7 +38,7 @@ DISTANCES = (1.2345e4, 1.037e8, 1.0071e12)
 
 
 def point_of(name, distance):
-    """Where the source is bright."""
+    """Return a point near the axis of the beam."""
     return (BEAM if name in ("steered", "array") else AXIS) * (distance * WAVELENGTH)
 
 
@@ -48,7 +48,7 @@ def expected(name, distance):
 
 
 def settings(method, **others):
-    """Arguments of `amplitude` for one of the oracle's methods."""
+    """Return arguments of `amplitude` for a method of the oracle."""
     name, _, obliquity = method.partition(" ")
     return {"method": name, **({"obliquity": obliquity} if obliquity else others)}
 
@@ -72,7 +72,7 @@ def test_phases_are_right_at_any_distance(name, distance, engine):
 
 @pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff"])
 def test_gradients_have_the_phase_of_the_field(method):
-    """Far along its beam a field turns with its distance: dU/dr = (ik - 1/r) U."""
+    """In the far field, dU/dr = (ik - 1/r) U."""
     place = point_of("steered", DISTANCES[2])
     value = expected("steered", DISTANCES[2])[method]
     result = field_gradient(radiator_of(STEERED), place[None], WAVELENGTH, method, 1e-9)[0]

@@ -1,4 +1,4 @@
-"""The reference's pages show docstrings as they are meant: sentences whole, formulas unharmed."""
+"""Conversion of docstrings for the reference pages, and their examples."""
 
 import doctest
 import inspect
@@ -48,7 +48,7 @@ def test_what_is_shown_as_an_argument_of_a_public_function_is_one(name):
     )
     names = {part.strip(" *") for line in terms for part in line.split(",")}
     parameters = inspect.signature(function).parameters
-    takes_options = any(p.kind is p.VAR_KEYWORD for p in parameters.values())  # named elsewhere
+    takes_options = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
     assert takes_options or names <= set(parameters)
     assert bool(names) == bool(section)
 

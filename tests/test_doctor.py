@@ -1,4 +1,4 @@
-"""``polywigner doctor`` reports what works, and for each missing part the command to install it."""
+"""Report of ``polywigner doctor``."""
 
 import importlib.metadata
 import os
@@ -14,7 +14,7 @@ from polywigner.errors import EngineError
 
 def run(**variables):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    environment.pop("POLYWIGNER_NO_LLVM", None)  # a run of all tests may have it set
+    environment.pop("POLYWIGNER_NO_LLVM", None)  # may be set for all tests
     return subprocess.run(
         [sys.executable, "-m", "polywigner", "doctor"],
         env={**environment, **variables},

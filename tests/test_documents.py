@@ -1,4 +1,4 @@
-"""Documents agree with what they are made from: recorded benchmarks, the bibliography, the code."""
+"""Pages agree with recorded benchmarks, the bibliography and the code."""
 
 import re
 import runpy
@@ -21,8 +21,8 @@ LABEL = re.compile(r"\(([A-Z]{1,2}\d{1,2})\)")
 @pytest.mark.parametrize(
     "tool",
     [
-        "check_documents.py",  # local links
-        "fill_documents.py --check",  # tables that benchmarks have printed
+        "check_documents.py",  # links within the repository
+        "fill_documents.py --check",  # tables of benchmarks
         "cli_reference.py --check",
         "public_names.py --check",
     ],
@@ -37,7 +37,7 @@ def test_documents_agree_with_files_benchmarks_and_the_package(tool, leave_out):
 
 
 def worst(file, number, row):
-    """The largest error of the rows of a recorded table, less the classes under limits."""
+    """Return the largest error of a recorded table, without the classes listed under limits."""
     leave_out = "cavity" if number == 1 else "thin,"
     tables = re.findall(r"(?:^\|.*\|\n)+", (RECORDED / file).read_text(), re.MULTILINE)
     rows = [line.strip("|").split("|") for line in tables[number - 1].splitlines()[2:]]
@@ -52,7 +52,6 @@ def worst(file, number, row):
     [("fourier_accuracy.md", 1), ("fourier_accuracy_llvm.md", 1), ("fourier_accuracy.md", 2)],
 )
 def test_what_has_been_recorded_is_within_what_is_promised(file, number, row):
-    """Of all classes but those that the page lists under limits."""
     text = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
     line = re.search(rf"^\| {'F' if number == 1 else 'W and A'},.*$", text, re.MULTILINE)
     assert line is not None
@@ -61,12 +60,12 @@ def test_what_has_been_recorded_is_within_what_is_promised(file, number, row):
         for word in ("promised", "measured")
     )
     column = ["double", "single"].index(row)
-    # "measured" is the larger of all engines, rounded to one digit
+    # "Measured" is the largest value of all engines, rounded to one digit.
     assert worst(file, number, row) <= 1.05 * measured[column] < promised[column]
 
 
 def labels_of_formulas():
-    """Of formulas, and of what stands in a table or a sentence with a label at its end."""
+    """Return the labels of formulas, tables and sentences."""
     result = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
@@ -97,8 +96,6 @@ def test_files_in_commands_of_the_readme_are_there():
     assert [name for name in files if not (ROOT / name).is_file()] == []
 
 
-# --- The site reads the pages of the repository with links of its own
-
 DOCS = ROOT / "docs"
 FOR_SITE = runpy.run_path(str(DOCS / "extensions" / "pages.py"))["for_site"]
 
@@ -119,13 +116,11 @@ def test_a_link_of_the_repository_becomes_one_of_the_site(written, read):
 
 
 def test_the_tour_links_each_public_function_that_it_names():
-    """A link shows the name by which it is called; the checker knows that the entry is there."""
+    """The text of a link is the name of the function."""
     tour = (DOCS / "tour.md").read_text(encoding="utf-8").split("```", 1)[0]
     unlinked = [name for name in pw.__all__ if f"`pw.{name}`" in tour.replace(f"[`pw.{name}`]", "")]
     assert unlinked == []
 
-
-# --- What is cited is one set of facts: in the package, in the docs and in CITATION.cff
 
 BIBLIOGRAPHY = Path(pw.__file__).parent / "references.bib"
 

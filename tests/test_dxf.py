@@ -1,4 +1,4 @@
-"""Apertures drawn in CAD programs: units, bulges, chains of lines, holes by nesting, blocks."""
+"""DXF files: units, bulges, chains of lines, holes, blocks and layers."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ ezdxf = pytest.importorskip("ezdxf")
 
 DATA = Path(__file__).parent / "data" / "readers"
 
-# Coordinates pass through a few products with sines, in millimetres and in metres.
+# Rounding of a few products with sines.
 ROUNDING = 1e-13
-# A union is taken on a grid of 2^-44 of the size.
+# The union has a grid of 2^-44 of the size.
 UNION = 1e-12
 # Chords of 1e-8 m on curves of some millimetres.
 FINE = {"tolerance": 1e-8}
@@ -38,7 +38,7 @@ def read(tmp_path: Path) -> Read:
     def read_drawing(
         build: Build, units: int = 4, version: str = "R2010", binary: bool = False, **options: Any
     ) -> pw.Aperture:
-        """Read what `build` draws in the model space, in millimetres by default."""
+        """Read a drawing in model space, in millimetres by default."""
         document = ezdxf.new(version, units=units)
         build(document.modelspace())
         path = tmp_path / "drawing.dxf"
@@ -81,7 +81,7 @@ def test_a_bulge_of_one_is_a_half_circle(read: Read, tolerance: float) -> None:
     drawn = read(lambda s: outline(s, [(0, 0, 1), (2, 0, 0)], format="xyb"), tolerance=tolerance)
     missing = math.pi / 2 * 1e-6 - drawn.area
     assert 0 < missing <= tolerance * math.pi * 1e-3
-    # bulge > 0 runs counter-clockwise: below the chord from left to right
+    # A bulge above zero is counter-clockwise: below the chord from left to right.
     assert drawn.bounds == pytest.approx((0, -1e-3, 2e-3, 0), abs=tolerance)
     xs, ys = drawn.rings[0].T
     on_arc = ys < 0
@@ -90,7 +90,7 @@ def test_a_bulge_of_one_is_a_half_circle(read: Read, tolerance: float) -> None:
 
 @pytest.mark.parametrize("bulge", [-3.0, -0.2, 1e-7, 2.0])
 def test_a_bulge_is_the_tangent_of_a_quarter_of_its_angle(read: Read, bulge: float) -> None:
-    """The segment's area is r^2 (theta - sin theta)/2; at -3 it encloses all else, clockwise."""
+    """The area of the segment is r^2 (theta - sin theta)/2."""
     angle = 4 * math.atan(bulge)
     segment = abs(2 / math.sin(angle / 2)) ** 2 * (angle - math.sin(angle)) / 2
     points = [(0, 0), (4, 0, bulge), (4, 4), (0, 4)]
@@ -105,7 +105,7 @@ def nested_rings(space: Any) -> None:
 
 
 def slot(space: Any, gap: float = 0.0) -> None:
-    """A stadium of two lines and two arcs in any order and direction."""
+    """Draw a stadium of two lines and two arcs in any order and direction."""
     space.add_arc((5, 1), 1, -90, 90)
     space.add_line((0, 2 + gap), (5, 2))
     space.add_line((0, 0), (5, gap))
@@ -129,7 +129,7 @@ def round_hatch(space: Any) -> None:
 
 
 def touching_hatch(space: Any) -> None:
-    """A boundary that meets itself in a corner, and whose last side is not drawn."""
+    """Draw a boundary that touches itself in a corner, without its closing side."""
     points = [(0, 0), (4, 0), (2, 2), (4, 4), (0, 4), (2, 2)]
     space.add_hatch().paths.add_polyline_path(points, is_closed=False)
 
@@ -222,7 +222,7 @@ def test_the_same_region_drawn_in_many_ways(read: Read, build: Build) -> None:
 
 
 def test_blocks_in_stretched_blocks_are_sheared(read: Read) -> None:
-    """Positions and shapes follow the product of the matrices of both inserts."""
+    """Both inserts' matrices multiply."""
 
     def build(space: Any) -> None:
         inner, outer = space.doc.blocks.new("INNER"), space.doc.blocks.new("OUTER")
@@ -232,7 +232,7 @@ def test_blocks_in_stretched_blocks_are_sheared(read: Read) -> None:
         space.add_blockref("OUTER", (7, 1), dxfattribs={"xscale": -3, "yscale": 0.5})
 
     cos, sin = math.cos(math.pi / 6), math.sin(math.pi / 6)
-    mirror = np.diag([-1.0, 1.0])  # the plane of an extrusion towards -z has its x axis along -x
+    mirror = np.diag([-1.0, 1.0])  # An extrusion towards -z reverses the x axis.
     copies = []
     for shift in (0, 5):
         turned = np.add(ring(1, 0, 3, 1), (shift, 0)) @ [[cos, sin], [-sin, cos]] + (0, 2)
@@ -246,7 +246,7 @@ def test_a_rational_spline_of_an_ellipse_is_the_ellipse(read: Read) -> None:
     ellipse = ConstructionEllipse(center=(5, 5), major_axis=(3, 0), ratio=0.5)
     curve, tolerance = BSpline.from_ellipse(ellipse), 1e-7
     drawn = read(lambda s: s.add_spline().apply_construction_tool(curve), tolerance=tolerance)
-    circumference = 2 * math.pi * 3e-3  # at most
+    circumference = 2 * math.pi * 3e-3  # upper bound
     assert 0 < math.pi * 4.5e-6 - drawn.area <= tolerance * circumference
     x, y = (drawn.rings[0] - 5e-3).T
     assert (x / 3e-3) ** 2 + (y / 1.5e-3) ** 2 == pytest.approx(1, rel=1e-12)
@@ -332,7 +332,7 @@ PAD, PAIR, FEED = ring(1, 1, 3, 3), ring(3, 1, 5, 3), ring(2, 1.5, 6, 2)
 
 
 def board(space: Any) -> None:
-    """A board around two pads that touch, with a solid on the board's layer."""
+    """Draw a board with a solid around two pads that touch."""
     for start, end in zip(SQUARE, SQUARE[1:] + SQUARE[:1], strict=True):
         space.add_line(start, end, dxfattribs={"layer": "Edge Cuts"})
     outline(space, PAD, "PADS")
@@ -349,10 +349,10 @@ def test_one_layer_is_read_alone_and_solids_on_others_do_no_harm(read: Read) -> 
     def build(space: Any) -> None:
         board(space)
         space.add_3dface([(0, 0), (1, 0), (1, 1)], dxfattribs={"layer": "Edge Cuts"})
-        space.doc.layers.add("PADS").off()  # off, and read as it is named
+        space.doc.layers.add("PADS").off()  # Layers that are off can be read by name.
 
     expected = pw.Aperture(np.array(ring(1, 1, 5, 3)) / 1000)
-    assert read(build, layer="pads") == expected  # in capitals or not
+    assert read(build, layer="pads") == expected  # layer names are case-insensitive
     assert read(board, layer=["Edge Cuts"]) == pw.Aperture(np.array(SQUARE) / 1000)
 
 
@@ -419,7 +419,7 @@ def test_files_of_reported_faults_have_their_areas(
 def test_a_layer_that_is_off_hides_its_own_entities_and_a_frozen_one_its_inserts(
     read: Read, state: dict[str, str], shown: float
 ) -> None:
-    """Squares: 1 on layer 0 of a block, 2 on its own layer, 3 in a block in it, 4 in the space."""
+    """Sides: 1 on layer 0 of a block, 2 on another layer, 3 in a nested block, 4 outside."""
 
     def build(space: Any) -> None:
         for name in ("INS", "OWN", "DEEP"):
@@ -442,7 +442,7 @@ STYLED = {0: 121 - 49 + 25 - 4, 1: 121 - 49, 2: 121}
 
 
 def nested_hatch(space: Any, style: int, flags: bool = True, arcs: bool = False) -> Any:
-    """Four squares, or discs of these diameters, in each other."""
+    """Draw four nested squares, or discs with these diameters."""
     hatch = space.add_hatch(dxfattribs={"hatch_style": style})
     for k, side in enumerate(SIDES):
         kind = {"flags": (1, 16, 0, 0)[k]} if flags else {}

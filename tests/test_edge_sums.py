@@ -1,4 +1,4 @@
-"""Fields behind obstacles from few nodes of a source, against the sum over all of its points."""
+"""Fields behind obstacles from few nodes of a source, against sums over all points."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ CASES: dict[str, tuple[Any, Any, np.ndarray]] = {
 def field_and_sum(
     case: str, monkeypatch: pytest.MonkeyPatch, least: float = 0.0, **options: Any
 ) -> tuple[np.ndarray, EdgeSum | None]:
-    """The field by nodes if there are more than ``least`` pairs of points, and its sum."""
+    """Return the field by nodes for more than ``least`` pairs of points, and the sum."""
     source, bodies, points = CASES[case]
     sums, of = [], EdgeSum.of
     monkeypatch.setattr(edge_sums, "_LEAST_PAIRS", least)

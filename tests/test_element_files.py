@@ -1,4 +1,4 @@
-"""Arrays from tables of their elements."""
+"""Arrays from tables of elements."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_columns_have_any_order_and_weights_are_polar_or_complex(tmp_path: Path)
 
 
 def test_elements_are_turned_with_their_fields(tmp_path: Path) -> None:
-    """F of an element turned by its angle: that of the element at frequencies turned back."""
+    """F of a rotated element equals F of the element at rotated frequencies."""
     angles, places = np.radians([30.0, -75.0, 30.0]), np.array([(0, 0), (2, 1), (-2, 1.5)])
     rows = "".join(
         f"{x}, {y}, {math.degrees(a)}\n" for (x, y), a in zip(places, angles, strict=True)
@@ -70,7 +70,7 @@ CORNER = pw.Aperture([(0, 0), (3e-3, 0), (3e-3, 1e-3), (1e-3, 1e-3), (1e-3, 3e-3
         (SQUARE, pw.arrays.grid_positions(4, 3, 0.75e-3), "overlap by 2.5e-07 m^2"),
         (SQUARE, [(0, 0), (1e-3, 0), (0, 1e-3)], ""),
         (pw.shapes.square(1e-3 / 3), [(k / 3e3, 0) for k in range(9)], ""),
-        # outlines count, not their boxes: 2.5 x 1 mm of the foot and 0.5 x 2 mm of the leg
+        # Outlines are compared, not their bounds: a foot of 2.5 x 1 mm and a leg of 0.5 x 2 mm.
         (CORNER, [(0, 0), (0.5e-3, 0)], "overlap by 3.5e-06 m^2"),
         (CORNER, [(0, 0), (1.5e-3, 1.5e-3)], ""),
         (SQUARE.curved(20e-3, 4e-3), [(0, 0), (0.5e-3, 0)], "overlap by 5e-07 m^2"),

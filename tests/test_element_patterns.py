@@ -1,4 +1,4 @@
-"""Far fields of simulators, read from files, as elements of arrays."""
+"""Far-field files of simulators as array elements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WEIGHTS = pw.arrays.steering_weights(PLACES, (0.3, 0.2), WAVELENGTH)
 ARRAY = pw.phased_array(ELEMENT, PLACES, WEIGHTS)
 GRID = np.radians(np.arange(0, 91, 2)), np.radians(np.arange(0, 360, 5))
 FINE = np.radians(np.arange(0, 360, 0.2))
-# Between all samples, both signs, and behind.
+# Angles between all samples, of both signs, and behind the source.
 PLACES_BETWEEN = np.radians(np.linspace(-89.3, 95.1, 63)), np.radians([0.0, 33.3, 90.0, 201.7])
 
 
@@ -48,7 +48,7 @@ def test_an_array_of_a_written_pattern_is_the_array_it_was_made_from(
     result = _pattern(ARRAY, PLACES_BETWEEN, polarisation=jones, element=element)
     size = np.abs(exact["field"].values).max()
     factor = 1.0
-    if suffix == ".cut":  # it has directivities, of a power of 1 W
+    if suffix == ".cut":  # .cut files have directivities, for a power of 1 W
         own = _pattern(polarisation=jones, method=method)
         factor = math.sqrt(own.attrs["radiated_power"])
         phase = result["field"].values.ravel()[20] / exact["field"].values.ravel()[20]
@@ -74,7 +74,7 @@ def _sphere_file(path: Path, thetas: Any, phis: Any) -> Path:
 def test_a_band_limited_sphere_is_exact_between_its_samples(
     tmp_path: Path, steps: tuple[int, int]
 ) -> None:
-    """Of second degree: steps of 30 degrees hold it, and its power counts both halves."""
+    """Steps of 30 degrees resolve second-degree harmonics."""
     phis = np.arange(steps[1]) * 360 / steps[1]
     path = _sphere_file(tmp_path / "sphere.csv", np.linspace(0, 180, steps[0]), [*phis, 360.0])
     element = pw.read_pattern(path)
@@ -154,15 +154,13 @@ def test_the_command_line_takes_a_file_as_the_element(
     assert "suffix" in capsys.readouterr().err
 
 
-# ---- apertures with the far field of a pattern --------------------------------------------------
-
 SIDES, ASIDE = (1.6 * WAVELENGTH, 1.1 * WAVELENGTH), (0.4 * WAVELENGTH, 0.0)
 OUTLINE = pw.shapes.rectangle(*SIDES).moved(ASIDE)
 HORN = OUTLINE.with_illumination(pw.te_mode(*SIDES).moved(ASIDE))
 
 
 def test_the_residual_is_how_far_both_far_fields_are_apart() -> None:
-    """Between the samples as well, in all components, of an outline beside the origin."""
+    """The residual includes directions between the samples and all components."""
     jones, method = "right", "magnetic"
     table = _pattern(HORN, polarisation=jones, method=method)
     fit = pw.fit_pattern(table, OUTLINE, method=method)
@@ -183,7 +181,7 @@ def test_the_residual_is_how_far_both_far_fields_are_apart() -> None:
 
 
 def test_a_fitted_element_has_the_links_and_arrays_of_its_pattern(tmp_path: Path) -> None:
-    """Far away Friis' formula with the directivities of the file, to the residual."""
+    """Friis' formula with the directivities of the file, within the residual."""
     element = pw.read_pattern(_file(tmp_path, ".ffd", source=HORN, polarisation="x"))
     fit = pw.fit_pattern(element, OUTLINE)
     facing = np.diag([-1.0, 1.0, -1.0, 1.0])
@@ -199,7 +197,7 @@ def test_a_fitted_element_has_the_links_and_arrays_of_its_pattern(tmp_path: Path
 
 
 def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> None:
-    """Of a pattern cos(theta) F with axes of Ludwig's third definition: right to 1e-6 if asked."""
+    """A pattern cos(theta) F in Ludwig's third definition."""
     table = _pattern(HORN, polarisation="y")
     scalar = _pattern(HORN, obliquity="rayleigh-sommerfeld-1")
     table["field"], table["cross_field"] = scalar["field"], 0.0 * table["cross_field"]
@@ -215,7 +213,7 @@ def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> No
         other = pw.fit_pattern(
             table, OUTLINE, polarisation="45 deg", method="rayleigh-sommerfeld-1"
         )
-    assert other.residual == pytest.approx(math.sqrt(0.5), rel=1e-2)  # half is polarised otherwise
+    assert other.residual == pytest.approx(math.sqrt(0.5), rel=1e-2)  # half of the power
 
 
 @pytest.mark.parametrize(

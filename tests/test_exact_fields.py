@@ -1,6 +1,6 @@
-"""Exact fields as integrals along edges, against integrals over the opening and against physics.
+"""Exact fields by integrals along edges, against integrals over the opening and physics.
 
-Lengths are in wavelengths throughout.
+Lengths are in wavelengths.
 """
 
 import math
@@ -27,7 +27,7 @@ QUADRATURE = 1e-10
 ROUNDING = 1e-12
 """Of fields of order 1: two ways to add up some hundred terms."""
 
-HALF = 1.568  # of the 10 mm square at 94 GHz
+HALF = 1.568  # half side of a 10 mm square at 94 GHz
 SQUARE = pw.shapes.square(2 * HALF)
 ELL = pw.Aperture([[-1.5, -1.5], [1.5, -1.5], [1.5, -0.5], [-0.4, -0.5], [-0.4, 1.5], [-1.5, 1.5]])
 HOLED = pw.Aperture(
@@ -69,10 +69,10 @@ SOURCES: dict[str, Any] = {
 
 HARD_POINTS = np.array(
     [
-        (HALF, 0.2, 0.5),  # over an edge of the square
-        (HALF, HALF, 0.5),  # over a vertex
-        (HALF + 1e-7, -0.3, 0.5),  # a hair beside the edge
-        (-1.5, -1.5, 0.5),  # over a vertex of the L
+        (HALF, 0.2, 0.5),  # above an edge of the square
+        (HALF, HALF, 0.5),  # above a vertex
+        (HALF + 1e-7, -0.3, 0.5),  # 1e-7 from the edge
+        (-1.5, -1.5, 0.5),  # above a vertex of the L
         (-0.4, 0.3, 0.1),  # close to an inner edge
         (0.1, 0.05, 0.02),  # close to the plane
         (HALF + 0.5 / math.sqrt(0.66) * 2, 0.4, 2.0),  # shadow boundary of the oblique wave
@@ -89,7 +89,7 @@ def test_integrals_along_edges_are_those_over_the_opening(name):
     expected = np.array([surface_fields(source, p, 1.0) for p in HARD_POINTS])
     for k, method in enumerate(METHODS):
         got = pw.amplitude(source, HARD_POINTS, 1.0, method, tolerance=TIGHT)
-        # of the wave that grazes the plane, the slope is zero: up to rounding of terms of order 1
+        # The slope of the grazing wave is zero up to rounding.
         allowed = QUADRATURE * np.abs(expected[:, k]) + 1e-15
         assert np.all(np.abs(got - expected[:, k]) <= allowed)
 
@@ -97,10 +97,10 @@ def test_integrals_along_edges_are_those_over_the_opening(name):
 @pytest.mark.parametrize("direction", [(0.0, 0.0), (0.5, 0.2), (-0.9, 0.3)])
 @methods
 def test_nothing_jumps_at_the_boundary_of_the_shadow(direction, method):
-    """On the ray through a point of an edge, and beside it by any distance however small."""
+    """Points on the ray through a point of an edge, and at small distances from this ray."""
     source = tilted(SQUARE, *direction)
     p = np.array([*direction, math.sqrt(1 - np.dot(direction, direction))])
-    # nodes of odd rules lie in the middle of the edge, on the ray itself
+    # Odd rules have a node in the centre of the edge, on the ray itself.
     for start in ((HALF, 0.0), (HALF, HALF)):
         for height in (0.5, 200.0):
             ray = np.append(start, 0.0) + p * height / p[2]
@@ -109,22 +109,21 @@ def test_nothing_jumps_at_the_boundary_of_the_shadow(direction, method):
             points = ray + beside[:, None] * [1.0, 0.0, 0.0]
             field = pw.amplitude(source, points, 1.0, method, tolerance=TIGHT)
             centre = field[len(offsets)]
-            # a field of waves of length 1 and modulus about 1 changes by 2 pi a length; the first
-            # coordinate itself is rounded
+            # A field of modulus 1 changes by 2 pi per wavelength, and the coordinate is rounded.
             slope = 2 * math.pi * 2
             rounding = 30 * np.spacing(np.abs(ray).max()) + ROUNDING
             assert np.all(np.abs(field - centre) <= slope * np.abs(beside) + rounding)
 
 
 def test_close_to_the_opening_the_field_is_the_one_given():
-    """Rayleigh and Sommerfeld's first integral takes the value there, the second the slope."""
+    """The first integral has the given value, and the second integral the given slope."""
     height = 1e-6
     inside, outside = (0.3, -0.7, height), (HALF + 0.2, 0.1, height)
     for direction in ((0.0, 0.0), (0.6, 0.3), (1.3, 0.2)):
         source = tilted(SQUARE, *direction)
         wave = np.exp(2j * np.pi * np.dot(direction, inside[:2]))
         field = pw.amplitude(source, [inside, outside], 1.0)
-        # it changes by the height times the slope
+        # The change is the height times the slope.
         assert abs(field[0] - wave) <= 40 * height and abs(field[1]) <= 40 * height
         pz = np.sqrt(complex(1 - np.dot(direction, direction)))
         step = np.array([0.0, 0.0, 1e-5])
@@ -140,7 +139,7 @@ LIFTED = pw.Array([SQUARE, SQUARE.placed(np.eye(4) + np.outer(*np.eye(4)[[2, 3]]
     ("method", "engine"),
     numpy_and_few(
         METHODS,
-        ["kirchhoff"],  # both terms of the sum along edges
+        ["kirchhoff"],  # both terms of the edge sum
         slow=[method for method in METHODS if method != "kirchhoff"],
     ),
 )
@@ -164,7 +163,7 @@ def test_the_error_is_estimated_and_kept_below_the_tolerance():
             true = np.abs(got - exact)
             assert np.all(true <= error + 1e-13)
             assert np.all(error <= tolerance)
-            # and no effort is wasted on digits that nobody asked for
+            # A larger tolerance needs fewer nodes.
             assert error.max() > 1e-4 * tolerance
 
 
@@ -197,14 +196,14 @@ def test_bad_arguments_are_refused_in_words(arguments, options, says):
 @pytest.mark.filterwarnings("ignore:got a source of")
 @pytest.mark.filterwarnings("error")
 def test_the_field_of_a_source_far_below_a_wavelength_is_as_good_as_promised(method):
-    """Well within a wavelength: exp(ikR)/R of a point, with the static field of its derivative."""
+    """The field is exp(ikR)/R of a point source, with the static field of its derivative."""
     wide, away = 1e-9, 1e-3
     patch = pw.shapes.square(wide)
     value, error = pw.amplitude_with_error(patch, (0.0, 0.0, away), 1.0, method)
     wave = wide**2 * np.exp(2j * math.pi * away) / away
     with_share = {"rayleigh-sommerfeld-1": 1.0, "kirchhoff": 0.5}.get(method, 0.0)
     expected = wave * (-1j + with_share / (2 * math.pi * away))
-    far_below = 1e-6  # corrections are (wide/away)^2; rounding of sums along edges that cancel
+    far_below = 1e-6  # corrections are (width/distance)^2; terms of edge sums cancel
     assert abs(value - expected) < far_below * abs(expected)
     assert error < far_below * abs(expected)
 
@@ -229,7 +228,7 @@ def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units():
     ],
 )
 def test_gradients_are_those_of_integrals_over_the_opening(method, name):
-    """Differences of the fourth order with this step err by (k step)^4/30, 5e-11, and rounding."""
+    """Fourth-order differences have errors of (k step)^4/30 = 5e-11, and rounding."""
     points, step = np.array([[0.3, 0.6, 2.9], [-6.0, 3.0, 5.0]]), 1e-3
     result = field_gradient(radiator_of(SOURCES[name]), points, 1.0, method, 1e-9)
     for axis in range(3):

@@ -1,4 +1,4 @@
-"""The examples, and every block of Python in the README and in docs/, run as they stand."""
+"""All examples, and all Python blocks in the README and in docs/."""
 
 import json
 import os
@@ -46,9 +46,8 @@ def test_the_python_of_a_page_runs(page, tmp_path, imported):
     assert done == "0\n", (tmp_path / "error").read_text(encoding="utf-8")
 
 
-# A process that has imported what all pages import, which takes longer than most of them run, and
-# splits off a child for each script that it is told. Dr.Jit, whose threads no child would have, is
-# left to the children.
+# A process that has imported the libraries of all pages forks a child for each script. Only
+# children import Dr.Jit, because its threads do not survive a fork.
 SPLITTING = """
 import os, runpy, signal, sys, traceback
 import matplotlib.pyplot, numpy, shapely, polywigner
@@ -87,7 +86,7 @@ def imported():
 
 
 def run_script(script, folder, *arguments):
-    """What the script prints."""
+    """Run a script, and return its output."""
     environment = {**os.environ, "MPLBACKEND": "agg"}
     run = subprocess.run(
         [sys.executable, str(script), *arguments],
@@ -168,7 +167,7 @@ LESSONS = sorted((EXAMPLES / "lessons").glob("lesson_*.py"))
 
 @pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem[:10])
 def test_a_lesson_is_listed_asserts_what_it_says_and_ends_with_exercises(lesson):
-    """They are run by `make docs`, which fails where an assertion does."""
+    """`make docs` runs the lessons, and fails if an assertion fails."""
     text = lesson.read_text(encoding="utf-8")
     assert f"(../examples/lessons/{lesson.name})" in (ROOT / "docs" / "lessons.md").read_text()
     assert text.count("\nassert ") + text.count("    assert ") >= 4

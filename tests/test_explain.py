@@ -1,4 +1,4 @@
-"""Strategies of calls: few samples on NumPy, many compiled, as `pw.explain` reports."""
+"""Strategies that `pw.explain` reports for few and for many samples."""
 
 import re
 from pathlib import Path

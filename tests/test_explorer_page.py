@@ -1,4 +1,4 @@
-"""The explorer's page in Chromium without a window, and its server."""
+"""The server and the page of the explorer, in headless Chromium."""
 
 import importlib.util
 import json
@@ -19,12 +19,12 @@ import polywigner.explorer
 
 pytestmark = pytest.mark.slow
 
-SECONDS = 60.0  # for anything to happen on a busy machine
+SECONDS = 60.0  # longest wait on a busy machine
 
 
 @contextmanager
 def serving(*command):
-    """Start a server, and give the address that it prints."""
+    """Start a server, and yield the address that it prints."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen([sys.executable, "-m", *command], **pipes) as server:
         try:
@@ -36,7 +36,6 @@ def serving(*command):
 
 @pytest.fixture(scope="module")
 def address(leave_out):
-    """Address of a running server of the page."""
     if importlib.util.find_spec("panel") is None:
         leave_out('Panel. `pip install ".[explorer]"` brings it.')
     with serving("polywigner", "explore", "--no-browser", "--port", "0") as address:
@@ -45,7 +44,7 @@ def address(leave_out):
 
 @pytest.fixture(scope="module")
 def browser(address, tmp_path_factory, leave_out):
-    """A headless Chromium that reaches nothing but this machine, and its downloads."""
+    """Yield a headless Chromium that can reach this machine only."""
     if importlib.util.find_spec("selenium") is None:
         leave_out('Selenium. `pip install ".[browser]"` brings it.')
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
@@ -71,7 +70,7 @@ def browser(address, tmp_path_factory, leave_out):
     chromium.quit()
 
 
-# Elements are in shadow trees, so models are looked up in Bokeh's document.
+# Elements are in shadow trees, so models are found through Bokeh's document.
 MODELS = """
 const doc = Bokeh.documents[0]
 const named = (name) => doc.get_model_by_name(name)
@@ -89,7 +88,7 @@ const at = (name, x, y) => {
 
 
 class Page:
-    """The page as a visitor uses it."""
+    """Operations of a user on the page."""
 
     def __init__(self, browser, address):
         self.browser = browser
@@ -107,7 +106,7 @@ class Page:
             try:
                 if holds():
                     return
-            except WebDriverException:  # the page is being loaded
+            except WebDriverException:
                 pass
             time.sleep(0.05)
         raise AssertionError(f"not after {SECONDS} s; the page shows {self.messages()}")
@@ -153,7 +152,7 @@ class Page:
         for _ in range(1 + double):
             actions.pointer_action.click()
         actions.perform()
-        time.sleep(0.5)  # two clicks must not become a double click
+        time.sleep(0.5)  # two clicks must not count as a double click
 
     def drag(self, start, end, steps=5):
         actions = self.mouse("editor", *start)
@@ -184,7 +183,6 @@ class Page:
 
 @pytest.fixture
 def page(browser, address):
-    """A new page."""
     return Page(browser, address)
 
 
@@ -287,7 +285,7 @@ def test_files_are_read_and_bad_ones_are_named(page, tmp_path):
 
 @pytest.fixture(params=[1400, 390])
 def width(request, browser):
-    """Width of the browser's window in pixels: of a desk and of a phone."""
+    """Width of the browser window in pixels: desktop and phone."""
     size = {"width": request.param, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     yield request.param

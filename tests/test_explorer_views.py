@@ -1,4 +1,4 @@
-"""States, views and files of the explorer, without a browser."""
+"""States, views and files of the explorer without a browser."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Array factors of lattices far off the origin, where positions are rounded off the lattice."""
+"""Array factors of lattices far from the origin, where positions are rounded."""
 
 from fractions import Fraction
 
@@ -8,14 +8,14 @@ import pytest
 import polywigner as pw
 from oracles.references import ENGINES
 
-# Of the sum of the weights: what docs/accuracy.md promises of F.
+# Accuracy stated in docs/accuracy.md, relative to the sum of the weights.
 PROMISED = 1e-13
 DECADES = (1, 10, 100, 1000)
 PITCH = np.array([0.0123, 0.0171])
 
 
 def exact_factor(sites, weights, nu):
-    """With exact phases."""
+    """Return the array factor with exact phases."""
     values = []
     for p, q in nu.tolist():
         turns = [Fraction(p) * Fraction(x) + Fraction(q) * Fraction(y) for x, y in sites.tolist()]
@@ -25,7 +25,7 @@ def exact_factor(sites, weights, nu):
 
 
 def frequencies(extent, turned):
-    """Near grating lobes, where all elements add up, in each decade of |nu| times the extent."""
+    """Return frequencies near grating lobes, in each decade of |nu| times the extent."""
     rng = np.random.default_rng(5)
     nu = rng.normal(size=(3, 2)) / extent
     nu = np.concatenate([decade * nu for decade in DECADES])
@@ -47,7 +47,7 @@ def test_array_factors_are_those_of_the_given_positions(diameters, tapered, turn
     if tapered:
         weights = (np.cos(0.2 * (i - 5.5)) * np.exp(0.4j * j)).ravel()
     nu = frequencies(extent, turned)
-    if diameters == 0:  # the lattice itself, which rounding misses: 5e-16 |nu| D
+    if diameters == 0:  # rounding moves elements off the lattice: 5e-16 |nu| D
         nu = nu[np.hypot(*nu.T) * extent < 150]
     got = pw.array_factor(sites, weights, nu, engine=engine)
     error = np.abs(got - exact_factor(sites, weights, nu)).max() / np.abs(weights).sum()

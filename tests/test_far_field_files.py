@@ -1,6 +1,6 @@
-"""Far fields in files of other programs: units, angles, frequencies, against a closed-form field.
+"""Far-field files of other programs: units, angles and frequencies.
 
-The field is that of a few multipoles, whose power is a sum of squares of known coefficients.
+The reference is a sum of few multipoles, whose power is a sum of squares of coefficients.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import polywigner as pw
 from oracles.multipoles import FREE_SPACE, POWER, field, intensity
 from polywigner.errors import ArgumentError, FileFormatError, PolywignerWarning
 
-# A table has seven digits, or six decimals of a dB.
+# Tables have seven digits, or six decimals of a dB.
 DIGITS = 2e-6
 
 
@@ -30,13 +30,13 @@ def directivity(theta: Any, phi: Any) -> Any:
 
 
 def _rows(thetas: Any = THETA, phis: Any = PHI) -> Any:
-    """Theta and phi in degrees of all directions, theta running fastest, and both components."""
+    """Return theta and phi in degrees, with theta varying fastest, and both components."""
     phi, theta = (grid.ravel() for grid in np.meshgrid(phis, thetas, indexing="ij"))
     return theta, phi, *field(np.radians(theta), np.radians(phi))
 
 
 def _size(squares: Any, unit: str) -> Any:
-    """|rE|^2 in V^2 in a unit, by the definitions of the units."""
+    """Return |rE|^2 in V^2 in a unit."""
     intensity, ratio = squares / (2 * FREE_SPACE), squares / (2 * FREE_SPACE) * 4 * np.pi / POWER
     with np.errstate(divide="ignore"):
         result = {
@@ -88,7 +88,7 @@ def _cst(
 
 
 def _check(result: Any, power: float = POWER) -> None:
-    """The directivity, and up to a factor the field, of all directions."""
+    """Check the directivity, and the field up to a factor."""
     theta, phi = result["theta"].values[:, None], result["phi"].values
     exact = directivity(theta, phi)
     peak = 10 * math.log10(exact.max())
@@ -106,7 +106,7 @@ def _check(result: Any, power: float = POWER) -> None:
 
 
 def _linear(result: Any) -> tuple[Any, Any]:
-    """Components along x and y by Ludwig's third definition, of co- and cross-polar parts."""
+    """Return the components along x and y in Ludwig's third definition."""
     p, q = np.asarray(result.attrs["polarisation"]).view(np.complex128)
     co, cross = result["field"].values, result["cross_field"].values
     return p * co - np.conj(q) * cross, q * co + np.conj(p) * cross
@@ -152,7 +152,7 @@ def test_theta_of_both_signs_covers_the_sphere(tmp_path: Path, thetas: Any, phis
         (("Abs(E   )[V/m   ]", "Abs(E   )[dBi   ]"), "dBi"),
         (("Abs(E   )[V/m   ]   Abs(Theta)[V/m   ]", "Abs(Foo )[]   Abs(Theta)[]"), "unit"),
         (("Theta [deg.]", "Alpha [deg.]"), "Theta"),
-        # the numbers contradict each other
+        # The values contradict each other.
         (("Abs(E   )[V/m   ]", "Abs(E   )[mV/m  ]"), "Abs.E   . differs"),
         (("Abs(Phi  )[V/m   ]", "Abs(Phi  )[kV/m  ]"), "differs"),
     ],
@@ -168,7 +168,7 @@ def test_units_that_do_not_fit_are_refused_by_name(
 
 
 def _change_levels(path: Path, change: Any) -> None:
-    """Change the levels in the columns of sizes of a table of CST."""
+    """Change the levels in a CST table."""
     rows = [line.split() for line in path.read_text().splitlines()]
     for row in rows[2:]:
         for k in (2, 3, 5):
@@ -178,7 +178,7 @@ def _change_levels(path: Path, change: Any) -> None:
 
 @pytest.mark.parametrize("half", [True, False])
 def test_linear_directivities_under_a_header_in_dbi_are_refused(tmp_path: Path, half: bool) -> None:
-    """All columns agree, but their directivity is not that of the integral."""
+    """All columns agree, but their integral contradicts their directivity."""
     thetas = np.arange(0.0, 91 if half else 181, 5)
     beam = pw.radiation_pattern(
         pw.shapes.square(4e-3), 3.9e-3, np.radians(thetas), np.radians(PHI), polarisation="x"
@@ -190,7 +190,7 @@ def test_linear_directivities_under_a_header_in_dbi_are_refused(tmp_path: Path, 
 
 
 def test_a_directivity_that_the_integral_contradicts_is_warned_of(tmp_path: Path) -> None:
-    """Half of the sphere is missing: the file's own directivity is kept."""
+    """Half of the sphere is missing; the directivity of the file is kept."""
     half = np.arange(0.0, 91, 15)
     path = _cst(tmp_path / "a.txt", "Dir.", "dBi", thetas=half)
     with pytest.warns(PolywignerWarning, match="integral over its directions"):
@@ -201,7 +201,7 @@ def test_a_directivity_that_the_integral_contradicts_is_warned_of(tmp_path: Path
 
 @pytest.mark.parametrize("efficiency", [0.5, 2.0])
 def test_a_gain_above_the_directivity_is_warned_of(tmp_path: Path, efficiency: float) -> None:
-    """An efficiency of 50 % lowers gain and power by 3 dB; one of 200 % cannot be."""
+    """An efficiency of 50 % lowers gain and power by 3 dB; 200 % is impossible."""
     path = _cst(tmp_path / "a.txt", "Gain", "dBi")
     _change_levels(path, lambda level: level + 10 * math.log10(efficiency))
     with warnings.catch_warnings(record=True) as caught:
@@ -210,9 +210,6 @@ def test_a_gain_above_the_directivity_is_warned_of(tmp_path: Path, efficiency: f
     assert [("exceeds the directivity" in str(w.message)) for w in caught] == [True] * (
         efficiency > 1
     )
-
-
-# ---- HFSS ---------------------------------------------------------------------------------------
 
 
 def _hfss(path: Path, columns: dict[str, Any], **how: Any) -> Path:
@@ -230,7 +227,7 @@ ANGLES = {"Phi [deg]": lambda t, p, *_: p, "Theta [deg]": lambda t, p, *_: t}
 
 
 def _both(theta: str, phi: str, make: Any) -> dict[str, Any]:
-    """Columns of both components, of functions of E and |E|^2."""
+    """Return columns of both components, computed from E and |E|^2."""
     return {
         theta: lambda t, p, a, b, s: make(a, s[0]),
         phi: lambda t, p, a, b, s: make(b, s[1]),
@@ -257,7 +254,7 @@ def _phase(e: Any, _: Any) -> Any:
             "ang_deg(rETheta) [deg]": lambda t, p, a, b, s: _phase(a, s),
             "ang_rad(rEPhi)": lambda t, p, a, b, s: np.angle(b),
         },
-        {  # levels of the field
+        {
             **_both("dB(rETheta)", "dB20(rEPhi) []", lambda e, s: _size(s, "dBV/m")),
             **_both("cang_deg(rETheta) [deg]", "cang_deg(rEPhi) [deg]", _phase),
         },
@@ -303,7 +300,7 @@ def test_columns_of_hfss_that_do_not_fit_are_refused(
 
 
 def test_a_report_of_several_frequencies_needs_one(tmp_path: Path) -> None:
-    """The field at 80 GHz is 0.5 of that at 77 GHz."""
+    """The field at 80 GHz is half of the field at 77 GHz."""
     one, other = (
         _hfss(
             tmp_path / f"{f}.csv",
@@ -379,9 +376,6 @@ def test_a_direction_with_two_fields_is_refused(tmp_path: Path) -> None:
         pw.read_pattern(path)
 
 
-# ---- FEKO ---------------------------------------------------------------------------------------
-
-
 def _ffe(path: Path, factors: dict[float, float], kind: str = "Gain", level: float = 0.0) -> Path:
     lines = ["##File Type: Far field", "##File Format: 6", "** File exported by FEKO kernel", ""]
     theta, phi, a, b = _rows()
@@ -427,11 +421,8 @@ def test_far_fields_of_feko_are_read(tmp_path: Path) -> None:
             pw.read_pattern(changed)
 
 
-# ---- GRASP --------------------------------------------------------------------------------------
-
-
 def _grasp(path: Path, kind: int, cut: int, thetas: Any, phis: Any, text: str = "cut") -> Path:
-    """Cuts of E_theta, E_phi (1), RHC, LHC (2) or co, cross (3), normalised to 4 pi W."""
+    """Write cuts of E_theta, E_phi (1), RHC, LHC (2) or co, cross (3), normalised to 4 pi W."""
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * POWER))
     lines: list[str] = []
     outer, inner = (phis, thetas) if cut == 1 else (thetas, phis)
@@ -443,7 +434,7 @@ def _grasp(path: Path, kind: int, cut: int, thetas: Any, phis: Any, text: str = 
             theta, phi = np.radians((variable, constant) if cut == 1 else (constant, variable))
             a, b = (scale * part for part in field(theta, phi))
             co, cross = a * np.cos(phi) - b * np.sin(phi), a * np.sin(phi) + b * np.cos(phi)
-            # waves that turn from x to y as time goes on are right-handed along z: x - j y
+            # The right-handed wave along z is x - j y.
             right, left = (co + 1j * cross) / math.sqrt(2), (co - 1j * cross) / math.sqrt(2)
             one, two = {1: (a, b), 2: (right, left), 3: (co, cross)}[kind]
             lines.append(f"{one.real:.10E} {one.imag:.10E} {two.real:.10E} {two.imag:.10E}")
@@ -490,12 +481,9 @@ def test_cuts_of_grasp_that_are_not_read_are_named(tmp_path: Path) -> None:
         path.write_text(change(text))
         with pytest.raises(FileFormatError, match=words):
             pw.read_pattern(path)
-    # Fortran leaves out the E of exponents with three digits
+    # Fortran omits the E of exponents with three digits.
     path.write_text(re.sub(r"\n(\S+) (\S+) ", r"\n0.1-100 \2 ", text, count=0))
     pw.read_pattern(path)
-
-
-# ---- planning tools -----------------------------------------------------------------------------
 
 
 def test_a_written_planning_file_is_read_back(tmp_path: Path) -> None:

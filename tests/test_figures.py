@@ -1,5 +1,4 @@
-"""Levels in dB never depend on noise or on the logarithm of what is not positive; figures say
-what they show."""
+"""Levels in dB, rendered scenes and figures of transforms."""
 
 import io
 
@@ -17,19 +16,19 @@ from polywigner.figures import (
 )
 
 ROUNDING_DB = 1e-12  # log10 of exact powers of ten, float64
-ROUNDING = 1e-12  # relative to the area; the kernel's own bound
+ROUNDING = 1e-12  # kernel error relative to the area
 
 
 def test_ten_times_less_radiance_is_ten_decibels_less_down_to_the_floor():
     levels = level_db([500.0, 5.0, 0.5, 0.05], reference=5.0, floor_db=-40)
     np.testing.assert_allclose(levels, [20.0, 0.0, -10.0, -20.0], atol=ROUNDING_DB)
-    with np.errstate(all="raise"):  # a logarithm of any of these would raise
+    with np.errstate(all="raise"):  # log10 of these values would raise
         levels = level_db([-3.0, 0.0, 1e-9, -0.0, 5e-324], reference=1.0, floor_db=-40)
     assert (levels == -40.0).all()
 
 
 def test_a_floor_that_is_not_below_the_peak_is_refused():
-    with pytest.raises(ArgumentError, match="floor_db must be below 0 dB"):
+    with pytest.raises(ArgumentError, match="floor_db as a level below 0 dB"):
         level_db([1.0], 1.0, 3.0)
 
 
@@ -43,7 +42,7 @@ def test_single_outliers_do_not_move_the_peak_of_a_picture():
     peak = image_peak(beam)
     assert peak is not None
     assert image_peak(noisy) == peak
-    # The median of a 3 x 3 neighbourhood of the summit lies one pixel beside it.
+    # The median of the 3 x 3 neighbourhood is the value one pixel from the maximum.
     assert np.exp(-2 / 200.0) <= peak <= 1.0
 
 

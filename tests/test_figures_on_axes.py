@@ -1,4 +1,4 @@
-"""Pictures on the axes and figures of a caller."""
+"""Figures on the axes and figures of a caller."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _slices() -> Any:
 
 
 def _channel(count: int = 65) -> Any:
-    """A band of 64 GHz, two ways 0.2 ns apart of which the second has a tenth of the amplitude."""
+    """Return a channel over 64 GHz with two paths, 0.2 ns and 20 dB apart."""
     import xarray
 
     frequencies = np.linspace(60e9, 124e9, count)
@@ -100,7 +100,7 @@ ONE: dict[str, Callable[..., Any]] = {
 
 
 def _panels(figure: Any) -> list[str]:
-    """What stands at the axes."""
+    """Return the titles and labels of all axes."""
     return [
         " ".join((a.get_title(), a.get_title(loc="left"), a.get_xlabel(), a.get_ylabel()))
         for a in figure.axes
@@ -114,10 +114,10 @@ def test_several_panels_are_drawn_on_a_figure_and_on_a_part_of_one(name: str) ->
     assert isinstance(alone, Figure)
     own = Figure(figsize=(8, 6))
     assert draw(figure=own, title="own") is own
-    assert dict(mpl.rcParams) == before  # the typography of the caller stays
+    assert dict(mpl.rcParams) == before  # the caller's settings are restored
     assert _panels(own) == _panels(alone)
     assert own.get_suptitle() == "own"
-    assert own.get_layout_engine() is not None  # or colour bars would overlap
+    assert own.get_layout_engine() is not None  # colour bars would overlap without a layout engine
     whole = Figure(figsize=(14, 6), layout="constrained")
     whole.suptitle("both")
     left, right = whole.subfigures(1, 2)
@@ -126,7 +126,7 @@ def test_several_panels_are_drawn_on_a_figure_and_on_a_part_of_one(name: str) ->
     assert draw(figure=right) is right
     assert _panels(right) == _panels(alone)
     assert not left.axes
-    assert right.get_suptitle() == "mine"  # no title was given
+    assert right.get_suptitle() == "mine"  # no new title
     assert whole.get_suptitle() == "both"
 
 
@@ -139,7 +139,7 @@ def test_one_panel_is_drawn_on_axes(name: str) -> None:
     left, right = whole.subplots(1, 2, subplot_kw=kind)
     assert ONE[name](ax=right) is right
     assert not left.has_data()
-    assert len(whole.axes) == 3  # and a colour bar
+    assert len(whole.axes) == 3  # including the colour bar
     assert whole.axes[2].get_ylabel() == alone.axes[1].get_ylabel()
 
 

@@ -1,4 +1,4 @@
-"""Figures can be read: complete labels, useful scales and views of what is there."""
+"""Labels, scales and views of figures."""
 
 from itertools import combinations
 
@@ -39,7 +39,7 @@ def arrivals(power, direct=(), **options):
 def test_a_receive_map_shows_the_bright_directions_and_the_direct_paths():
     power = np.zeros((64, 64))
     power[30:34, 20:24] = 1e-9
-    power[31, 22] = 5e-8  # a single pixel
+    power[31, 22] = 5e-8  # a single bright pixel
     axes = arrivals(power)
     assert axes.images[0].get_clim()[1] == pytest.approx(10 * np.log10(5e-8 / 1e-3))
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()

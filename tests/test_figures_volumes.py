@@ -1,4 +1,4 @@
-"""Figures of volumes: surfaces lie where the field has their level, walls show projections."""
+"""Isosurfaces and wall projections of volumes."""
 
 import io
 
@@ -15,7 +15,7 @@ pytest.importorskip("skimage")
 
 
 def ball(radius):
-    """A field that falls by 10 dB in each ``radius`` from the centre of its box."""
+    """Return a field that decreases by 10 dB per ``radius`` from the centre of its box."""
     axes = {name: np.linspace(-2e-3, 2e-3, 41) for name in "xyz"}
     points = np.stack(np.meshgrid(*axes.values(), indexing="ij"), axis=-1)
     values = 10 ** (-np.linalg.norm(points, axis=-1) / radius)
@@ -23,7 +23,7 @@ def ball(radius):
 
 
 def surfaces_of(axes):
-    """Triangles (n, 3, 3) of each drawn surface."""
+    """Return the triangles (n, 3, 3) of each drawn surface."""
     kinds = [c for c in axes.collections if type(c).__name__ == "Poly3DCollection"]
     return [np.asarray(c._faces) for c in kinds if c.get_rasterized()]
 
@@ -37,7 +37,7 @@ def test_the_surface_of_a_ball_lies_at_its_radius():
 
 
 def test_surfaces_are_closed_at_the_faces_of_the_box():
-    figure = draw_volume(ball(4e-3), surfaces=(-6.0,))  # 2.4 mm, beyond all faces
+    figure = draw_volume(ball(4e-3), surfaces=(-6.0,))  # a radius of 2.4 mm, beyond all faces
     (triangles,) = surfaces_of(figure.axes[0])
     assert np.abs(triangles).max() == pytest.approx(2.0)
     edges = {}
@@ -59,7 +59,7 @@ def test_the_inner_surface_is_visible_through_the_outer_one():
 
 
 def beam(count=24):
-    """A field of closed form in a box that is nowhere symmetric."""
+    """Return an asymmetric field in closed form."""
     axes = {
         "x": np.linspace(-3e-3, 5e-3, count),
         "y": np.linspace(-4e-3, 2e-3, count + 2),

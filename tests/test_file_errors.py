@@ -1,4 +1,4 @@
-"""Bad files of every format: one error of the package that names the file."""
+"""Damaged files of every format raise one error that contains the name of the file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def written(text: str) -> Callable[[Path], Any]:
     return lambda path: path.write_text(text)
 
 
-# suffix -> (reader, writer of a good file)
+# suffix -> (reader, writer of a valid file)
 FORMATS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any]]] = {
     ".geojson": (
         pw.read_aperture,
@@ -114,7 +114,7 @@ def test_a_bad_file_gives_one_error_with_its_name(tmp_path: Path, suffix: str) -
         write(path)
         if kind == "missing":
             read(path)
-        if kind == "too large" and suffix == ".dat":  # files of rays have any size
+        if kind == "too large" and suffix == ".dat":  # ray files may have any size
             continue
         damage(path)
         with pytest.raises(FileFormatError, match=words) as caught:

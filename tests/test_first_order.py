@@ -1,4 +1,4 @@
-"""First-order systems: their algebra, and the Wigner and ambiguity functions behind them."""
+"""First-order systems: their algebra, and the transforms of W and A."""
 
 import copy
 import math
@@ -11,10 +11,9 @@ import polywigner as pw
 from polywigner.errors import ArgumentError
 
 WAVELENGTH = 3.19e-3
-# Products of a handful of matrices whose elements are of the size of 1.
+# Rounding of products of a few matrices with elements of order 1.
 ROUNDING = 1e-14
-# Of W and A, relative to the area: coordinates are rounded once on their way through a system,
-# and the functions change by some 1e2 areas where a coordinate changes by its whole size.
+# Relative to the area: rounding of coordinates, multiplied by derivatives of some 1e2 areas.
 MAPPED = 1e-12
 
 TEE = pw.Aperture(
@@ -43,7 +42,7 @@ def points(count, size, seed):
 
 
 def unit(system):
-    """The matrix with lengths in units of 0.1 m."""
+    """Return the matrix with lengths in units of 0.1 m."""
     return system.matrix * np.kron([[1.0, 10.0], [0.1, 1.0]], np.ones((2, 2)))
 
 
@@ -58,7 +57,7 @@ def test_the_inverse_undoes_a_system(system):
     ("system", "slope"), [(pw.FirstOrder.rotation(0.3), 0.0), (CROSSED, -1 / 0.04)]
 )
 def test_angles_count_from_x_to_y(system, slope):
-    """A turn takes the x axis, and a lens deflects along its own one, to this angle."""
+    """A rotation turns the x axis to this angle, and a lens deflects along its axis."""
     along = np.array([math.cos(0.3), math.sin(0.3)])
     x, s = system.rays((1.0, 0.0) if slope == 0 else along, (0.0, 0.0))
     assert x == pytest.approx(along) and s == pytest.approx(slope * along)
@@ -139,7 +138,7 @@ CASES = [("waves", name) for name in SYSTEMS] + [("outline", "all of them"), ("a
 
 @pytest.mark.parametrize(("source", "system"), CASES)
 def test_wigner_and_ambiguity_functions_are_constant_along_rays(source, system):
-    """Lags and frequency shifts go as places and directions do."""
+    """Lags and frequency shifts transform like positions and directions."""
     source, system = SOURCES[source], SYSTEMS[system]
     first, second = points(60, 4e-3, 2), points(60, 200.0, 3)
     places, slopes = system.rays(first, WAVELENGTH * second)
@@ -153,11 +152,11 @@ def test_wigner_and_ambiguity_functions_are_constant_along_rays(source, system):
 
 
 def test_the_ambiguity_function_behind_a_system_is_the_transform_of_the_wigner_function():
-    """A = int int W exp(-2 pi i (upsilon.x - nu.xi)), of slits by sums over a periodic lattice."""
+    """A = int int W exp(-2 pi i (upsilon.x - nu.xi)), by sums over a periodic lattice for slits."""
     slits = pw.Slits([(-1.0, 0.4), (0.7, 1.1)])
     system = pw.FirstOrder.free_space(0.3) @ pw.FirstOrder.lens(0.8)
     how = {"through": system, "wavelength": 1.0}
-    # Lines x = const of W_in are sheared: sum over the source's own coordinates, exactly.
+    # Lines of constant x are sheared, so the sum is over the coordinates of the source.
     x = np.linspace(-1.2, 1.2, 481)[:-1] + 0.0025
     nu = np.linspace(-40.0, 40.0, 1601)[:-1] + 0.025
     rays = np.stack(np.broadcast_arrays(x[:, None], nu), axis=-1)
@@ -167,7 +166,7 @@ def test_the_ambiguity_function_behind_a_system_is_the_transform_of_the_wigner_f
     xi, upsilon = 0.25, -0.4
     kernel = np.exp(-2j * np.pi * (upsilon * out_x - out_nu * xi))[..., 0]
     total = (w * kernel).sum() * (x[1] - x[0]) * (nu[1] - nu[0])
-    # W falls off as 1/nu in places: the lattice leaves out some thousandths.
+    # W decreases as 1/nu at some points; the lattice truncates some thousandths.
     assert total == pytest.approx(pw.ambiguity(slits, [upsilon], [xi], **how), abs=5e-3)
 
 

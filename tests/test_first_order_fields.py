@@ -22,9 +22,9 @@ SHAPES = {
     ),
     "TE10 square": SQUARE.with_illumination(pw.cosine_taper(10e-3)),
 }
-# What the references are to be met within.
+# Error relative to the references.
 REFERENCED = 1e-10
-# Against quadrature with rules that resolve every turn twice over, relative to the largest field.
+# Quadrature error relative to the largest field.
 QUADRATURE = 1e-11
 SEED = 5
 
@@ -71,7 +71,7 @@ def points(count, size, seed=SEED):
 
 
 def quadrature(source, system, y):
-    """Collins' integral with its phase, but for the sign of the root of det B."""
+    """Integrate Collins' formula numerically, up to the sign of the root of det B."""
     x, field = nodes_on(source, 36)
     inverse = np.linalg.inv(system.B)
     form = ((x @ (inverse @ system.A)) * x).sum(axis=1) - 2 * (y @ inverse.T) @ x.T
@@ -93,7 +93,7 @@ def test_collins_integral_of_the_references(case):
 
 @pytest.mark.parametrize("case", REFERENCE["curved_fourier"], ids=lambda c: c["shape"])
 def test_a_lens_and_its_focal_plane_give_the_transform_of_a_curved_wave(case):
-    """F of u exp(i pi |x|^2/(lambda radius)): a lens of f = -radius, then a Fourier transformer."""
+    """F of u exp(i pi |x|^2/(lambda radius)) is a lens of f = -radius and a Fourier transformer."""
     system = pw.FirstOrder.fourier(1.0) @ pw.FirstOrder.lens(-case["radius"])
     nu, source = np.array(case["nu"]), SHAPES[case["shape"]]
     field = pw.amplitude(source, WAVELENGTH * nu, WAVELENGTH, through=system, tolerance=1e-12)
@@ -113,7 +113,7 @@ def test_collins_integral_is_that_of_quadrature(source, system):
     result, error = pw.amplitude_with_error(source, y, WAVELENGTH, through=system, tolerance=1e-12)
     expected = quadrature(source, system, y)
     largest = abs(expected).max()
-    turn = np.sign((result / expected).real.sum())  # of the root
+    turn = np.sign((result / expected).real.sum())  # sign of the root
     assert abs(result - turn * expected).max() < QUADRATURE * largest
     assert error.max() < QUADRATURE * max(largest, 1.0)
 
@@ -134,7 +134,7 @@ def test_fields_close_to_an_image_and_to_a_focus_pass_over_into_them():
     y = np.array([[-4e-3, -4.2e-3], [1e-3, -5e-3]]) @ image.A.T
     at_image = pw.amplitude(TAPERED, y, WAVELENGTH, through=image)
     near = pw.amplitude(TAPERED, y, WAVELENGTH, through=image @ pw.FirstOrder.free_space(2e-6))
-    # edges that are hundreds of Fresnel zones away make ripples of a few hundredths
+    # Edges at hundreds of Fresnel zones cause ripples of a few per cent.
     assert near == pytest.approx(at_image, abs=0.05)
     y = points(5, 1e-3)
     focus = pw.amplitude(TAPERED, y, WAVELENGTH, through=SYMMETRIC["focus"])
@@ -149,9 +149,9 @@ def test_fields_close_to_an_image_and_to_a_focus_pass_over_into_them():
 
 @pytest.mark.parametrize("through", [ASTIGMATIC["curved both ways"], SYMMETRIC["converging"]])
 def test_irradiance_is_the_wigner_functions_marginal(through):
-    """int W dnu along the ray from each x of the source: nu out of y = A x + lambda B nu."""
+    """int W dnu along the ray from each x of the source, with nu from y = A x + lambda B nu."""
     source, y = SQUARE, points(4, 6e-3)
-    # W has kinks where lag slices change: along x = 0 and y = 0 only, for a square
+    # For a square, W has kinks at x = 0 and y = 0 only.
     at, weights = np.polynomial.legendre.leggauss(70)
     side = np.concatenate([(at - 1), (at + 1)]) * 2.5e-3
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -216,7 +216,7 @@ SHORT = 550e-9
 
 
 def band_limited(y, half, pupil):
-    """An image along one axis of a slit of -half to half through a pupil of -pupil to pupil."""
+    """Return an image along one axis of the slit [-half, half] through a pupil."""
     scale = 2 * np.pi * pupil / (SHORT * 0.1)
     return (sici(scale * (y + half))[0] - sici(scale * (y - half))[0]) / np.pi
 
@@ -230,7 +230,7 @@ def test_a_square_behind_a_square_pupil_is_a_product_of_sine_integrals():
     assert abs(result - expected).max() < 1e-8 and error.max() < 1e-8
     light = pw.irradiance(source, y, SHORT, through=way)
     assert light == pytest.approx(expected**2, abs=1e-8)
-    # lenses and distances one by one are the same
+    # Single lenses and distances are equivalent.
     space, lens = pw.FirstOrder.free_space(0.1), pw.FirstOrder.lens(0.1)
     parts = [space, lens, space, pupil, space, lens, space]
     assert abs(pw.amplitude(source, y, SHORT, through=parts) - expected).max() < 1e-8
@@ -246,7 +246,7 @@ STEERED = pw.phased_array(pw.shapes.square(3e-3), [(-3e-3, 0.0), (2e-3, 1e-3)], 
     ids=["triangle", "waves", "hole", "array"],
 )
 def test_a_stop_can_be_integrated_over_first(source, stop):
-    """The other order: nodes on the source, each with the transform of a chirp on the stop."""
+    """The other order of integration: source nodes, each with a chirp transform of the stop."""
     source = SOURCES[source]
     first = pw.FirstOrder.free_space(0.04) @ pw.FirstOrder.lens(0.1)
     last = pw.FirstOrder.free_space(0.06)
@@ -255,7 +255,7 @@ def test_a_stop_can_be_integrated_over_first(source, stop):
     x, field = nodes_on(source, 36)
     (b1, b2), k = (first.B[0, 0], last.B[0, 0]), np.pi / WAVELENGTH
     lens = pw.FirstOrder.lens(-1 / (first.D[0, 0] / b1 + last.A[0, 0] / b2))
-    # F of the stop with a chirp, at (x/b1 + y/b2)/lambda
+    # F of the stop with a chirp, at (x/b1 + y/b2)/lambda.
     inner = pw.FirstOrder.fourier(1.0) @ lens
     waves = pw.amplitude(stop, x[:, None] / b1 + y / b2, WAVELENGTH, through=inner)
     ends = first.A[0, 0] / b1 * (x * x).sum(axis=1)[:, None]
@@ -266,7 +266,7 @@ def test_a_stop_can_be_integrated_over_first(source, stop):
 
 
 def test_stops_in_images_cut_outlines():
-    """In the plane of the points, of the source, and in an image of it."""
+    """Stops in the plane of the points, in the plane of the source, and in an image of it."""
     image = FOURIER @ FOURIER @ pw.FirstOrder.magnifier(0.5)
     y, window = points(30, 6e-3), pw.shapes.rectangle(2e-3, 3e-3)
     cases = [(source, [image], window) for source in (TAPERED, PAIR, MIXED, CURVED)]
@@ -285,7 +285,7 @@ def test_stops_in_images_cut_outlines():
 
 
 def test_two_stops_pass_the_power_that_lands_in_them():
-    """What is behind a wide last plane is what has come through the second stop."""
+    """The power in a wide last plane equals the power through the second stop."""
     second = pw.shapes.square(4e-3).moved((1e-3, 0.0))
     at, weights = np.polynomial.legendre.leggauss(24)
     on_stop = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2) * 2e-3 + (1e-3, 0.0)
@@ -300,7 +300,7 @@ def test_two_stops_pass_the_power_that_lands_in_them():
 
 
 def test_a_mixture_passes_stops_wave_by_wave():
-    """The mean over tilts, whose frequencies have a deviation of 1/(2 pi width) along each axis."""
+    """The mean over tilts, whose standard deviation is 1/(2 pi width) along each axis."""
     y, width = points(4, 2e-4), 3e-4
     square, way = pw.shapes.square(2e-4), [FOURIER, pw.shapes.square(5e-4), FOURIER]
     result = pw.irradiance(square.partially_coherent(width), y, SHORT, through=way, tolerance=1e-5)
@@ -316,7 +316,6 @@ def test_a_mixture_passes_stops_wave_by_wave():
 
 @pytest.mark.filterwarnings("error")
 def test_estimates_behind_stops_are_no_false_alarms():
-    """Also for light beside the stop, by several stops."""
     through = [SPACE, pw.shapes.square(4e-3), SPACE, STOP.moved((2e-3, 0.0)), SPACE]
     tilted = SQUARE.with_illumination(pw.Illumination([1.0], [(150.0, -80.0)]))
     for source, count in ((TAPERED.curved(0.06, WAVELENGTH), 1), (tilted, 2)):

@@ -1,4 +1,4 @@
-"""The Fourier transform is exact to rounding: every source, every |nu|, every direction."""
+"""Rounding errors of the Fourier transform for all sources, |nu| and directions."""
 
 import itertools
 from functools import lru_cache
@@ -12,10 +12,9 @@ from oracles.meshes import hollow, moved
 from oracles.references import DATA, numpy_and_few
 from oracles.sources import CUBE, SOURCES, content, frequencies, points_of
 
-# Relative to the content, which the package promises to be 1e-13 and 1e-6: rounding of a few terms
-# of the content's size. Measured: 2.3e-15 and 6e-7 (docs/accuracy.md).
+# Stated accuracy relative to the area or volume, 1e-13 and 1e-6; measured: 2.3e-15 and 6e-7.
 ERROR = {"double": 1e-14, "single": 1e-6}
-# Walls of 1e-2 diameters: the fan of a body covers its volume 33 times over with either sign.
+# Walls of 1e-2 diameters: the signed fan of a body covers its volume 33 times.
 CAVITY = 33
 
 
@@ -25,7 +24,7 @@ def _data():
         return dict(archive)
 
 
-# Of the stored frequencies, those used where the values have to be made anew.
+# Number of stored frequencies that are computed anew.
 _EVERY = 7
 
 
@@ -39,8 +38,7 @@ def _cases(kind):
         off = np.abs(stored - own).max() / np.abs(stored).max()
         assert off < 1e-12, f"{kind}, {name}: run python -m oracles.generate fourier_stability"
         if off > 0.0:
-            # The values belong to the very floats stored; other versions of the linear algebra
-            # round a rotation differently.
+            # Use the stored floats, because other versions of BLAS round differently.
             nu = nu[::_EVERY]
             expected = simplices.rounded(source, nu)
         result.append((name, source, nu, expected))
@@ -66,7 +64,7 @@ def test_frequencies_of_all_sizes_and_directions(kind, precision, engine):
 
 
 def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
-    """The limit that docs/accuracy.md states: 2e-16 D surface/volume."""
+    """The limit in docs/accuracy.md: 2e-16 D surface/volume."""
     rng = np.random.default_rng(2)
     for wall in (1e-1, 1e-3, 1e-5):
         body = moved(hollow(CUBE, CUBE.vertices * (1 - 2 * wall) + wall), 0.3, 0.1, 0.2)
@@ -76,7 +74,7 @@ def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
 
 
 def test_a_thin_outline_costs_as_many_digits_as_its_perimeter_exceeds_its_area():
-    """The limit that docs/accuracy.md states: 2e-16 D perimeter/area."""
+    """The limit in docs/accuracy.md: 2e-16 D perimeter/area."""
     rng = np.random.default_rng(4)
     for width in (1e-2, 1e-4, 1e-6):
         ring = pw.Aperture([[0, 0], [1, 0], [1, width], [width, width], [width, 1], [0, 1]])
@@ -89,7 +87,7 @@ SOME = (slice(None, None, 8),) * 2
 
 
 def _grid(size, source):
-    """65 x 65 frequencies up to ``size`` over the diameter, zero among them."""
+    """Return 65 x 65 frequencies up to ``size``/diameter, including zero."""
     points = points_of(source)
     axis = np.linspace(-1, 1, 65) * size / np.linalg.norm(np.ptp(points, axis=0))
     return np.stack(np.meshgrid(axis, 0.7 * axis), axis=-1)
@@ -106,7 +104,7 @@ def _grid(size, source):
     ],
 )
 def test_grids_are_as_accurate_as_points(kind, name, size):
-    """They go another way, by the axes, and near the origin back to this one."""
+    """Grids use another algorithm, except near the origin."""
     source = SOURCES[kind][name]
     grid = _grid(size, source)
     exact = simplices.rounded(source, grid[SOME].reshape(-1, 2))
@@ -129,7 +127,7 @@ def test_a_point_beside_its_place_in_a_grid_is_seen():
 
 
 def test_an_array_on_a_grid_is_the_sum_of_its_elements():
-    """Parts of equal outlines, and one elsewhere in another pose."""
+    """Equal outlines, and one element in another pose."""
     rng, hexagon = np.random.default_rng(3), pw.shapes.regular_polygon(6, 0.55)
     places, weights = rng.uniform(-5, 5, (12, 2)).round(1), np.exp(6j * rng.random(13))
     tilted = np.eye(4)

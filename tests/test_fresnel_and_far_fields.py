@@ -1,4 +1,4 @@
-"""Fresnel fields along edges against Fresnel integrals, and the far field. In wavelengths."""
+"""Fresnel fields against Fresnel integrals, and far fields. Lengths are in wavelengths."""
 
 import math
 
@@ -30,7 +30,7 @@ POINTS = np.array(
 
 
 def by_fresnel_integrals(kappa, point):
-    """The product of two one-dimensional fields of RECTANGLE."""
+    """Return the product of two one-dimensional fields of RECTANGLE."""
     z = point[2]
     scale = math.sqrt(2 / z)
     total = np.exp(2j * np.pi * z) / (1j * z)
@@ -51,11 +51,11 @@ def test_fields_of_a_rectangle_are_products_of_fresnel_integrals(kappa, engine):
 
 
 def test_the_intensity_is_the_wigner_function_along_parallel_rays():
-    """|U|^2 = integral of W(x, (x' - x)/(lambda z)) / (lambda z)^2 over the automean, exactly."""
+    """|U|^2 (lambda z)^2 is the integral of W(x, (x' - x)/(lambda z)) over the automean."""
     triangle = pw.Aperture([(-1.0, -0.8), (1.3, -0.5), (-0.2, 1.1)])
     a, b, c = triangle.rings[0]
     middles = np.array([(a + b) / 2, (b + c) / 2, (c + a) / 2])
-    # W has kinks on lines through the middles of edges: four triangles, each cut by its medians
+    # W has kinks on lines through edge midpoints: four triangles, each divided by its medians.
     corners = [
         (a, middles[0], middles[2]),
         (b, middles[1], middles[0]),
@@ -74,19 +74,19 @@ def test_the_intensity_is_the_wigner_function_along_parallel_rays():
     [("rayleigh-sommerfeld-1", 1.0), ("kirchhoff", 0.5), ("rayleigh-sommerfeld-2", 0.0)],
 )
 def test_near_the_axis_exact_fields_come_close_to_fresnels(method, share):
-    """Up to i/(kz), the near field of the first integral's sources, which the second has not."""
+    """The first integral has an additional near field of relative size i/(kz)."""
     for z in (100.0, 1000.0):
         points = np.array([(0.2, 0.1, z), (0.5, 1.0, z)])
         exact = pw.amplitude(RECTANGLE, points, 1.0, method)
         paraxial = pw.amplitude(RECTANGLE, points, 1.0, "fresnel")
-        # what is left is of the order of (rho/z)^2, for rho up to 2.5
+        # The remaining error is of the order (rho/z)^2 for rho up to 2.5.
         near_field = 1 + 1j * share / (2 * math.pi * z)
         assert np.abs(exact / paraxial - near_field).max() <= 2.5**2 / z**2
 
 
 @pytest.mark.filterwarnings("ignore:.*error above the tolerance")
 def test_just_behind_the_source_parabolic_waves_are_as_good_as_the_phases_of_its_edges():
-    """1e7 and 1e9 cycles along an edge: an ulp of them is 1e-9 and 1e-7 cycles."""
+    """1e7 and 1e9 cycles along an edge have ulps of 1e-9 and 1e-7 cycles."""
     points = np.array(
         [(0.3, 0.2, 1e-7), (1.5 - 1e-4, 0.2, 1e-7), (1.5, 0.2, 1e-9), (2.0, 0.2, 1e-9)]
     )
@@ -122,7 +122,7 @@ def test_the_far_field_is_the_fourier_transform_with_its_obliquity(obliquity, fa
     ]
     wave = np.exp(2j * np.pi * 7.0 / wavelength) / (1j * wavelength * 7.0)
     got = pw.amplitude(source, points, wavelength, "fraunhofer", obliquity=obliquity)
-    # the distance of 2333 wavelengths, and the place of the source, are rounded
+    # The distance of 2333 wavelengths and the position of the source are rounded.
     assert got == pytest.approx(wave * sum(terms), rel=1e-10)
 
 
@@ -134,7 +134,7 @@ def test_waves_that_graze_the_plane_have_no_slope_and_no_far_field_of_it():
 
 
 def by_mpmath(side, point, wavelength):
-    """A square's field in 40 digits."""
+    """Return the field of a square with 40 digits."""
     x, y, z = map(mpmath.mpf, point)
     length = mpmath.mpf(wavelength)
     with mpmath.workdps(40):

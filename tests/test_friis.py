@@ -1,4 +1,4 @@
-"""One gain everywhere: Friis' formula and the radar equation with directivities of patterns."""
+"""Friis' formula and the radar equation with directivities of patterns."""
 
 import math
 from typing import Any
@@ -10,14 +10,14 @@ import polywigner as pw
 from oracles.poses import pose as facing
 
 EXACT = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
-# Fraunhofer distances 2 D^2/wavelength between sources: quadratic phases of 1e-3 radians are left.
+# Distance in Fraunhofer distances 2 D^2/wavelength; quadratic phases are 1e-3 rad.
 FAR = 1000.0
-# Decibels that these phases leave of a curved source; of flat ones some millionths.
+# Error in dB due to quadratic phases of a curved source; 1e-6 dB for flat sources.
 DECIBELS = 1e-3
 
 
 def square(side):
-    """Sides in wavelengths, and wavelengths of 1 m, in all of this file."""
+    """Return a square; all lengths are in wavelengths of 1 m."""
     return pw.shapes.square(side)
 
 
@@ -26,7 +26,7 @@ ROW = pw.phased_array(
     pw.arrays.grid_positions(8, 1, 0.5, 0.5),
     np.exp(2j * np.pi * math.sin(math.pi / 6) * 0.5 * np.arange(8)),
 )
-# A source, its diameter in wavelengths, and angles of the line of sight from both normals.
+# Source, diameter in wavelengths, and angles of the line of sight from both normals.
 LINKS: dict[str, tuple[Any, float, float, float]] = {
     **{f"{side} wavelengths": (square(side), 1.42 * side, 0.25, -0.15) for side in (0.3, 0.47, 1)},
     "3 wavelengths": (square(3.0), 4.25, 0.1, -0.2),
@@ -38,20 +38,20 @@ CASES = [(name, obliquity) for name in LINKS for obliquity in EXACT] + [("curved
 
 
 def along(angle):
-    """At an angle from z towards x."""
+    """Return a direction at an angle from z towards x."""
     return np.array([math.sin(angle), 0.0, math.cos(angle)])
 
 
 def placed(angle, other, distance):
-    """Pose of a source so far off, for a line of sight at these angles from both normals."""
+    """Return the pose of a source at a distance, with these angles to the line of sight."""
     pose = facing(*(distance * along(angle)), angle - other)
-    # seen from there, the first source is at the other angle
+    # The first source is at the other angle from there.
     assert np.allclose(-pose[:3, :3].T @ along(angle), along(other))
     return pose
 
 
 def directivity(source, angle, obliquity):
-    """In dBi."""
+    """Return the directivity in dBi."""
     pattern = pw.radiation_pattern(source, 1.0, angle, 0.0, obliquity=obliquity)  # type: ignore
     return float(pattern["directivity"].values.item())
 
@@ -61,7 +61,7 @@ def decibels(power):
 
 
 def link(name, obliquity):
-    """Source of both ends, the receiver's pose, and Friis' received over radiated power in dB."""
+    """Return both sources, the receiver's pose, and Friis' power ratio in dB."""
     source, diameter, *angles = (LINKS | CURVED)[name]
     distance = FAR * 2 * diameter**2
     gains = sum(directivity(source, angle, obliquity) for angle in angles)
@@ -78,7 +78,7 @@ def test_far_away_a_coupling_is_friis_with_directivities(name, obliquity):
 
 @pytest.mark.parametrize("name", LINKS)
 def test_a_small_plate_far_away_echoes_by_the_radar_equation(name):
-    """|b|^2 = G^2 lambda^2 sigma/((4 pi)^3 r^4), with the plate across the line of sight."""
+    """|b|^2 = G^2 lambda^2 sigma/((4 pi)^3 r^4) for a plate across the line of sight."""
     source, diameter, angle, _ = LINKS[name]
     distance = FAR * 2 * max(diameter, 2.0) ** 2
     plate = square(1.4)
@@ -92,7 +92,7 @@ def test_a_small_plate_far_away_echoes_by_the_radar_equation(name):
 
 @pytest.mark.parametrize("obliquity", EXACT)
 def test_propagating_waves_bring_no_more_than_all(obliquity):
-    """A wavelength apart and aside, where waves that do not propagate have died away."""
+    """At a distance of a wavelength, evanescent waves are negligible."""
     for side in (0.47, 1.0, 3.0):
         poses = [placed(angle, -angle, 1.0 + 2 * side * abs(angle)) for angle in (0.0, 0.3)]
         shares = np.abs(pw.coupling(square(side), square(side), poses, 1.0, obliquity, 1e-4)) ** 2

@@ -1,4 +1,4 @@
-"""Kernels that are traced once give in every later call what they gave in the first."""
+"""Recorded kernels return the same values in every later call."""
 
 import subprocess
 import sys
@@ -13,9 +13,9 @@ pytestmark = pytest.mark.llvm
 
 SQUARE = pw.shapes.square(1.0)
 CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)
-# a kernel runs through the same steps however often it is launched
+# Number of launches of each kernel.
 EXACT = 0.0
-# its errors in double precision, of the area, beside NumPy's
+# Error in double precision relative to the area.
 ROUNDING = 1e-12
 
 
@@ -66,7 +66,7 @@ def test_every_transform_repeats_itself():
 
 
 def test_threads_may_call_the_same_kernels_at_once():
-    """Dr.Jit ends the process where two threads record one function at the same time."""
+    """Dr.Jit crashes if two threads record the same function."""
     sources = [pw.shapes.triangle(1.0, 0.7 + k / 100) for k in range(10)]
     given = [points(200 + 10 * k, k) for k in range(4)]
     expected = [[pw.wigner(s, *p, engine="numpy") for s in sources] for p in given]
@@ -106,7 +106,7 @@ x = backend.Array2f64([0.1, 0.2, 0.3], [0.0, 0.1, 0.2])
 assert np.array_equal(value(x), value(x))
 assert np.allclose(value(x), pw.wigner(pw.shapes.square(1.0), x, nu))
 """
-# Garbage that holds memory of NumPy is not to be collected while a kernel is recorded.
+# Garbage collection of NumPy memory must not run during the recording of a kernel.
 GARBAGE = """
 import gc
 import sys

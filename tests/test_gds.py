@@ -1,4 +1,4 @@
-"""Apertures drawn as GDSII layouts: units, cells, layers, paths."""
+"""GDSII files: units, cells, layers and paths."""
 
 import math
 import struct
@@ -9,12 +9,12 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 
-# GDSII holds whole numbers of database units; the reader makes some ulp of them.
+# GDSII has integer database units, which the reader converts with rounding errors.
 ROUNDING = 1e-12
 
 
 def layout(path):
-    """A cell TOP with 2 x 2 cells PAD, and a cell OTHER; in micrometres, to a nanometre."""
+    """Write cells TOP, with 2 x 2 cells PAD, and OTHER in micrometres with a grid of 1 nm."""
     gdstk = pytest.importorskip("gdstk")
     library = gdstk.Library(unit=1e-6, precision=1e-9)
     pad, top, other = (library.new_cell(name) for name in ("PAD", "TOP", "OTHER"))
@@ -35,7 +35,7 @@ def test_a_layer_of_a_cell_is_read_in_its_own_unit(tmp_path):
     assert pads.bounds == pytest.approx((0, 0, 12e-6, 11e-6), rel=ROUNDING, abs=1e-20)
     paths = pw.read_aperture(path, layer=["TOP", "2/1"])
     assert paths.area == pytest.approx(4 * 4 * 0.5e-12, rel=ROUNDING, abs=0.0)
-    renamed = path.rename(tmp_path / "chip")  # known by its content
+    renamed = path.rename(tmp_path / "chip")  # the content identifies the format
     assert pw.read_aperture(renamed, layer=["TOP", "1/0"]) == pads
 
 
@@ -43,7 +43,7 @@ def test_shapes_of_layers_that_overlap_are_joined_when_asked(tmp_path):
     path = layout(tmp_path / "chip.gds")
     with pytest.raises(GeometryError, match=r"union=True \(--union\)"):
         pw.read_aperture(path, layer="PAD")
-    other = pw.read_aperture(path, layer="OTHER")  # a cut leads to its hole
+    other = pw.read_aperture(path, layer="OTHER")  # a cut connects the hole
     assert other.area == pytest.approx(15e-12, rel=ROUNDING, abs=0.0)
     assert any(len(polygon.interiors) for polygon in np.atleast_1d(other.polygons.geoms))
     joined = pw.read_aperture(path, layer="PAD", union=True)
@@ -90,7 +90,7 @@ def test_a_polygon_of_one_point_is_none(tmp_path):
     assert pw.read_aperture(path).area == pytest.approx(25e-12)
 
 
-# Files written record by record: gdstk writes neither points nor absolute widths.
+# Raw records, because gdstk writes neither points nor absolute widths.
 
 
 def _record(kind: int, data: bytes = b"") -> bytes:
@@ -99,7 +99,7 @@ def _record(kind: int, data: bytes = b"") -> bytes:
 
 
 def _real(value: float) -> bytes:
-    """Eight bytes: sign and exponent of 16, then 56 bits of the fraction."""
+    """Return eight bytes: sign and exponent of 16, then 56 bits of the fraction."""
     exponent = 0
     while value >= 1:
         value, exponent = value / 16, exponent + 1
@@ -129,7 +129,7 @@ SQUARE += _points([(0, 0), (3000, 0), (3000, 3000), (0, 3000), (0, 0)]) + _recor
 
 
 def written(path, **cells: bytes):
-    """A library in micrometres, to a nanometre."""
+    """Write a library in micrometres with a grid of 1 nm."""
     dates = struct.pack(">12h", *[1] * 12)
     out = _record(0x0002, b"\x02\x58") + _record(0x0102, dates) + _record(0x0206, b"LIB")
     out += _record(0x0305, _real(1e-3) + _real(1e-9))
@@ -161,7 +161,7 @@ def test_a_path_with_a_repeated_point_is_that_without(tmp_path):
 
 @pytest.mark.parametrize(("width", "area"), [(500, 4 * 10 * 0.5 * 4), (-500, 4 * 10 * 0.5)])
 def test_a_negative_width_is_not_scaled(tmp_path, width, area):
-    """A path of 10 in a cell that is scaled by 2 in one that is scaled by 2."""
+    """A path of width 10 in two nested cells, each scaled by 2."""
     cells = {"P": _path([(0, 0), (10000, 0)], width, 0), "Q": _reference("P", (0, 0), 2.0)}
     path = written(tmp_path / "a.gds", **cells, TOP=_reference("Q", (0, 0), 2.0, 30.0))
     assert pw.read_aperture(path).area == pytest.approx(area * 1e-12, rel=1e-6, abs=0.0)

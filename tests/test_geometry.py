@@ -1,4 +1,4 @@
-"""Apertures: the same region however it is written, and one clear error where there is none."""
+"""Apertures from equivalent representations, and errors of invalid outlines."""
 
 import copy
 import math
@@ -17,12 +17,12 @@ from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, shapes
 from polywigner.geometry.rings import shoelace
 
-# Tiles that meet in rounded vertices are moved by at most 64 ulp of the largest coordinate.
+# Welding moves rounded vertices by at most 64 ulp of the largest coordinate.
 WELD = 64 * 2.0**-52
 
 
 def _reach(aperture):
-    """Largest change of area by moving the whole outline by the weld's tolerance."""
+    """Return the largest change of area by moving the outline by the welding tolerance."""
     return WELD * float(np.abs(aperture.bounds).max()) * aperture.polygons.length
 
 
@@ -32,9 +32,9 @@ def test_area_is_that_of_the_vertices_in_rational_arithmetic(ring, pose):
     try:
         aperture = Aperture(pose(ring))
     except GeometryError:
-        reject()  # rounding of the pose made the ring touch itself
+        reject()  # after rounding, the ring touches itself
     expected = exact.area(exact.oriented([(pose(ring), [])]))
-    straightening = 1e-14  # vertices that are straight up to 2^-48 area/diameter are dropped
+    straightening = 1e-14  # vertices within 2^-48 area/diameter of a line are removed
     assert aperture.area == pytest.approx(expected, rel=straightening)
 
 
@@ -77,7 +77,7 @@ def test_vertices_that_come_to_lie_on_a_line_once_others_are_dropped_are_dropped
     ]  # fmt: skip
     aperture = Aperture(ring)
     assert Aperture(aperture.polygons) == aperture
-    assert len(aperture.rings[0]) <= 6  # the sixth is off the line by rounding
+    assert len(aperture.rings[0]) <= 6  # the sixth vertex is off the line due to rounding
 
 
 @relaxed
@@ -119,7 +119,7 @@ def test_diameter_centre_and_bounds_are_those_of_the_vertices(aperture):
 @relaxed
 @given(cells(), poses())
 def test_touching_tiles_merge_into_one_outline_of_the_same_area(tiles, pose):
-    """T-junctions and shared edges of rotated tiles meet up to rounding only."""
+    """Shared edges and T-junctions of rotated tiles coincide up to rounding."""
     placed = [pose(tile) for tile in tiles]
     aperture = Aperture(placed)
     total = sum(exact.area(exact.oriented([(tile, [])])) for tile in placed)
@@ -132,18 +132,18 @@ def test_touching_tiles_merge_into_one_outline_of_the_same_area(tiles, pose):
 @relaxed
 @given(st.floats(0.05, 0.95), st.floats(0, 6.3), st.sampled_from([0.0, 1e3]))
 def test_a_rotated_brick_wall_has_no_inner_edges(bond, angle, shift):
-    """Half-bond courses: every corner is a T-junction on the long side of another brick."""
+    """In a half-bond, each corner is a T-junction on the side of another brick."""
     bricks = [square_at(i + bond * (j % 2), j) for i in range(4) for j in range(4)]
     wall = Aperture([rotated(brick, angle) + shift for brick in bricks])
     assert len(wall.rings) == 1
-    assert len(wall.rings[0]) == 16  # four corners at the ends, three steps of two on each side
+    assert len(wall.rings[0]) == 16  # four corners, and three steps of two vertices on each side
     assert wall.area == pytest.approx(16, rel=1e-14 * (1 + shift))
 
 
 @pytest.mark.parametrize("crack", [-4e-16, -1.2e-16, 0.0, 1.2e-16, 4e-16])
 @pytest.mark.parametrize("angle", [0.0, 0.3])
 def test_cracks_and_overlaps_of_some_ulp_close(crack, angle):
-    """A crack would double every edge along it, and cost accuracy as well as time."""
+    """A crack would double the edges along it."""
     halves = [square_at(0, 0), square_at(1 + crack, 0)]
     whole = Aperture([rotated(half, angle) for half in halves])
     assert len(whole.rings) == 1 and len(whole.rings[0]) == 4
@@ -155,7 +155,7 @@ def test_parts_may_touch_in_points_lie_in_holes_and_be_near():
     for outline, rings, area in (
         ([square_at(0, 0), square_at(1, 1)], 2, 2),
         (shapely.MultiPolygon([frame, shapely.box(2, 2, 3, 3)]), 3, 33),
-        ([square_at(0, 0), square_at(1 + 1e-12, 0)], 2, 2),  # a gap beyond rounding
+        ([square_at(0, 0), square_at(1 + 1e-12, 0)], 2, 2),  # a gap larger than rounding
     ):
         assert (len(Aperture(outline).rings), Aperture(outline).area) == (rings, area)
         assert Aperture(outline) != Aperture(CHEVRON)
@@ -272,14 +272,12 @@ def test_the_representation_tells_size_and_place():
     assert "2 parts" in repr(shapes.bow_tie(2, 1))
 
 
-# --- A ring that crosses itself encloses what its winding number says
-
 _lattice = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=9)
 _anywhere = st.lists(st.tuples(st.floats(0, 4), st.floats(0, 4)), min_size=3, max_size=9)
 
 
 def _turns(ring, point):
-    """Winding number as the sum of the angles under which the point sees the edges."""
+    """Return the winding number as the sum of the angles of the edges."""
     x, y = (ring - point).T
     angle = np.arctan2(
         x * np.roll(y, -1) - np.roll(x, -1) * y, x * np.roll(x, -1) + y * np.roll(y, -1)
@@ -291,13 +289,13 @@ def _off_edges(ring, count):
     points = np.random.default_rng(3).random((count, 2)) * np.ptp(ring, axis=0) + ring.min(axis=0)
     edges = np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)
     outline = shapely.MultiLineString(list(edges[np.any(edges[:, 0] != edges[:, 1], axis=1)]))
-    with np.errstate(all="ignore"):  # GEOS divides by the length of edges that underflow
+    with np.errstate(all="ignore"):  # GEOS divides by edge lengths that underflow
         gaps = shapely.distance(outline, shapely.points(points))
     return points[gaps > 1e-6 * np.ptp(ring)]
 
 
 def _aperture(ring, rule):
-    """None where the ring encloses nothing by this rule."""
+    """Return the aperture, or None if the rule gives an empty region."""
     try:
         return Aperture.from_ring(ring, winding=rule)
     except GeometryError as error:

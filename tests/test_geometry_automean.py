@@ -1,4 +1,4 @@
-"""The automean is where lag slices are not empty; slices are what exact arithmetic finds."""
+"""The automean contains the centres of non-empty lag slices; slices agree with exact arithmetic."""
 
 import numpy as np
 import pytest
@@ -12,10 +12,10 @@ from outlines import CHEVRON, apertures, cells, inside_rings, poses, relaxed, sa
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, automean, lag_slice, position_slice, shapes, triangulate
 
-# Outlines of the automean are rounded to 2^-44 of its size, or of its distance from the origin.
+# Outlines are rounded to 2^-44 of the size, or of the distance from the origin.
 GRID = 2.0**-43
 
-# Slices are clipped by shapely in double precision.
+# Shapely clips slices in double precision.
 CLIPPING = 1e-13
 
 
@@ -52,7 +52,7 @@ def test_a_convex_aperture_is_its_own_automean(sides, radius, pose):
 @relaxed
 @given(cells(), poses())
 def test_the_automean_of_tiles_has_no_cracks_and_no_slivers(tiles, pose):
-    """Unit cells mean to cells of half the pitch: whatever remains is a multiple of 1/4."""
+    """Midpoints of unit cells form cells of half the pitch: areas are multiples of 1/4."""
     aperture = Aperture([pose(tile) for tile in tiles])
     side = np.hypot(*np.subtract(*pose(tiles[0])[:2]))
     mean = automean(aperture)
@@ -65,7 +65,7 @@ def test_the_automean_of_tiles_has_no_cracks_and_no_slivers(tiles, pose):
 
 
 def test_the_chevron_spans_an_automean_of_known_area():
-    """Parallelograms P, Q: (P + Q)/2 is a hexagon that fills the notch by a rhombus."""
+    """For parallelograms P and Q, the hexagon (P + Q)/2 adds a rhombus in the notch."""
     mean = automean(Aperture(CHEVRON))
     rhombus = shapely.Polygon([(1, 0), (1.5, 0.25), (1, 0.5), (0.5, 0.25)])
     expected = shapely.Polygon(CHEVRON).union(rhombus)
@@ -113,7 +113,7 @@ def test_slices_of_a_rectangle_are_the_rectangles_of_the_closed_form(x, y):
 @relaxed
 @given(apertures())
 def test_slices_are_symmetric_about_their_origin(aperture):
-    """xi -> -xi exchanges the two copies: lag slices are even, position slices even in xi."""
+    """xi -> -xi exchanges the copies: lag slices and position slices are even."""
     x = aperture.convex_cover[0].mean(axis=0)
     lags = lag_slice(aperture, x)
     flipped = shapely.transform(lags, np.negative)
@@ -138,9 +138,7 @@ def test_a_point_has_two_finite_components(point):
             cut(shapes.square(1.0), point)
 
 
-# --- The convex cover and the triangulation tile the aperture exactly, with its own vertices
-
-# A piece's half-planes may miss this fraction of the aperture's area (rounding-level dents).
+# Fraction of the area that a half-plane of a piece may exclude.
 DENT = 2.0**-48
 
 
@@ -151,7 +149,7 @@ def _area(ring):
 
 
 def _deepest_dent(piece):
-    """How far any vertex lies right of any edge's line, in rational arithmetic."""
+    """Return the largest distance of a vertex to the right of an edge, in rational arithmetic."""
     points = [(rational(x), rational(y)) for x, y in piece]
     deepest = 0.0
     for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1], strict=True):

@@ -1,4 +1,4 @@
-"""Apertures drawn as Gerber layers: areas by hand, order of dark and clear, and what is refused."""
+"""Gerber files: areas, order of dark and clear objects, and errors."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ import pytest
 import polywigner as pw
 from polywigner.errors import FileFormatError
 
-# Sums of some hundred vertices, scaled from mm to metres.
+# Rounding of sums of some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
 
-# Chords this near, in metres; of arcs whose vertices lie on them, the area is less by at most
-# their length times this.
+# Distance of chords from arcs in metres; times the length of the arcs, a bound of the area.
 TOLERANCE = 1e-9
 
 HEAD = "G04 A board*\n%FSLAX33Y33*%\n%MOMM*%\n"
@@ -46,11 +45,11 @@ def test_a_patch_and_its_feed_by_region_and_by_stroke_are_the_same(read) -> None
 @pytest.mark.parametrize(
     ("body", "square_mm", "length_mm"),
     [
-        # A capsule; two at a right angle, whose common corner counts once.
+        # A capsule, and two capsules at a right angle with a common end.
         ("%ADD10C,2*%D10*X0Y0D02*G01X10000D01*", 20 + math.pi, 2 * math.pi),
         ("%ADD10C,2*%D10*X0Y0D02*X10000D01*Y10000D01*", 39 + 5 * math.pi / 4, 3 * math.pi),
         ("%ADD10C,2*%D10*X0Y0D02*D01*", math.pi, 0),
-        # Arcs of radius 10 and width 1; a turn to the left, the long way right, and a full turn.
+        # Arcs of radius 10 and width 1: a left turn, a long right turn, and a full circle.
         ("%ADD10C,1*%D10*G75*X10000Y0D02*G03X0Y10000I-10000J0D01*", 5.25 * math.pi, 40),
         ("%ADD10C,1*%D10*G75*X10000Y0D02*G02X0Y10000I-10000J0D01*", 15.25 * math.pi, 120),
         ("%ADD10C,1*%D10*G75*X10000Y0D02*G03X10000Y0I-10000J0D01*", 20 * math.pi, 0),
@@ -107,12 +106,12 @@ def test_units_and_suppressed_zeros_are_those_of_the_file(read) -> None:
     assert inch.area == pytest.approx(0.0254**2, rel=ROUNDING, abs=0.0)
     trailing = read("%ADD10R,1X1*%D10*X00015Y-2D03*", head="%FSTAX33Y33*%%MOMM*%")
     assert trailing.bounds == pytest.approx((-0.35e-3, -200.5e-3, 0.65e-3, -199.5e-3), rel=1e-12)
-    # Old programs write both in one, and transformations that change nothing.
+    # Older files combine both commands, and contain identity transformations.
     neutral = "%FSLAX33Y33*MOMM*%%IPPOS*OFA0.0B0.0*%%SRX1Y1I0J0*%%LR0*%G71*"
     assert read(square, head=neutral).area == pytest.approx(1e-6, rel=ROUNDING, abs=0.0)
 
 
-# Bounds of a rectangle of 4 x 1 about (5, 0), turned by 30 degrees.
+# Bounds of a rectangle of 4 x 1 about (5, 0), rotated by 30 degrees.
 ACROSS, UP = math.sqrt(3) + 0.25, 1 + math.sqrt(3) / 4
 TURNED = (5 - ACROSS, -UP, 5 + ACROSS, UP)
 

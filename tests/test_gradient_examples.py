@@ -1,4 +1,4 @@
-"""The examples of derivatives do what they say."""
+"""The examples of derivatives."""
 
 import runpy
 from pathlib import Path
@@ -8,10 +8,10 @@ import pytest
 
 import polywigner as pw
 
-pytestmark = [pytest.mark.llvm, pytest.mark.slow]  # whole optimisations
+pytestmark = [pytest.mark.llvm, pytest.mark.slow]  # complete optimisations
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-# Of the largest component: a gradient in float32 against differences in float64.
+# Float32 gradients against float64 differences, relative to the largest component.
 DIFFERENCES = 1e-4
 
 
@@ -20,7 +20,7 @@ def _example(*path):
 
 
 def test_the_outline_of_the_design_has_lower_sidelobes_than_a_disc():
-    """By the transform of plain apertures in NumPy, where the loss did not look as well."""
+    """The NumPy transform is independent of the loss."""
     example = _example("inverse_design", "inverse_design.py")
     rings, history = example["shaped_aperture"](steps=40)
     angle = np.radians(np.linspace(9, 80, 500))

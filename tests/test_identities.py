@@ -1,4 +1,4 @@
-"""Physics against physics: what the transforms of any aperture must obey."""
+"""Physical laws of the transforms of any aperture, and independent reference values."""
 
 import math
 from collections import defaultdict
@@ -14,12 +14,10 @@ from oracles.references import ENGINES, aperture, read_json
 
 @pytest.mark.parametrize("name", disc.QUANTITIES)
 def test_polygons_approach_the_disc_at_their_order(name):
-    """Largest errors over some directions; of few of them, which side is cut where is chance."""
+    """Return the largest errors over several directions."""
     mean_order = disc.orders(disc.errors(name, (32, 64, 128, 256))).mean()
     assert mean_order == pytest.approx(disc.QUANTITIES[name][2], abs=0.25)
 
-
-# --- Transforms of sources with tapers, steering and waves of their own, against direct quadrat
 
 ELL = pw.Aperture([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
 
@@ -45,11 +43,11 @@ def test_fourier_transform_of_a_placed_aperture_with_waves():
     assert np.abs(pw.fourier(moved, nu) - 2 * expected).max() < 2e-13 * np.abs(expected).max()
 
 
-# --- Reference values: two independent methods agree on them to 6.5e-16 of the area
+# Two independent methods agree within 6.5e-16 of the area.
 
-# Relative to the area: what the package promises.
+# Stated accuracy relative to the area.
 TOLERANCE = 1e-12
-# The oracles against values that were found independently of them.
+# Error of the oracles relative to independent values.
 ORACLE_TOLERANCE = 2e-15
 
 
@@ -58,7 +56,7 @@ def _complex(pair):
 
 
 def _polygons(shape):
-    """The three ways in which the files write a shape."""
+    """Return the three representations of a shape in the files."""
     if "polygons" in shape:
         return [(np.array(p["outer"]), list(map(np.array, p["holes"]))) for p in shape["polygons"]]
     if np.ndim(shape["vertices"]) == 3:
@@ -68,7 +66,7 @@ def _polygons(shape):
 
 @lru_cache(maxsize=8)
 def _grouped(name, kind=None):
-    """(polygons, cases) of each shape in a file."""
+    """Return (polygons, cases) of each shape in a file."""
     data, groups = read_json(name), defaultdict(list)
     for case in data["cases"]:
         if kind is None or case["kind"] == kind:
@@ -89,7 +87,7 @@ def _at_real_frequencies(cases):
 
 
 def _frequencies(cases):
-    """The file writes exp(+i q.r); ours is exp(-2 pi i nu.x)."""
+    """The file has exp(+i q.r) instead of exp(-2 pi i nu.x)."""
     return np.array([[real for real, _ in case["q"][:2]] for case in cases]) / (-2 * math.pi)
 
 
@@ -117,7 +115,7 @@ def test_fourier_transforms_have_their_reference_values():
 
 
 def test_the_oracle_has_the_reference_values():
-    """They come from two methods, of which the other one integrates over scanlines."""
+    """The second method integrates over scan lines."""
     for kind, x, nu, transform in (
         ("W", "x", "nu", exact.wigner),
         ("A", "upsilon", "xi", exact.ambiguity),

@@ -1,4 +1,4 @@
-"""Tapers, steering and fits: their fields, and the lobes of these fields."""
+"""Fields and lobes of tapers, steering and fitted fields."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, IlluminationError
 
-# Sums of up to 33 waves of amplitude below 1, each a few ulp wrong; fields are of size 1.
+# Rounding of sums of up to 33 waves, relative to a field of size 1.
 ROUNDING = 1e-14
 
 A, B = 10e-3, 6e-3  # lengths along x and y
@@ -14,7 +14,7 @@ WAVELENGTH = 3.189e-3
 
 
 def points(dimension=2, count=200):
-    """Positions in the rectangle A x B, or in the interval A, the edges among them."""
+    """Return positions in the rectangle A x B, or in the interval A, including its edges."""
     inside = np.random.default_rng(5).uniform(-0.5, 0.5, (count, dimension))
     edges = np.array([[-0.5, 0.5], [0.5, 0.0], [0.5, -0.5], [0.0, 0.0]])[:, :dimension]
     return np.concatenate([inside, edges]) * [A, B][:dimension]
@@ -25,7 +25,7 @@ def far_field(aperture, field, nu):
 
 
 def sidelobe_levels(pattern):
-    """Heights in dB under the first sample, which is the main lobe's peak, of all later maxima."""
+    """Return the levels in dB of all later maxima, relative to the first sample."""
     level = 20 * np.log10(np.abs(pattern) / abs(pattern[0]))
     inner = level[1:-1]
     return inner[(inner > level[:-2]) & (inner > level[2:])]
@@ -90,25 +90,25 @@ def test_a_mode_of_a_guide_is_the_product_of_its_half_periods(m, n):
         np.testing.assert_allclose(across(x), np.cos(m * u) * np.sin(n * v), atol=ROUNDING)
 
 
-# Stretching the zeros lowers the first sidelobe a little, by 0.63 dB in the worst case below.
+# Stretching the zeros lowers the first sidelobe by up to 0.63 dB.
 TAYLOR_TOLERANCE = 0.7
 
 
 @pytest.mark.parametrize(("sll", "nbar"), [(20, 3), (30, 4), (60, 13)])
 def test_sidelobes_of_a_taylor_taper_are_as_low_as_asked_for(sll, nbar):
     slit = pw.Slits([-A / 2, A / 2])
-    nu = np.linspace(0, 39.9987 / A, 8001)[:, None]  # off the zeros, which have no level
+    nu = np.linspace(0, 39.9987 / A, 8001)[:, None]  # not at zeros, whose level is minus infinity
     pattern = far_field(slit, pw.taylor_taper(A, sll=sll, nbar=nbar, dimension=1), nu)
     levels = sidelobe_levels(pattern)
     assert -sll - TAYLOR_TOLERANCE < levels[0] <= -sll
     assert (np.diff(levels) < 0).all()
-    # beyond n-bar they fall like those of a uniform line source, 1/|nu|
+    # Beyond n-bar, sidelobes decrease like those of a uniform line source, as 1/|nu|.
     far = levels[-10:] - 20 * np.log10(1 / np.linspace(30.5, 39.5, 10))
     assert np.ptp(far) < 0.5
 
 
 def grid(nx=25, ny=17, centre=(0, 0)):
-    """Points up to the edges of A x B."""
+    """Return points up to the edges of A x B."""
     x, y = np.linspace(-A / 2, A / 2, nx), np.linspace(-B / 2, B / 2, ny)
     return np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2) + centre
 
@@ -170,10 +170,8 @@ def test_fields_are_subtracted_and_divided_as_numbers_are():
         one - 1
 
 
-# --- turns
-
 ANGLE = 0.7
-# Of W and of fields of a few waves: what rounding the vertices and the frequencies leaves.
+# Rounding of vertices and frequencies, for W and for fields of a few waves.
 TURNED = 1e-13
 
 

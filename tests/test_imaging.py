@@ -1,4 +1,4 @@
-"""Images in partly coherent light: overlaps of polygons, limits, and sums over the source."""
+"""Partially coherent images: overlaps of polygons, limits, and sums over the source."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ TRIANGLE = pw.Aperture([(-1.0, -0.8), (1.2, -0.5), (0.1, 1.3)])
 
 
 def sampled(places: Any, lags: Any, defocus: float) -> Any:
-    """P of a pair of segments with piston and tilt at places + lags."""
+    """Return the pupil function P of two segments with piston and tilt at points."""
     x = places + lags
     field = np.zeros(x.shape[:-1], np.complex128)
     for sign, weight, kappa in ((-1, 1.0, (0.0, 0.0)), (1, 0.6j, (0.3, -0.2))):
@@ -106,7 +106,7 @@ def test_small_condensers_are_coherent_and_large_ones_incoherent() -> None:
     wide = pw.shapes.square(10.0)
     incoherent = pw.transmission_cross_coefficient(pupil, wide, first, second, 0.3, 1.0)
     shift = pw.otf(pupil, first - second, 0.3, 1.0) * pupil.area / wide.area
-    # the origin of the pupil is in the middle between both copies
+    # The origin of the pupil is halfway between both copies.
     assert np.abs(incoherent) == pytest.approx(np.abs(shift), abs=EXACT)
 
 
@@ -117,7 +117,7 @@ PERIOD = np.array([[6.0, 0.0], [2.0, 7.0]]) * 1e-6
 
 
 def abbe(mask: Any, points: Any, source: Any, defocus: float, background: float = 0.0) -> Any:
-    """Image as a sum of coherent images, one for each place of the source."""
+    """Return the image as a sum of coherent images over points of the source."""
     reciprocal = np.linalg.inv(PERIOD).T
     numbers = np.stack(np.meshgrid(*2 * [np.arange(-8, 9)]), axis=-1).reshape(-1, 2)
     orders = numbers @ reciprocal
@@ -168,7 +168,7 @@ LENS: Any = (PUPIL, CONDENSER, [(0.0, 0.0), (2e-6, 2e-6), (1e-6, 0.0)], WAVELENG
 def test_crossed_bars_are_their_union_and_their_overlap_is_refused() -> None:
     union = CROSSED[0] | CROSSED[1]
     dark = pw.partially_coherent_image(union, (6e-6, 6e-6), *LENS, transmission=0, background=1)
-    # what is clear beside the bars: a square in each period
+    # The clear part next to the bars is a square in each period.
     clear = pw.shapes.square(5e-6).moved((3e-6, 3e-6))
     expected = pw.partially_coherent_image(clear, (6e-6, 6e-6), *LENS)
     assert dark == pytest.approx(expected, abs=EXACT)
@@ -197,7 +197,7 @@ def test_a_mask_that_overlaps_its_copies_is_refused(mask: Any, period: Any) -> N
 
 
 def test_a_mask_wider_than_its_period_may_leave_room_for_its_copies() -> None:
-    """A bar at 30 degrees passes between its copies."""
+    """A bar at 30 degrees passes between its periodic copies."""
     bar = pw.shapes.rectangle(9e-6, 0.5e-6).turned(np.pi / 6)
     image = pw.partially_coherent_image(bar, (6e-6, 6e-6), *LENS)
     assert np.isfinite(image).all()
@@ -215,7 +215,7 @@ def test_clear_light_is_one_and_a_fine_grating_is_grey() -> None:
     how: Any = (PUPIL, CONDENSER, [(0.0, 0.0), (3e-7, 1e-7)], WAVELENGTH, DISTANCE)
     clear = pw.partially_coherent_image(cell, (1e-6, 1e-6), *how)
     assert clear == pytest.approx(1.0, abs=1e-12)
-    half = pw.shapes.rectangle(0.25e-6, 0.5e-6)  # orders beyond the pupil
+    half = pw.shapes.rectangle(0.25e-6, 0.5e-6)  # diffraction orders beyond the pupil
     grey = pw.partially_coherent_image(half, (0.5e-6, 0.5e-6), *how)
     assert grey == pytest.approx(0.25, abs=1e-12)
 
@@ -248,7 +248,7 @@ def test_tilts_of_all_segments_move_the_spot_and_pistons_do_not() -> None:
     x = np.random.default_rng(5).uniform(-0.02, 0.02, (20, 2))
     slope = np.array([4e-4, -2e-4])
     centres = np.array([part.centroid.coords[0] for part in MIRROR.polygons.geoms])
-    # one plane wave over all is a tilt of each segment, and its step at their middles
+    # A plane wave is a tilt of each segment, with steps between their centres.
     tilted = pw.segmented_pupil(MIRROR, length, centres @ slope + 3e-5, slope)
     plain = pw.psf(MIRROR, x, length, focus)
     assert pw.psf(tilted, x + focus * slope, length, focus) == pytest.approx(plain, rel=1e-9)

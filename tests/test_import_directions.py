@@ -1,8 +1,7 @@
-"""The architecture as a test: imports run only downwards through the rooms, and each of the two
-heavy libraries has one home.
+"""Imports between subpackages, and the subpackages that import Dr.Jit and Mitsuba.
 
-Every import is read from the syntax tree, so one inside a function counts like one at the top,
-and so do ``from polywigner import name``, ``pw.name`` and ``importlib.import_module("...")``.
+Imports inside functions count, and so do ``from polywigner import name``, ``pw.name`` and
+``importlib.import_module("...")``.
 """
 
 import ast
@@ -17,14 +16,14 @@ import pytest
 import polywigner
 
 PACKAGE = Path(polywigner.__file__).parent
-# The public names may name every room, lazily.
+# ``__init__.py`` imports all subpackages lazily.
 FILES = {
     file: path.read_text(encoding="utf-8")
     for path in sorted(PACKAGE.rglob("*.py"))
     if (file := path.relative_to(PACKAGE).as_posix()) != "__init__.py"
 }
 
-# A room may import from those above it in this list, never from those below or beside it.
+# A subpackage may import from rows above its own only.
 ROOMS = [
     ("errors", "interruption"),
     ("quantities", "citations", "numerics"),
@@ -39,7 +38,7 @@ ROOMS = [
     ("reception",),
     ("scattering", "rays"),
     ("radar",),
-    ("mitsuba", "testing"),  # `testing` is for users: it checks the public transforms
+    ("mitsuba", "testing"),  # ``testing`` checks the public transforms
     ("figures",),
     ("explorer",),
     ("cli",),
@@ -47,19 +46,19 @@ ROOMS = [
 ]
 LEVEL = {name: level for level, names in enumerate(ROOMS) for name in names}
 
-# Library -> rooms that may import it.
+# Library -> subpackages that may import it.
 HOMES = {
     "drjit": {
         "execution",
         "llvm",
         "mitsuba",
-    },  # the plugin's sampling code is Dr.Jit code by nature
+    },  # the plugins compute with Dr.Jit
     "mitsuba": {"mitsuba"},
 }
 
-# Files that run before anything is installed, or before Dr.Jit's library is chosen.
+# Files that run before the installation of libraries, or before the selection of LLVM.
 STANDARD_LIBRARY_ONLY = {
-    # drjit: in require_drjit() only, after a library has been selected
+    # require_drjit() imports drjit after the selection of LLVM.
     "llvm.py": ("polywigner.errors", "polywigner.interruption", "drjit"),
     "errors.py": (),
     "interruption.py": (),
@@ -67,10 +66,10 @@ STANDARD_LIBRARY_ONLY = {
 
 
 def imports_of(text: str, package: str, at_run_time: bool = False) -> Iterator[str]:
-    """Absolute dotted names of everything that a module imports, wherever it stands.
+    """Yield the absolute dotted names of all imports of a module.
 
-    ``package`` is the module's package, for relative imports. ``at_run_time``: without what only a
-    type checker imports.
+    ``package`` is the module's package, for relative imports. ``at_run_time`` excludes imports for
+    type checkers.
     """
     aliases = {"polywigner"}
     nodes = [node for node, runs in nodes_of(text) if runs or not at_run_time]
@@ -100,7 +99,7 @@ def imports_of(text: str, package: str, at_run_time: bool = False) -> Iterator[s
 
 @cache
 def nodes_of(text: str) -> list[tuple[ast.AST, bool]]:
-    """The nodes of a module that imports are read from, and whether they run."""
+    """Return the syntax nodes that may contain imports, and whether they run."""
     result: list[tuple[ast.AST, bool]] = []
     left: list[tuple[ast.AST, bool]] = [(ast.parse(text), True)]
     while left:
@@ -121,7 +120,7 @@ def is_for_type_checkers(node: ast.If) -> bool:
 
 
 def dynamic_import(call: ast.Call) -> Iterator[str]:
-    """The module that ``import_module("...")`` or ``__import__("...")`` names, its literal part."""
+    """Yield the literal name in ``import_module("...")`` or ``__import__("...")``."""
     function = call.func
     name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
     if name not in ("import_module", "__import__") or not call.args:
@@ -138,16 +137,16 @@ def room_of(file):
 
 
 def room_imported(name):
-    """The room that a dotted name leads into; None for what lies outside the package."""
+    """Return the subpackage of a dotted name, or None outside of the package."""
     parts = name.split(".")
     if parts[0] != "polywigner" or len(parts) < 2:
         return None
-    public = polywigner._HOMES.get(parts[1])  # `from polywigner import wigner` is transforms'
+    public = polywigner._HOMES.get(parts[1])  # `from polywigner import wigner`
     return public.split(".")[1] if public and "." in public else parts[1]
 
 
 def breaches(text, file):
-    """What a module imports against the rules."""
+    """Return the forbidden imports of a module."""
     room = room_of(file)
     package = ".".join(["polywigner", *file.split("/")[:-1]])
     result = []
@@ -182,11 +181,8 @@ def test_what_runs_before_the_set_up_needs_the_standard_library_only(file):
     assert foreign == []
 
 
-# --- The modules of the package import each other in no circle, inside functions neither
-
-
 def module_imported(name, modules):
-    """The module of the package in which a dotted name stands: a public name in its room."""
+    """Return the module that defines a dotted name."""
     parts = name.split(".")
     if parts[0] == "polywigner" and len(parts) > 1 and parts[1] in polywigner._HOMES:
         parts = [*polywigner._HOMES[parts[1]].split("."), *parts[1:]]
@@ -196,10 +192,10 @@ def module_imported(name, modules):
 
 
 def graph_of(texts):
-    """Module -> modules that it imports, from {path in the package: source text}.
+    """Return the imported modules of each module, from {path in the package: source text}.
 
-    Importing ``a.b.c`` runs ``a/__init__.py`` and ``a/b/__init__.py`` as well, so these count too,
-    but for the packages that the importing module stands in.
+    Importing ``a.b.c`` also runs ``a/__init__.py`` and ``a/b/__init__.py``, unless they contain the
+    importing module.
     """
     names = {
         path: ".".join(["polywigner", *path.removesuffix(".py").split("/")]).removesuffix(
@@ -226,4 +222,4 @@ def graph_of(texts):
 
 
 def test_imports_run_in_no_circle():
-    TopologicalSorter(graph_of(FILES)).prepare()  # raises CycleError with the modules of a circle
+    TopologicalSorter(graph_of(FILES)).prepare()  # raises CycleError for cyclic imports

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command with exit code 130 and one line, and leaves nothing unfinished."""
+"""Ctrl-C ends a command with exit code 130 and one line, and leaves no incomplete files."""
 
 import os
 import subprocess

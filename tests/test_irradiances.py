@@ -1,4 +1,4 @@
-"""Irradiance by Wigner rays and by exact fields, against diffraction integrals and each other."""
+"""Irradiance by Wigner rays and by exact fields, against diffraction integrals."""
 
 import warnings
 from typing import Any
@@ -13,7 +13,7 @@ from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
 
 CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
-# In wavelengths: 10 mm at 94 GHz
+# 10 mm at 94 GHz in wavelengths.
 SIDE = 10e-3 / (299792458 / 94e9)
 SQUARE = pw.shapes.square(SIDE)
 
@@ -38,10 +38,10 @@ SOURCES: dict[str, Any] = {
 VALUES = {v["id"]: v["value"] for v in read_json("propagation")["values"]}
 ACCURATE = 1e-6  # the rtol of the reference values
 
-# The power of the distance with which errors fall, and how nearly so from 40 to 80 wavelengths.
+# Order of the error in the distance, and its tolerance between 40 and 80 wavelengths.
 POWER, NEARLY = 2, 0.1
-# Kirchhoff's mean of both integrals, for waves that leave at different angles, has a term of the
-# next lower power, which vanishes for sources that are symmetric about their centre.
+# Kirchhoff's mean of both integrals has an error of the next lower order for waves in different
+# directions, which vanishes for symmetric sources.
 UNSYMMETRIC = ("array with waves", "kirchhoff")
 
 
@@ -66,7 +66,7 @@ def test_rays_have_their_reference_values(name, obliquity):
     assert result == pytest.approx(VALUES[name], rel=ACCURATE)
 
 
-# Each condition with one wave and with several; parts and arrays are sums of the same terms.
+# Each condition with one and with several waves.
 CASES = [("square", "kirchhoff"), ("steered", "rayleigh-sommerfeld-1")]
 CASES += [("evanescent wave", "kirchhoff"), ("three waves", "rayleigh-sommerfeld-2")]
 CASES += [UNSYMMETRIC]
@@ -94,7 +94,7 @@ def test_points_on_the_source_whose_rays_pass_between_all_nodes_have_no_error_es
     with pytest.warns(PolywignerWarning, match="tolerance is not met"):
         result, error = pw.irradiance_with_error(square, points, 3.2e-3)
     exact = pw.irradiance(square, points, 3.2e-3, "auto")
-    assert (np.abs(result - exact) > 0.5).all()  # of 1
+    assert (np.abs(result - exact) > 0.5).all()  # relative to 1
     assert np.isinf(error).all()
 
 
@@ -103,7 +103,7 @@ def test_points_beside_the_source_have_one_however_low_they_are():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*rough approximation")
         result, error = pw.irradiance_with_error(pw.shapes.square(10e-3), (8e-3, 0.0, 1e-8), 3.2e-3)
-    assert 0 < result < 1e-12 and error < 1e-15  # as the square of the height
+    assert 0 < result < 1e-12 and error < 1e-15  # square of the height
 
 
 @pytest.mark.llvm
@@ -181,12 +181,12 @@ def test_points_may_have_any_shape_and_one_point_gives_a_number():
 
 
 def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused():
-    """Lobes of a strip of 400 wavelengths, far off its axis, where W turns hundreds of times."""
+    """W oscillates hundreds of times at lobes of a strip of 400 wavelengths far off its axis."""
     strip, wavelength = pw.shapes.rectangle(1.0, 0.02), 2.5e-3
     lobes = 2000.0 * on_arc(1.0, [30.04, 45.0, 45.02])
     result = pw.irradiance(strip, lobes, wavelength, tolerance=1e-7)
     exact = pw.irradiance(strip, lobes, wavelength, "rayleigh-sommerfeld-1", tolerance=1e-12)
-    # of leading order, at 5 L^2/wavelength
+    # leading order, at 5 L^2/wavelength
     assert result == pytest.approx(exact, rel=1e-3, abs=0.0)
     with pytest.raises(ArgumentError, match="too large for Wigner rays"):
         pw.irradiance(pw.shapes.square(1.0), (0.5, 0.0, 2.0), 1e-5)

@@ -1,4 +1,4 @@
-"""All kinds of sources against all laws, on all engines: one table, in `laws`."""
+"""Laws of all transforms for all kinds of sources on all engines; ``laws`` has the table."""
 
 from typing import Any
 
@@ -11,10 +11,9 @@ import polywigner as pw
 from oracles import kinds
 from oracles.references import numpy_and_few
 
-# Of a bound on the function, all waves and elements in phase: some roundings of sums of few terms;
-# in single precision of phases of some turns as well.
+# Rounding relative to a bound of the function, in single precision also of phases.
 TOLERANCE = {"double": 2e-14, "single": 3e-6}
-# Vertices and phases at 7000 sizes from the origin are rounded; tables of weights interpolate.
+# Rounding of positions at 7000 diameters from the origin, and interpolation of weight tables.
 LARGER = {
     "product, far away": 5e-13,
     "lattice of any weights": 2e-13,
@@ -22,7 +21,7 @@ LARGER = {
     "long row of any weights": 2e-13,
 }
 COHERENT = [name for name in laws.SOURCES if "partly" not in name]
-# On compiled engines, where a kernel takes half a second: each a kernel or a list of its own.
+# Sources for compiled engines, on which a kernel takes half a second.
 COMPILED = [
     "chevron",
     "30-gon",
@@ -69,7 +68,7 @@ def place_of(function, at):
     ),
 )
 def test_transforms_are_those_of_exact_slices(name, precision, engine):
-    """Where edges of the copies coincide or nearly do, and elsewhere; at all sizes of nu."""
+    """Frequencies of all sizes, at coincident and nearly coincident edges and elsewhere."""
     at, source = laws.hard_points(name), laws.source_of(name)
     for function in kinds.FUNCTIONS:
         if function == "fourier" and isinstance(source, pw.Wavefront):
@@ -90,18 +89,18 @@ def test_the_stored_values_are_those_of_exact_slices(function):
         assert error <= 1e-15 * laws.scale_of(name, function)
 
 
-# Parts 60 sizes apart are too far for sums over positions; waves may differ by 4 cycles at most.
+# Parts 60 diameters apart are too far for sums over positions; waves differ by up to 4 cycles.
 INTEGRALS = [
     *("chevron", "two squares", "collection", "scattered", "three waves", "tapered slits"),
     *("row of slits", "overlapping", "leaning", "tapered, steered lattice"),
     *("row of slits, any weights", "curved", "partly coherent"),
 ]
-# Of int |u|^2 times the area: sums over 10^4 points of a function with kinks, 1e-4 at most.
+# Error of sums over 10^4 points of a function with kinks, relative to int |u|^2 times the area.
 LATTICE, POINTS = 5e-4, 10946
 
 
 def lattice(name):
-    """Points of a rank-1 lattice around the source, and the measure of each."""
+    """Return the points of a rank-1 lattice around the source, and the area of each point."""
     corners = np.concatenate([laws.corners_of(outline) for outline, _ in laws.elements_of(name)])
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     k = np.arange(POINTS)
@@ -111,7 +110,7 @@ def lattice(name):
 
 @pytest.mark.parametrize("name", INTEGRALS)
 def test_w_and_a_integrate_to_products_of_spectra_and_are_bounded_by_the_energy(name):
-    """int W exp(-2 pi i upsilon.x) dx = F(nu + upsilon/2) F*(nu - upsilon/2), and so does A."""
+    """int W exp(-2 pi i upsilon.x) dx = F(nu + upsilon/2) F*(nu - upsilon/2)."""
     source, (low, size, unit, cell) = laws.source_of(name), lattice(name)
     d = len(low)
     nu = laws.elements_of(name)[0][1][0][1] + np.full(d, 0.4) / size.max()
@@ -126,7 +125,7 @@ def test_w_and_a_integrate_to_products_of_spectra_and_are_bounded_by_the_energy(
     assert np.abs(a).max() <= energy.real + 1e-12 * scale
     mirrored = pw.ambiguity(source, -upsilon, -xi)
     assert np.abs(mirrored - a.conj()).max() < 1e-12 * scale
-    if "partly" in name:  # spectra of light with a phase only
+    if "partly" in name:  # partially coherent light has no amplitude spectrum
         return
     expected = pw.fourier(source, nu + upsilon / 2) * pw.fourier(source, nu - upsilon / 2).conj()
     by_position = cell * w @ np.exp(-2j * np.pi * x @ upsilon)
@@ -145,7 +144,7 @@ def test_moving_turning_and_scaling_a_source_only_change_coordinates(name):
     scale = 1.0 if d == 1 else scale
     there = there.moved(shift)
     nu, phase = at.nu @ turn.T / scale, np.exp(-2j * np.pi * at.nu @ turn.T / scale @ shift)
-    # positions where corners of the copies meet are rounded anew
+    # Positions where corners of the copies coincide are rounded again.
     allowed = 1e-11 * scale**d * laws.scale_of(name, "wigner")
     w = pw.wigner(there, scale * at.x @ turn.T + shift, nu)
     assert np.abs(w - scale**d * pw.wigner(source, at.x, at.nu)).max() < allowed
@@ -156,8 +155,9 @@ def test_moving_turning_and_scaling_a_source_only_change_coordinates(name):
 @pytest.mark.parametrize("name", ["chevron", "far away", "three waves", "curved", "slits"])
 @pytest.mark.parametrize("defocus", [0.0, 0.75])
 def test_transfer_functions_have_the_properties_of_images_of_points(name, defocus):
-    """1 at no lag, Hermitian, zero beyond the pupil, and in focus the lag marginal over int |u|^2;
-    the conjugate field at the opposite defocus has the conjugate one."""
+    """1 at zero lag, Hermitian, and zero beyond the pupil. In focus, the lag marginal over int
+    |u|^2. The conjugate field has the conjugate OTF at the opposite defocus.
+    """
     source, xi = laws.source_of(name), laws.hard_points(name).xi
     d = xi.shape[1]
     otf = pw.otf(source, xi, defocus)
@@ -183,7 +183,7 @@ def test_the_autocorrelation_is_the_product_of_the_fields(name, engine):
     """u(x + xi/2) u*(x - xi/2), times the degree of coherence."""
     source, at = laws.source_of(name), laws.hard_points(name)
     rng = np.random.default_rng(8)
-    # around places where corners meet, as near as slivers need it
+    # Points close to coincident corners, up to the distance that slivers require.
     places = [np.repeat(p, 30, axis=0) for p in (at.x, at.xi)]
     reach = laws.size_of(name) * 10.0 ** rng.uniform(-7, 0, (len(places[0]), 1))
     x, xi = (p + reach * rng.normal(size=p.shape) for p in places)
@@ -196,12 +196,12 @@ def test_the_autocorrelation_is_the_product_of_the_fields(name, engine):
 
 
 def allowed_turns(at):
-    """What rounding of places loses of phases, in turns."""
+    """Return the phase error in cycles due to rounding of positions."""
     return float(np.abs(at.x).max() * np.abs(at.nu).max() * np.finfo(float).eps)
 
 
 def layouts(places, listed, sides):
-    """Numbers of places and of frequencies that broadcast together; a grid follows a list."""
+    """Return pairs of broadcast shapes; a grid follows a list."""
     place, nu = np.arange(places), np.arange(listed)
     grid = listed + np.arange(np.prod(sides)).reshape(sides)
     return {
@@ -215,9 +215,8 @@ def layouts(places, listed, sides):
     }
 
 
-# One of each kernel that sums over points in a way of its own: edges as code, by lists of pairs, in
-# one frame or several; weights, fields, products, lattices and tables; slits; curved and partly
-# coherent light.
+# One source for each kernel with a loop over points: edges as code and by lists of pairs, one and
+# several frames, weights, products, lattices, tables, slits, curved and partially coherent light.
 LAYOUTS = [
     *("chevron", "30-gon", "holes", "nearly parallel", "distant parts", "collection"),
     *("overlapping", "lattice"),
@@ -241,7 +240,7 @@ LAYOUTS = [
     ),
 )
 def test_the_layout_of_points_changes_no_value(name, precision, engine):
-    """What is no number stays in its row and column; nothing is found far away."""
+    """NaN stays in its row and column, and values at large distances are zero."""
     source, at = laws.source_of(name), laws.hard_points(name)
     how: Any = {"precision": precision, "engine": engine}
     size, d = laws.size_of(name), at.x.shape[1]
@@ -271,12 +270,12 @@ def test_the_layout_of_points_changes_no_value(name, precision, engine):
             assert not each[3, ~bad].any() and not np.isnan(each[:2, ~bad]).any()
 
 
-# Central differences over two steps, extrapolated: their error, of the largest derivative.
+# Relative error of extrapolated central differences.
 STEP, GRADIENTS = 2.0**-16, 1e-8
 
 
 def engine_points(values, double=True):
-    """Points (n, d) as an array of the engine."""
+    """Return points (n, d) as an array of the engine."""
     import drjit.llvm.ad as backend
 
     if values.shape[1] == 1:
@@ -285,13 +284,13 @@ def engine_points(values, double=True):
 
 
 def read(array):
-    """The components of an array of the engine, a row each."""
+    """Return the components of an array of the engine, one per row."""
     parts = [array.real, array.imag] if "Complex" in type(array).__name__ else array
     return np.atleast_2d(np.array(parts))
 
 
 def moved(source, step, change):
-    """The source with its vertices and weights changed."""
+    """Return the source with changed vertices and weights."""
     if isinstance(source, pw.Array):
         sizes = np.cumsum([sum(map(len, e.rings)) for e in source.elements])
         parts = np.split(change["vertices"], sizes[:-1])
@@ -308,7 +307,7 @@ def moved(source, step, change):
 
 
 def own_parameters(source):
-    """The numbers that a source of the plane may be differentiated in."""
+    """Return the differentiable parameters of a source."""
     if isinstance(source, pw.Array):
         rings = [ring for element in source.elements for ring in element.rings]
         return {"vertices": np.concatenate(rings), "weights": source.weights}
@@ -316,7 +315,7 @@ def own_parameters(source):
 
 
 def total_of(value, seed):
-    """A weighted sum over samples of real and imaginary parts."""
+    """Return a weighted sum of real and imaginary parts over samples."""
     if (hasattr(value, "imag") and not isinstance(value, np.ndarray)) or np.iscomplexobj(value):
         value = value.real + 0.7 * value.imag
     return (value * seed).sum() if isinstance(value, np.ndarray) else value * type(value)(seed)
@@ -351,7 +350,7 @@ SLOW_IN_POINTS = ["30-gon", "steered", "tapered slits", "partly coherent"]
     ],
 )
 def test_gradients_are_those_of_differences(name, function, changes):
-    """In positions, lags and frequencies; and in vertices and weights."""
+    """Derivatives in positions, lags, frequencies, vertices and weights."""
     import drjit as dr
     import drjit.llvm.ad as backend
 
@@ -412,7 +411,7 @@ def test_gradients_are_those_of_differences(name, function, changes):
     ],
 )
 def test_arrays_of_the_engine_give_arrays_of_the_engine_with_the_same_values(name, precision):
-    """Vectors and tensors; few samples, which are recorded, and many, which may be sorted."""
+    """Vectors and tensors, few samples that are recorded, and many samples that are sorted."""
     import drjit.llvm as backend
 
     source, at, double = laws.source_of(name), laws.hard_points(name), precision == "double"

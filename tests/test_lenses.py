@@ -1,4 +1,4 @@
-"""Lenses: point spread functions and transfer functions, by closed forms and by each other."""
+"""Point spread functions and transfer functions of lenses."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from polywigner.errors import ArgumentError
 WAVELENGTH, FOCUS = 0.5e-6, 0.1
 PUPIL = pw.shapes.disc(5e-3, n=6)
 SQUARE = pw.shapes.square(10e-3)
-# A unit of length in the image: the width of a square's main lobe is two of them.
+# Half width of the main lobe of a square pupil in the image.
 UNIT = WAVELENGTH * FOCUS / 10e-3
 ROUNDING = 1e-12
 
@@ -31,13 +31,13 @@ def test_in_focus_it_is_the_square_of_the_transform_with_unit_power():
 
 @pytest.mark.parametrize("defocus", [0.0, 0.7])
 def test_its_fourier_transform_is_the_transfer_function(defocus):
-    """The OTF of a small pupil lies within 10 mm of lag: by the sampling theorem sums are exact.
+    """The OTF vanishes beyond lags of 10 mm, so sums over a lattice are exact.
 
-    They leave out the light outside of the lattice, which falls off with the third power of its
-    size for a pupil that vanishes at its edges.
+    The truncation error decreases as the third power of the lattice size for a pupil that vanishes
+    at its edges.
     """
     pupil = pw.shapes.square(4e-3)
-    # cos x + 0.4 sin 2x, times cos y: brighter on one side, which tells defocus from its opposite
+    # cos x + 0.4 sin 2x, times cos y: without symmetry in the sign of the defocus.
     waves = [(s * (1 + n), t) for n in (0, 1) for s in (-1, 1) for t in (-1, 1)]
     field = [0.25] * 4 + [-0.1j * s for s in (-1, -1, 1, 1)]
     pupil = pupil.with_illumination(pw.Illumination(field, 125.0 * np.array(waves)))
@@ -52,7 +52,7 @@ def test_its_fourier_transform_is_the_transfer_function(defocus):
 
 
 def test_a_square_out_of_focus_has_the_strehl_ratio_of_fresnels_integral():
-    """(int exp(2 pi i w t^2) dt/2)^4 over t from -1 to 1, w at the middle of a side."""
+    """(int exp(2 pi i w t^2) dt/2)^4 over t from -1 to 1, with w at the centre of a side."""
     at, weights = np.polynomial.legendre.leggauss(40)
     for waves in (0.1, 0.5, -1.3):
         expected = abs(np.exp(2j * np.pi * waves * at**2) @ weights / 2) ** 4
@@ -70,7 +70,7 @@ def test_light_of_several_colours_is_their_mean():
 
 
 def test_a_square_pupil_has_the_triangle_of_its_overlap():
-    """1 - lambda f nu/D along its sides, 0 from 200 cycles/mm on."""
+    """1 - lambda f nu/D along its sides, zero from 200 cycles/mm."""
     nu = np.array([0.0, 50.0, 120.0, 200.0, 350.0])
     frequency = np.stack([1e3 * nu, 0 * nu], axis=-1)
     result = pw.mtf(SQUARE, frequency, 0.5e-6, 0.1)
@@ -78,7 +78,7 @@ def test_a_square_pupil_has_the_triangle_of_its_overlap():
 
 
 def test_white_light_is_the_modulus_of_the_mean_otf():
-    """The aberration in metres is one: in waves, it is larger at shorter wavelengths."""
+    """An aberration in metres has more waves at shorter wavelengths."""
     frequency, lengths, weights = np.array([60e3, 20e3]), np.array([0.4e-6, 0.7e-6]), [1.0, 3.0]
     mean = (0.4e-6 + 3 * 0.7e-6) / 4
     parts = [

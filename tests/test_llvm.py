@@ -1,5 +1,4 @@
-"""An LLVM library is tested in a child process and selected before Dr.Jit is imported, and
-installed with apt-get on request."""
+"""Test, selection and installation of LLVM libraries before Dr.Jit is imported."""
 
 import json
 import os
@@ -13,7 +12,7 @@ import pytest
 from polywigner import llvm as module
 from polywigner.errors import EngineError
 
-# Stands for a library that cannot compile a minimum: LLVM 15 and 16 print this, and abort.
+# Simulates LLVM 15 and 16, which print this text and abort at a minimum.
 ABORTING_KERNELS = """
 import os, sys
 print("LLVM ERROR: Cannot select: 0x55: f32 = fminimum 0x56, 0x57", file=sys.stderr, flush=True)
@@ -23,7 +22,7 @@ os.abort()
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    """A machine of the test alone, with an empty system, environment, home and cache."""
+    """An empty system, environment, home and cache."""
     monkeypatch.delenv(module.LIBRARY_VARIABLE, raising=False)
     monkeypatch.delenv(module.OFF_VARIABLE, raising=False)
     for variable in ("XDG_CACHE_HOME", "HOME"):
@@ -43,14 +42,11 @@ def library(folder, name, content="not a library"):
 
 @pytest.fixture
 def probes(machine, monkeypatch):
-    """Return the number of child processes so far; the kernels abort in each of them."""
+    """Return the number of child processes, whose kernels abort."""
     log = machine / "probes"
     note = f"with open({str(log)!r}, 'a') as log: log.write('.')\n"
     monkeypatch.setattr(module, "_KERNELS", note + ABORTING_KERNELS)
     return lambda: len(log.read_text()) if log.exists() else 0
-
-
-# --- search ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -74,7 +70,7 @@ def test_a_link_and_its_target_share_the_version_that_one_of_them_contains(tmp_p
     library(tmp_path, "libLLVM-16.so.1")
     (tmp_path / "libLLVM.so").symlink_to("libLLVM-16.so.1")
     assert module.version_of_name(str(tmp_path / "libLLVM.so")) == (16,)
-    # as on Ubuntu 24.04, where libLLVM-18.so leads to llvm-18/lib/libLLVM.so.1
+    # As on Ubuntu 24.04, where libLLVM-18.so links to llvm-18/lib/libLLVM.so.1.
     library(tmp_path / "a", "libLLVM.so.1")
     (tmp_path / "libLLVM-18.so").symlink_to("a/libLLVM.so.1")
     assert module.version_of_name(str(tmp_path / "libLLVM-18.so")) == (18,)
@@ -90,9 +86,6 @@ def test_the_variable_comes_first_then_the_environment_then_the_newest_of_the_sy
     assert module.libraries() == [named, in_environment, system[1], system[2], system[0]]
 
 
-# --- probes ------------------------------------------------------------------------------------
-
-
 def test_a_library_of_an_old_version_is_refused_without_a_probe(machine, probes):
     for name in ("libLLVM-16.so.1", "libLLVM-14.0.6.so.1"):
         _, problem = module.probe(library(machine, name))
@@ -101,9 +94,7 @@ def test_a_library_of_an_old_version_is_refused_without_a_probe(machine, probes)
 
 
 def test_a_bad_library_ends_the_child_process_only(bad_llvm, machine, monkeypatch):
-    monkeypatch.setattr(
-        module, "version_of_name", lambda path: None
-    )  # only the kernels can show it
+    monkeypatch.setattr(module, "version_of_name", lambda path: None)  # only kernels show the fault
     version, problem = module.probe(bad_llvm)
     assert version is None and "end the process: LLVM ERROR" in problem
 
@@ -142,13 +133,10 @@ def test_a_probe_that_is_interrupted_or_opens_no_library_is_not_cached(
     assert not list((machine / "home").rglob("*.json"))
 
 
-# --- selection ---------------------------------------------------------------------------------
-
-
 def python(code, **variables):
-    """Return the last line that a new Python process prints, read as JSON, and its stderr."""
+    """Return the last output line of a new Python process, parsed as JSON, and its stderr."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    environment.pop(module.OFF_VARIABLE, None)  # a run of all tests may have it set
+    environment.pop(module.OFF_VARIABLE, None)  # may be set for all tests
     done = subprocess.run(
         [sys.executable, "-c", code],
         env={**environment, **variables},
@@ -195,7 +183,7 @@ print(json.dumps([prepare().usable, float(value), message, backend]))
 """
     (usable, value, message, backend), errors = python(code, POLYWIGNER_NO_LLVM="1")
     assert not usable and not backend and errors == ""
-    # W(0, 0) of a square of side 2: the lag slice is twice the square, of area 16.
+    # W(0, 0) of a square of side 2: the lag slice has an area of 16.
     assert value == pytest.approx(16.0, rel=1e-12)
     assert "switched off by POLYWIGNER_NO_LLVM. Unset" in message
 
@@ -281,7 +269,7 @@ def test_each_supported_version_may_be_installed():
     assert {f"libllvm{number}" for number in supported} <= set(module._LLVM)
 
 
-# Stands for apt: offers nothing before `update`, then libatomic1, and LLVM from a file $LLVM.
+# Simulates apt-get: finds packages after `update` only, and copies LLVM from a file $LLVM.
 APT = """#!/bin/sh
 echo "$(basename "$0") $* [$DEBIAN_FRONTEND]" >> "$SYSTEM/diary"
 case "$*" in
@@ -304,7 +292,7 @@ esac
 
 @pytest.fixture
 def apt(bare_machine, monkeypatch):
-    """The diary of the stand-in for apt on a bare machine, as root."""
+    """Return the log of the simulated apt-get on a bare machine."""
     for tool in ("apt-get", "apt-cache"):
         Path(library(bare_machine / "bin", tool, APT)).chmod(0o755)
     monkeypatch.setenv("PATH", f"{bare_machine / 'bin'}{os.pathsep}/usr/bin{os.pathsep}/bin")

@@ -1,4 +1,4 @@
-"""Memory is bounded by what is given and what is returned, whatever the number of samples."""
+"""Bounds of memory for any number of samples."""
 
 import sys
 import time
@@ -14,12 +14,11 @@ import polywigner as pw
 from oracles.references import numpy_and_few
 
 MIB = 1 << 20
-# Beside the result: two chunks, of which one is computed and one on its way. Copies took 64 more.
+# MiB of two chunks in addition to the result; copies took 64 MiB more.
 CHUNK = 40 * MIB
-# Sums over elements or waves hold some arrays of a block of 2^19 samples. Of all samples they
-# would be 200 to 450 MiB.
+# MiB of blocks of 2^19 samples in sums over elements or waves; all samples would take 200 to 450.
 BLOCK = 100 * MIB
-# Of sums in single precision, whose largest value is 3.
+# Single precision, for a largest value of 3.
 ROUNDING = 1e-5
 
 
@@ -29,7 +28,7 @@ ROUNDING = 1e-5
 )
 def test_no_copy_of_all_samples_is_made(form, engine):
     rng, count = np.random.default_rng(3), 1 << 22
-    # Single precision: four expanded components would take 64 MiB, and 128 MiB in double precision.
+    # Four expanded components would take 64 MiB, and 128 MiB in double precision.
     x: Any = rng.random((count, 2), dtype=np.float32) - 0.5
     nu: Any = rng.random((count, 2), dtype=np.float32)
     if form == "outer product":
@@ -38,7 +37,7 @@ def test_no_copy_of_all_samples_is_made(form, engine):
         x = x[0]
     square = pw.shapes.square(1.0)
     how = {"engine": engine, "precision": "single"}
-    pw.wigner(square, (0.0, 0.0), nu[:512], **how)  # what is made once
+    pw.wigner(square, (0.0, 0.0), nu[:512], **how)  # fill the caches
     result, peak = peak_of(pw.wigner, square, x, nu, **how)
     assert result.size == count
     assert peak < result.nbytes + CHUNK
@@ -50,8 +49,8 @@ def peak_of(transform, *arguments, **how):
         result = transform(*arguments, **how)
         return result, tracemalloc.get_traced_memory()[1]
     finally:
-        # Threads of Dr.Jit let go of NumPy's arrays a little later. CPython may end the process if
-        # they do so while tracing stops (gh-128679).
+        # Threads of Dr.Jit release NumPy arrays later. CPython may crash if this happens while
+        # tracing stops (gh-128679).
         if "drjit" in sys.modules:
             sys.modules["drjit"].sync_thread()
             wait_for_threads()
@@ -59,7 +58,7 @@ def peak_of(transform, *arguments, **how):
 
 
 def wait_for_threads():
-    """Until no memory has been let go of for a while: Dr.Jit does not tell when it has done so."""
+    """Wait until no memory is released any more; Dr.Jit does not report this event."""
     before, quiet = -1, 0
     for _ in range(200):
         now = tracemalloc.get_traced_memory()[0]
@@ -88,10 +87,8 @@ def test_sums_of_transforms_hold_some_samples_at_a_time(source):
 
 
 def test_threads_share_the_lists_of_pairs_of_edges(monkeypatch):
-    """As those in which Mitsuba loads the sources of a scene file."""
-    older = deque(
-        ({}, number, 0) for number in range(20_000)
-    )  # so that looking through it takes long
+    """Mitsuba loads the sources of a scene file in threads."""
+    older = deque(({}, number, 0) for number in range(20_000))  # the search takes long
     monkeypatch.setattr("polywigner.kernels.cut.winding._cached", older)
     outlines = [pw.shapes.regular_polygon(20 + k, 1.0) for k in range(20)]
     x, nu = np.random.default_rng(0).uniform(-0.4, 0.4, (2, 50, 2))

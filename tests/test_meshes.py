@@ -1,6 +1,6 @@
-"""Bodies from STL, PLY and OBJ files: closed surfaces, concave faces, corners equal up to rounding.
+"""Bodies from STL, PLY and OBJ files: closed surfaces, concave faces and rounded corners.
 
-Areas and volumes come from the shoelace formula on the numbers that are written.
+Reference areas and volumes are computed with the shoelace formula.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from polywigner.errors import (
 
 DATA = Path(__file__).parent / "data" / "readers"
 
-# Sums of some ten products of coordinates that are exact in decimal, scaled to metres.
+# Rounding of sums of ten products, scaled to metres.
 ROUNDING = 1e-12
 
 COMB = [(0, 0), (7, 0), (7, 4), (6, 4), (6, 1), (4, 1), (4, 5), (3, 5), (3, 1), (1, 1), (1, 3),
@@ -32,7 +32,7 @@ COMB = [(0, 0), (7, 0), (7, 4), (6, 4), (6, 1), (4, 1), (4, 5), (3, 5), (3, 1), 
 ARROW = [(0, 0), (4, 1), (0, 2), (1, 1)]
 SPIRAL = [(0, 0), (6, 0), (6, 6), (1, 6), (1, 2), (4, 2), (4, 4), (3, 4), (3, 3), (2, 3), (2, 5),
           (5, 5), (5, 1), (0, 1)]  # fmt: skip
-# Corners on straight lines, the first one included.
+# Some corners lie on straight lines.
 STRAIGHT = [(2, 0), (4, 0), (4, 3), (2, 3), (2, 2), (1, 2), (0, 2), (0, 0)]
 RINGS = {"comb": COMB, "arrow": ARROW, "spiral": SPIRAL, "straight": STRAIGHT}
 
@@ -43,7 +43,7 @@ def shoelace(ring) -> float:
 
 
 def prism(ring, height: float, first: int = 0):
-    """Vertices and faces of a prism, whose lids begin at the corner `first`."""
+    """Return vertices and faces of a prism, whose lids begin at the corner `first`."""
     n = len(ring)
     points = [(*p, z) for z in (0, height) for p in ring]
     lid = [(first + k) % n for k in range(n)]
@@ -58,7 +58,7 @@ def obj(points, faces) -> bytes:
 
 
 def ply(points, faces, form: str = "ascii", extra: bool = False) -> bytes:
-    """`extra`: normals of vertices, and an edge and values of faces around the list."""
+    """Return a PLY file; ``extra`` adds normals, edges and further properties of faces."""
     order = {"binary_big_endian": ">", "binary_little_endian": "<", "ascii": ""}[form]
     head = ["ply", f"format {form} 1.0", f"element vertex {len(points)}"]
     head += [f"property double {axis}" for axis in "xyz"]
@@ -78,7 +78,7 @@ def ply(points, faces, form: str = "ascii", extra: bool = False) -> bytes:
 
 
 def stl(corners) -> bytes:
-    """Text; corners (n, 3, 3)."""
+    """Return a text file for triangles (n, 3, 3)."""
     facets = [
         "facet normal 0 0 0\nouter loop\n"
         + "".join(f"vertex {x!r} {y!r} {z!r}\n" for x, y, z in triangle)
@@ -94,7 +94,7 @@ def binary_stl(corners) -> bytes:
 
 
 def box(a, b, inverted: bool = False) -> np.ndarray:
-    """The twelve triangles of a box between two corners."""
+    """Return the twelve triangles of a box between two corners."""
     points = np.array(list(itertools.product(*zip(a, b, strict=True))), float)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = points[[t for q in quads for t in (q[:3], (q[0], q[2], q[3]))]]
@@ -195,6 +195,12 @@ def test_obj_corners_count_back_and_carry_textures_and_normals(written) -> None:
     assert sum(s.aperture.area for s in pw.read_sheets(path)) == pytest.approx(6e-6)
 
 
+def test_obj_files_with_free_form_surfaces_are_refused(written) -> None:
+    text = b"v 0 0 0\nv 3 0 0\nv 3 2 0\nf 1 2 3\nsurf 0 1 0 1 1 2 3\n"
+    with pytest.raises(FileFormatError, match="free-form curves or surfaces"):
+        pw.read_sheets(written("a.obj", text))
+
+
 def test_a_face_that_is_not_planar_is_warned_of_and_stays_closed(written) -> None:
     points, faces = prism([(0, 0), (3, 0), (3, 2), (0, 2)], 1)
     points[6, 2] = 1.25
@@ -269,13 +275,13 @@ APART = ((20, 0, 0), (22, 3, 4))
 
 @pytest.mark.parametrize("turned", list(itertools.product([False, True], repeat=4)))
 def test_each_closed_surface_is_oriented_by_what_lies_around_it(written, turned) -> None:
-    """A box with a cavity that holds another box, and a box apart, each inside out or not."""
+    """A box with a cavity that contains another box, and a separate box, each inside out or not."""
     boxes = [box(*ends, t) for ends, t in zip((OUTER, INNER, CORE, APART), turned, strict=True)]
     body = pw.read_polyhedron(written("a.stl", stl(np.concatenate(boxes))))
     assert body.volume == pytest.approx((729 - 125 + 9 + 24) * 1e-9, rel=ROUNDING, abs=0.0)
     corners = body.vertices[body.triangles]
     normals = np.cross(*np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0))
-    flux = (normals * corners.mean(axis=1)).sum() / 6  # of x by the divergence theorem, 3 V
+    flux = (normals * corners.mean(axis=1)).sum() / 6  # divergence theorem for x: 3 V
     assert flux == pytest.approx(body.volume, rel=1e-9)
 
 
@@ -293,7 +299,7 @@ def test_a_surface_in_a_body_that_faces_the_same_way_is_warned_of(written) -> No
 
 @pytest.mark.parametrize("inverted", [False, True])
 def test_bodies_that_touch_or_overlap_are_no_cavities(written, inverted: bool) -> None:
-    """A box in a notch, along an edge, and half inside another one."""
+    """A box in a notch, along an edge, and half inside another box."""
     notched = prism([(0, 0), (9, 0), (9, 9), (6, 9), (6, 6), (3, 6), (3, 9), (0, 9)], 9)
     triangles = pw.Polyhedron(*notched)
     notch = triangles.vertices[triangles.triangles]
@@ -320,7 +326,7 @@ def test_a_box_has_its_volume_and_its_transform_is_a_product_of_sinc(written, ki
 
 
 def test_a_pierced_body_keeps_its_tunnel(written) -> None:
-    """A frame of 6 x 6 with a tunnel of 2 x 2, 1 high: outer and inner sides, two lids of four."""
+    """A frame of 6 x 6 with a tunnel of 2 x 2 and a height of 1."""
     rings = [[(-s, -s), (s, -s), (s, s), (-s, s)] for s in (3, 1)]
     points = [(*p, z) for z in (0, 1) for ring in rings for p in ring]
     faces = []
@@ -334,7 +340,7 @@ def test_a_pierced_body_keeps_its_tunnel(written) -> None:
 
 
 def test_scenes_take_stl_meshes_in_their_pose(written, tmp_path: Path) -> None:
-    """Two boxes behind each other, the second one mirrored, met by rays."""
+    """Rays hit two boxes, of which the second is mirrored."""
     pm = pytest.importorskip("polywigner.mitsuba")
     import mitsuba as mi
 
@@ -370,7 +376,7 @@ def test_the_unit_says_what_one_stands_for(written) -> None:
 
 
 def test_polygons_become_triangles_and_texture_seams_close(written) -> None:
-    """A pyramid on a quad, with a seam: vertices repeated for the sake of a texture."""
+    """A pyramid with a texture seam, along which vertices are repeated."""
     path = written(
         "pyramid.obj",
         b"mtllib missing.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nv 0 0 0\nv -0 1 0\n"
@@ -443,7 +449,7 @@ def test_what_is_no_body_raises_one_error(tmp_path: Path, name: str) -> None:
 
 
 def test_open_meshes_are_plates_of_what_lies_in_one_plane(tmp_path: Path) -> None:
-    path = tmp_path / "open.obj"  # a box without its lid, all sides of two triangles, but one
+    path = tmp_path / "open.obj"  # a box without its lid
     corners = [(x, y, z) for x in (0, 3) for y in (0, 2) for z in (0, 1)]
     quads = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5"]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {quad}" for quad in quads]
@@ -451,7 +457,7 @@ def test_open_meshes_are_plates_of_what_lies_in_one_plane(tmp_path: Path) -> Non
     with pytest.raises(GeometryError, match="read_sheets"):
         pw.read_polyhedron(path, "m")
     plates = pw.read_sheets(path, "m")
-    turned = path.read_text().replace("f 5 7 8 6", "f 5 7 8\nf 6 8 5")  # a facet's other side
+    turned = path.read_text().replace("f 5 7 8 6", "f 5 7 8\nf 6 8 5")  # opposite orientation
     path.write_text(turned)
     assert len(pw.read_sheets(path, "m")) == len(plates)
     assert sorted(round(plate.area, 9) for plate in plates) == [2, 2, 3, 3, 6]

@@ -1,4 +1,4 @@
-"""The emitter alone: its radiance, its sampling, its power."""
+"""Radiance, sampling and power of the emitter."""
 
 import drjit as dr
 import numpy as np
@@ -29,7 +29,7 @@ from polywigner.mitsuba.plugins.samplers import Positions
 
 pytestmark = pytest.mark.drjit
 
-# h(theta) = g/cos(theta) of each name, written out.
+# h(theta) = g/cos(theta) of each obliquity.
 FACTORS = {
     "rayleigh-sommerfeld-1": lambda c: c,
     "kirchhoff": lambda c: ((1 + c) / 2) ** 2 / c,
@@ -62,7 +62,7 @@ def test_nothing_is_radiated_to_the_back(estimator):
 
 
 def test_powers_scale_the_radiance_from_the_radiated_power_or_the_area():
-    """The field as it is, 1 W/m^2, radiates the one and has the other as int |u|^2."""
+    """An unscaled field of 1 W/m^2 has both powers."""
     mi = use("scalar_rgb")
     x, direction = draws(10, 0.004)
     default = evaluated(mi, emitter_of(light()), x / MILLIMETRE, direction)
@@ -78,7 +78,7 @@ def test_powers_scale_the_radiance_from_the_radiated_power_or_the_area():
         ("scalar_rgb", {}),
         ("scalar_rgb", {"estimator": "exact"}),
         pytest.param("llvm_ad_mono", {}, marks=pytest.mark.llvm),
-        # colours share the density of positions
+        # Channels share the density of positions.
         pytest.param(*SPECTRAL.values, {}, marks=SPECTRAL.marks),
     ],
 )
@@ -94,7 +94,7 @@ def test_sampled_directions_agree_with_density_and_evaluation(variant, how):
         radiance = np.array(emitter.eval_direction(it, ds, True), dtype=float)
         assert density == pytest.approx(np.array(ds.pdf, dtype=float), rel=1e-5)
         assert np.array(weight, dtype=float) * density == pytest.approx(radiance, rel=1e-4)
-        ray = it.spawn_ray_to(ds.p)  # the shadow ray of Mitsuba's integrators
+        ray = it.spawn_ray_to(ds.p)  # shadow ray of Mitsuba's integrators
         end = np.array(ray.o + ray.d * ray.maxt)
         expected = np.array(it.p + ds.d * ds.dist)
         assert end == pytest.approx(expected.reshape(end.shape), abs=1e-4)
@@ -122,7 +122,7 @@ def test_sampled_directions_follow_their_density_by_chi_square(llvm):
         pdf_func=density,
         sample_count=1_000_000,
         res=51,
-        ires=64,  # the density ends abruptly at the aperture's edges
+        ires=64,  # the density is discontinuous at the edges
     )
     assert test.run(), test.messages
 
@@ -143,7 +143,7 @@ def test_an_aperture_far_from_the_origin_keeps_its_pattern(llvm):
     emitter = emitter_of(pwm.aperture(source, WAVELENGTH, scene_unit=1.0, to_world=placed))
     frame = placed[:3, :3]
     _, direction = draws(2000, 0.0, seed=5)
-    # What single precision makes of the receivers' positions is theirs, not the emitter's.
+    # The positions of receivers have rounding errors in single precision.
     points = (origin + distance * direction @ frame.T).astype(np.float32).astype(float)
     it = mi.Interaction3f()
     it.p = vectors(mi, "Point", points)
@@ -167,8 +167,6 @@ def test_identical_apertures_and_receivers_stay_apart():
     assert (len(scene.emitters()), len(scene.sensors())) == (3, 2)
 
 
-# ---- positions in the aperture -------------------------------------------------------------------
-
 TURN = np.array([[0.8, -0.6], [0.6, 0.8]])
 APERTURES = {
     "square": pw.shapes.square(0.01),
@@ -181,14 +179,14 @@ APERTURES = {
     ),
 }
 
-# Float32 tables and a few hundred roundings of cumulated areas.
+# Float32 tables, and rounding of a few hundred cumulated areas.
 ROUNDING = 1e-5
-# A grid of 200 x 200 midpoints integrates the quadratic functions below to (1/200)^2 per trapezoid.
+# Error (1/200)^2 of quadratic functions on a grid of 200 x 200 midpoints.
 GRID, GRID_ERROR = 200, 2e-3
 
 
 def moments(aperture):
-    """Means of x, y, x^2, xy, y^2, exactly, from triangles."""
+    """Return the exact means of x, y, x^2, xy and y^2 from triangles."""
     vertices, triangles = pw.geometry.triangulate(aperture)
     corners = vertices[triangles]
     edges = corners[:, 1:] - corners[:, :1]
@@ -200,7 +198,7 @@ def moments(aperture):
 
 
 def mapped_grid(mi, positions):
-    """Images of the midpoints of a grid on the unit square, (n, 2)."""
+    """Return the images (n, 2) of the midpoints of a grid on the unit square."""
     middles = (np.arange(GRID) + 0.5) / GRID
     u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles, indexing="ij"))
     return np.array(positions.sample(mi.Point2f(mi.Float(u), mi.Float(v))), dtype=float).T

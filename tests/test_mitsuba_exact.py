@@ -1,4 +1,4 @@
-"""Light by the exact field of a source: the estimator ``exact`` of the emitter."""
+"""The estimator ``exact`` of the emitter."""
 
 from functools import cache
 
@@ -56,18 +56,18 @@ SOURCES = {
     "different elements": DIFFERENT,
 }
 
-# What the documentation promises, over the peak of the irradiance.
+# Stated accuracy relative to the peak of the irradiance.
 ERROR = 1e-4
-# Places in single precision, in the scene and in the frame of a source, move fringes.
+# Positions in single precision move fringes.
 PLACES = 3e-4
-# Of a render: the same value at all samples, but for the size of a pixel.
+# Error of a render with equal samples: the size of a pixel.
 PIXEL = 1e-3
-# 64 x 64 strata of a sample: an edge of a shadow crosses 64 of them.
+# 64 x 64 strata of a sample, of which a shadow edge crosses 64.
 STRATA = 1 / 64
 
 
 def received(mi, emitter, points, seed=1):
-    """Received power density at points (mm, world): (n,) in W/m^2, by one sample each."""
+    """Return the power density (n,) in W/m^2 at points in mm, by one sample each."""
     it = mi.Interaction3f()
     samples = np.random.default_rng(seed).uniform(size=(len(points), 2))
     if mi.variant().startswith("scalar"):
@@ -83,7 +83,7 @@ def received(mi, emitter, points, seed=1):
 
 
 def floor_points(height, count=200):
-    """On a floor, within two heights of the axis, on the axis, and in the beam of OBLIQUE (m)."""
+    """Return points on a floor around the axis and in the beam of OBLIQUE, in m."""
     wide = 2 * max(height, 0.01)
     points = np.random.default_rng(4).uniform(-wide, wide, (count, 3))
     points[0, :2] = 0.0
@@ -92,7 +92,7 @@ def floor_points(height, count=200):
     return points
 
 
-# Nearer than equivalent sources reach, and from just where they begin.
+# Closer than the equivalent sources, and at their smallest distance.
 HEIGHTS = (0.2 * WAVELENGTH, 2 * WAVELENGTH, 3.01 * WAVELENGTH, 0.05, 0.3, 5.0)
 
 
@@ -131,10 +131,7 @@ def test_light_is_the_squared_field_of_the_radiated_power_in_any_pose_and_varian
 
 
 def spot(entry, integrator, height, more=None, spp=4, tilt=0.0):
-    """Irradiance of a white floor on the axis, from the picture of a hundredth of a millimetre.
-
-    ``tilt``: of the floor, in degrees.
-    """
+    """Return the irradiance on the axis of a white floor with a tilt in degrees."""
     scene = scene_of(
         sensor=camera((0, 0, height - 2), (0, 0, height), 1, 0.005)
         | {"sampler": {"type": "multijitter"}},
@@ -146,13 +143,13 @@ def spot(entry, integrator, height, more=None, spp=4, tilt=0.0):
     return float(np.pi * image[0, 0, 0])
 
 
-# Distance (mm) from where the cosine differs by 2e-4 over the source.
+# Distance in mm from which the cosine varies by 2e-4 over the source.
 FAR = 250.0
 
 
 @cache
 def on_axis(height):
-    """|U|^2 of the square (mm)."""
+    """Return |U|^2 of the square at a height in mm."""
     place = (0.0, 0.0, height * MILLIMETRE)
     return float(pw.irradiance(SQUARE, place, WAVELENGTH, method="rayleigh-sommerfeld-1"))
 
@@ -192,7 +189,7 @@ def test_near_by_the_cosine_is_the_mean_over_the_places_of_the_source(llvm):
     ("source", "shade", "share"),
     [
         (SQUARE, 2.0, 0.3),
-        # of cos^2 over 12 mm from -6 to -3: u + sin(2 pi u)/(2 pi) from -1/2 to -1/4
+        # cos^2 over 12 mm from -6 to -3: u + sin(2 pi u)/(2 pi) from -1/2 to -1/4
         (HORN, 3.0, 0.25 - 1 / (2 * np.pi)),
     ],
 )
@@ -268,7 +265,7 @@ def test_curved_waves_are_exact_near_and_far(llvm):
     assert (np.abs(seen - exact).max(axis=1) < ERROR * exact.max(axis=1)).all()
 
 
-# Of samples of 2^14 places and waves, by their own spread: one of ten thousand is farther off.
+# Relative to the standard deviation of 2^14 samples, exceeded once in ten thousand.
 SPREADS = 4.0
 CHEVRON = pw.shapes.chevron(5e-3, 5e-3, 2e-3)
 
@@ -285,7 +282,7 @@ def test_far_away_signed_radiance_has_the_mean_of_the_exact_fields(source, how, 
         seen = received(mi, emitter, np.tile(place, (1 << 14, 1)))
         point = np.multiply(place, MILLIMETRE)
         exact = pw.irradiance(source, point, WAVELENGTH, METHODS[0], **how) / emitter.spec.norm
-        # a surface has the cosine of a receiver in addition
+        # A surface has the cosine of a receiver in addition.
         error = seen.std() / np.sqrt(len(seen))
         assert abs(seen.mean() - exact) < SPREADS * error + PIXEL * exact
         assert error < 0.05 * exact

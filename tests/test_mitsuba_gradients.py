@@ -1,4 +1,4 @@
-"""Renders are differentiable in the numbers of a source, and agree with differences of renders."""
+"""Derivatives of renders in the parameters of a source, against differences of renders."""
 
 import drjit as dr
 import mitsuba as mi
@@ -17,9 +17,9 @@ PAIR = pw.Array(
 )
 DIRECT = {"type": "direct", "bsdf_samples": 0, "emitter_samples": 1}
 PRB = {"type": "prb", "max_depth": 2}
-# Of renders with the same samples: steps of 1e-2 in float32, of curved functions.
+# Steps of 1e-2 in float32 of curved functions, for renders with the same samples.
 DIFFERENCES = 5e-3
-# Standard deviations of the mean of as many renders.
+# Standard errors of the mean of the renders.
 DEVIATIONS = 4.5
 
 
@@ -29,13 +29,13 @@ def _scene(source, integrator, **how):
 
 
 def _weighted(image):
-    """A number that depends on all pixels, each in its own way."""
+    """Return a sum over pixels with different weights."""
     weight = 1.0 + 0.3 * np.arange(np.prod(image.shape)) % 1.7
     return dr.sum(image.array * type(image.array)(weight.astype(np.float32)))
 
 
 def _in_the_middle(image):
-    """The brightest pixel, which is where the beam goes."""
+    """Return the brightest pixel."""
     count = len(image.array)
     return dr.gather(type(image.array), image.array, dr.uint32_array_t(image.array)(count // 2))
 
@@ -57,9 +57,9 @@ STEPS = {"wavelength": 1e-5, "vertices": 4e-4, "weights": 1e-2}
 def test_gradients_at_a_fixed_radiated_power_are_those_of_differences(
     name, source, integrator, how, llvm
 ):
-    """They have a part of the power N that the field as it is radiates: the image is over N.
+    """The derivative includes the radiated power N of the unscaled field.
 
-    Other outlines draw other samples: their differences agree within the noise alone.
+    Other outlines draw other samples, so that their differences are noisy.
     """
     mi = use("llvm_ad_mono")
     scene, params = _scene(source, integrator, **how)
@@ -91,7 +91,7 @@ def test_gradients_at_a_fixed_radiated_power_are_those_of_differences(
     error = np.std(np.subtract(gradients, differences), ddof=1) / np.sqrt(seeds)
     allowed = DEVIATIONS * error + DIFFERENCES * abs(of_norm)
     assert abs(np.mean(gradients) - np.mean(differences)) < allowed
-    assert allowed < abs(of_norm) / 3  # it does not drown in noise
+    assert allowed < abs(of_norm) / 3  # larger than the noise
 
 
 def test_gradients_in_the_pose_are_those_of_differences(llvm):

@@ -1,4 +1,4 @@
-"""Parameters of the ``wigner`` shape, from XML and from dictionaries, good and bad."""
+"""Parameters of the ``wigner`` shape from XML and from dictionaries."""
 
 import re
 import warnings
@@ -24,7 +24,7 @@ WKT = "POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))"
 
 
 def texts(**parameters):
-    """String parameters in XML."""
+    """Return string parameters in XML."""
     return "".join(f'<string name="{key}" value="{text}"/>' for key, text in parameters.items())
 
 
@@ -313,7 +313,7 @@ def test_the_mesh_does_not_move_without_the_light():
     params["aperture.emitter.to_world"] = mi.Transform4f(
         mi.ScalarTransform4f(pose((3.0, 2.0, 1.0)))
     )
-    params.update()  # with the light it does
+    params.update()  # with its emission
     moved = np.array(params["aperture.vertex_positions"], dtype=float).reshape(-1, 3)
     assert np.allclose(moved[:, 2], 1.0)
     params["aperture.vertex_positions"] = (moved + 0.001).ravel().tolist()
@@ -331,7 +331,7 @@ def test_the_page_on_the_plugin_lists_the_parameters_there_are():
 
 
 def test_what_another_plugin_raised_ends_the_line():
-    """Mitsuba puts the traceback before it."""
+    """Mitsuba precedes the message by a traceback."""
     text = (
         '[parser.cpp:1718] At a.xml (line 3, col 2): failed to instantiate plugin of type "b": '
         "Traceback (most recent call last):\n  File \"b.py\", line 6, in b\nKeyError: 'gold'"

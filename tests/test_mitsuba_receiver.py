@@ -1,4 +1,4 @@
-"""Powers that ``wigner_receiver`` reads of scenes, against quadrature and the radar equation."""
+"""Power at ``wigner_receiver`` against quadrature and the radar equation."""
 
 import gc
 import weakref
@@ -15,12 +15,12 @@ from polywigner.errors import PolywignerError, SceneError
 
 pytestmark = pytest.mark.drjit
 
-# Of the mean of this many renders; a mean is 5 of its standard errors off once in some thousand
-# times (Student, 7 degrees of freedom), and the seeds are fixed.
+# Number of renders of a mean; 5 standard errors are exceeded once in some thousand (Student, 7
+# degrees of freedom).
 RENDERS, ERRORS = 8, 5.0
-# |U|^2 is good to 1e-4 of its peak.
+# Accuracy of |U|^2 relative to its peak.
 EXACT = 3e-4
-# What fog at 1.6 to 2.4 times 2 D^2/wavelength does not know of the near field (measured: 0.5 %).
+# Near-field error of fog at 1.6 to 2.4 times 2 D^2/wavelength (measured: 0.5 %).
 FOG = 0.01
 
 SITES = 0.6 * WAVELENGTH * (np.argwhere(np.ones((4, 4))) - 1.5)
@@ -31,7 +31,7 @@ SKY = {"type": "constant", "radiance": {"type": "spectrum", "value": 1.0}}
 
 
 def read(scene, samples):
-    """The mean power of some renders, and its standard error."""
+    """Return the mean power of some renders, and its standard error."""
     loaded = mi.load_dict(scene)
     spp = samples // RENDERS
     values = [pwm.render(loaded, spp=spp, seed=k).sum() for k in range(RENDERS)]
@@ -39,7 +39,7 @@ def read(scene, samples):
 
 
 def furnace(source=SQUARE, **more):
-    """A receiver under a sky of radiance 1."""
+    """Return a receiver under a sky of radiance 1."""
     receiver = pwm.receiver(source, WAVELENGTH, scene_unit=MILLIMETRE, **more)
     return {"type": "scene", "integrator": {"type": "path"}, "receiver": receiver, "sky": SKY}
 
@@ -95,7 +95,7 @@ def test_a_steered_receiver_weighs_the_side_that_it_points_to(axis):
 
 
 def test_the_reference_is_the_radar_equation_far_away():
-    """Cross sections 4 rho A cos^2 of a Lambertian plate and 8/3 pi a^2 rho of a sphere."""
+    """Cross sections 4 rho A cos^2 of a Lambertian plate, and 8/3 pi a^2 rho of a sphere."""
     use("scalar_rgb")
     import receive_scene
 
@@ -115,7 +115,7 @@ def test_a_map_of_directions_adds_up_to_the_power(estimator):
 
 @pytest.mark.llvm
 def test_null_surfaces_are_not_the_first():
-    """Two veils 10 mm away, where the field is another: the sky behind weighs as without them."""
+    """Two null surfaces at 10 mm do not change the weight of the sky."""
     mi = use("llvm_ad_mono")
     transform = mi.ScalarTransform4f().translate([0, 0, 10]).scale(1e5)
     veil = {"type": "rectangle", "to_world": transform, "bsdf": {"type": "null"}}
@@ -128,7 +128,7 @@ def test_null_surfaces_are_not_the_first():
 
 @pytest.mark.llvm
 def test_large_numbers_of_samples_are_not_rounded_away():
-    """Each sample of a patch that receives nearly alike from everywhere weighs nearly the same."""
+    """Samples of nearly equal weights in a large sum."""
     mi = use("llvm_ad_mono")
     speck = pw.shapes.square(1e-3 * WAVELENGTH)
     name = "rayleigh-sommerfeld-2"
@@ -136,8 +136,6 @@ def test_large_numbers_of_samples_are_not_rounded_away():
     result = float(pwm.render(scene, spp=1 << 20)[0, 0, 0])
     assert abs(result / WAVELENGTH**2 - 1) < EXACT
 
-
-# ---- parameters and films ------------------------------------------------------------------------
 
 FILM = (
     '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/>'
@@ -216,7 +214,7 @@ def test_mitsubas_own_render_needs_the_scene_handed_over():
     scene = mi.load_dict(furnace())
     with pytest.raises((SceneError, RuntimeError)) as caught:
         mi.render(scene, spp=16)
-    reason = str(caught.value.__cause__ or caught.value)  # Dr.Jit says only that something failed
+    reason = str(caught.value.__cause__ or caught.value)  # Dr.Jit reports no reason
     assert "requires its scene" in reason
     assert "polywigner.mitsuba.receiving" in reason
     with pwm.receiving(scene):
@@ -224,7 +222,7 @@ def test_mitsubas_own_render_needs_the_scene_handed_over():
     assert image.shape == (1, 1, 1)
     assert scene.sensors()[0].scene is None
     assert np.allclose(image, pwm.render(scene, spp=16, seed=1), rtol=1)  # other seeds
-    signed = mi.load_dict(furnace(estimator="wigner"))  # which needs no scene
+    signed = mi.load_dict(furnace(estimator="wigner"))  # requires no scene
     assert np.array(mi.render(signed, spp=64)).item() != 0
 
 
@@ -256,7 +254,7 @@ def test_a_rendered_scene_is_freed():
 
 
 def test_a_receiver_moves_with_its_to_world():
-    """Turned away from a sky of half a sphere it reads nothing."""
+    """A receiver that faces away from a hemispherical sky receives nothing."""
     use("scalar_rgb")
     lamp = {"type": "area", "radiance": {"type": "spectrum", "value": 1.0}}
     turn = mi.ScalarTransform4f().translate([0, 0, 50]).rotate([1, 0, 0], 180).scale(1e4)

@@ -1,4 +1,4 @@
-"""Rendered floors: against the diffraction integral, across integrators, variants and changes."""
+"""Rendered floors against the diffraction integral, for integrators and variants."""
 
 from functools import cache
 
@@ -24,14 +24,14 @@ from polywigner.errors import ArgumentError, SceneError
 pytestmark = pytest.mark.drjit
 
 COLUMNS = 101
-# With 8 seeds, the squared ratio of mean to standard error has mean 7/5 without bias; its average
-# over 101 pixels, whose errors are hardly correlated, stays below this.
+# The mean squared t of 8 seeds is 7/5; the average over 101 nearly uncorrelated pixels is below
+# this limit.
 LARGEST_MEAN_SQUARE = 2.2
 
 
 @cache
 def line(source, distance):
-    """What a line of pixels through the axis must show at ``distance`` wavelengths."""
+    """Return the expected pixels of a line through the axis at ``distance`` wavelengths."""
     import render_reference as reference
 
     z = distance * WAVELENGTH
@@ -40,7 +40,7 @@ def line(source, distance):
 
 
 def irradiance(image):
-    """On a white floor, in the order of x: the camera's columns run towards -x."""
+    """Return the irradiance of a white floor in ascending x."""
     return np.pi * image[0, ::-1, 0].astype(float)
 
 
@@ -72,7 +72,7 @@ def test_a_floor_shows_the_diffraction_integral_times_its_cosine_without_bias(
 
 def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(llvm):
     mi = use("llvm_ad_mono")
-    # From 100 times its size, all pixels see the aperture in one direction: (0.6, 0, 0.8).
+    # At 100 diameters, all pixels see the aperture in the direction (0.6, 0, 0.8).
     seen = camera((600, 0, 800), (0, 0, 0), 64) | {"fov": 0.7, "near_clip": 1.0}
     background = {"type": "constant", "radiance": {"type": "spectrum", "value": 1e-9}}
     scene = mi.load_dict(
@@ -82,14 +82,14 @@ def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(llvm):
     centre = np.linspace(-0.0045, 0.0045, 100)
     x = np.stack(np.meshgrid(centre, centre), axis=-1)
     density = 0.8 * pw.wigner(SQUARE, x, np.array([0.6, 0.0]) / WAVELENGTH) / WAVELENGTH**2
-    # Pixels a fiftieth of the aperture wide flatten the peaks a little.
+    # Pixels of a fiftieth of the aperture flatten the peaks.
     assert density.min() < 0
     assert 0.8 < image.min() / density.min() < 1.05
     assert 0.8 < image.max() / density.max() < 1.05
 
 
 def heavy_kernels(render, samples):
-    """The kernels that ran over at least one item per sample."""
+    """Return the kernels with at least one thread per sample."""
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         np.array(render())

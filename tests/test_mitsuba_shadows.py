@@ -1,4 +1,4 @@
-"""A source that stands in the light of another: who takes light away, and who does not."""
+"""Shadows of opaque sources in the light of other sources."""
 
 import warnings
 from functools import cache
@@ -26,14 +26,13 @@ pytestmark = pytest.mark.drjit
 
 HEIGHT = 10 * WAVELENGTH / MILLIMETRE
 SEEDS, SAMPLES = 8, 256
-# Mean square of 16 deviations over their errors, which come from 8 runs on either side: each about
-# the square of a Student's t of 14 degrees of freedom, whose mean is 1.2. The mean of 16 has the
-# standard deviation 0.5, of which this is four above.
+# Mean of 16 squared t values with 14 degrees of freedom: the expectation is 1.2 and the standard
+# deviation 0.5, so that this limit is four standard deviations above.
 LARGEST_MEAN_SQUARE = 3.2
 
 
 def floor(lights):
-    """A floor at z = HEIGHT (mm) in the light of sources at z <= 0, and a camera beside them."""
+    """Return a floor at z = HEIGHT (mm) below sources at z <= 0, and a camera."""
     return scene_of(
         sensor=camera((30, 0, 0), (0, 0, HEIGHT), 4) | {"sampler": {"type": "independent"}},
         floor=rectangle((0, 0, HEIGHT), (1, 0, 0), 180, 60),
@@ -46,20 +45,20 @@ def rear(**more):
 
 
 def front(**more):
-    """Larger, and between the rear one and the floor."""
+    """Return the larger source, between the rear source and the floor."""
     source = pw.shapes.square(0.012)
     return {"front": light(source, to_world=pose((0.0, 0.0, -3.0)), **more)}
 
 
 def mean_and_variance(scene, integrator, seed=0):
-    """Of the pixels' means over SEEDS runs."""
+    """Return mean and variance of the pixels over SEEDS runs."""
     runs = [pwm.render(scene, integrator, SAMPLES, seed + k) for k in range(SEEDS)]
     return np.mean(runs, axis=0), np.var(runs, axis=0, ddof=1) / SEEDS
 
 
 @cache
 def alone():
-    """The sum of the light of each source where no other is."""
+    """Return the sum of the light of single sources."""
     mi = use("llvm_ad_mono")
     direct = mi.load_dict({"type": "direct"})
     first = mean_and_variance(floor(rear()), direct, 0)
@@ -95,7 +94,7 @@ def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(name,
     ):
         seen = pwm.render(floor(rear() | dark), integrator, 16 * SAMPLES)
     expected = alone()[0].mean()
-    # Paths of four vertices have a bounce to spare for the passage through the surface.
+    # Paths of four vertices include the passage through a surface.
     assert (seen.mean() > 0.1 * expected) == (depth == 4)
 
 
@@ -112,7 +111,7 @@ def test_a_scene_that_names_no_integrator_gets_one_that_makes_no_shadows():
         (rear() | behind, "path"),
         (rear() | sky, "path"),
         (rear() | front(visible=False), "path"),
-        (rear() | front(**opaque), "path"),  # these shadows are meant
+        (rear() | front(**opaque), "path"),  # these shadows are correct
         (rear() | front(), "volpath"),
         (rear(visible=False) | front(), "volpath"),
         (rear() | lamp, "volpath"),
@@ -133,6 +132,6 @@ def test_a_source_without_a_surface_is_met_by_no_ray_and_moves():
         it = dr.zeros(mi.Interaction3f)
         it.p = mi.Point3f(0.0, 0.0, place + 20.0)
         ds, weight = scene.sample_emitter_direction(it, mi.Point2f(0.3, 0.6), True)
-        # the end of a visibility ray lies up to 0.1 % of the distance in front of the source
+        # visibility rays end up to 0.1 % of the distance before the source
         assert np.array(ds.p, dtype=float).ravel()[2] == pytest.approx(place, abs=0.02)
         assert np.array(weight).ravel()[0] != 0

@@ -1,4 +1,4 @@
-"""Tapered, steered and arrayed sources in scenes: radiance, power, and the floor they light."""
+"""Tapered, steered and arrayed sources in scenes."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ HORN = pw.shapes.rectangle(10e-3, 8e-3).with_illumination(pw.te_mode(10e-3, 8e-3
 
 
 def lattice(nx, ny, at=0.0):
-    """Patches at 1.9 mm with Taylor weights, steered to 20 degrees; at a place in the plane."""
+    """Return patches at 1.9 mm with Taylor weights, steered to 20 degrees."""
     places = pw.arrays.grid_positions(nx, ny, 1.9e-3)
     weights = pw.arrays.window_weights((nx, ny), "taylor", sll=25)
     weights = weights * pw.arrays.steering_weights(places, BEAM, WAVELENGTH)
@@ -37,7 +37,7 @@ def lattice(nx, ny, at=0.0):
 
 
 def any_elements():
-    """Different elements at different places, one turned, one with a field of its own."""
+    """Return different elements, including a rotated element and an element with a taper."""
     turned = pw.shapes.triangle(3e-3, 2e-3).placed(
         [[0.6, -0.8, 0, 3e-3], [0.8, 0.6, 0, 1e-3], [0, 0, 1, 0], [0, 0, 0, 1]]
     )
@@ -82,7 +82,7 @@ def test_the_radiance_is_that_of_the_wigner_function_with_complex_fields(name, v
     seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
     nu = direction[:, :2] / WAVELENGTH
     expected = pw.wigner(source, x + support.centre, nu, engine="numpy")
-    expected *= direction[:, 2]  # of Rayleigh-Sommerfeld I
+    expected *= direction[:, 2]  # Rayleigh-Sommerfeld I
     expected *= 3.0 / pw.radiated_power(source, WAVELENGTH) / WAVELENGTH**2
     assert np.abs(seen - expected[:, None]).max() < RADIANCE_ERROR * 4 * 3.0 / WAVELENGTH**2
     assert expected.min() < 0 < expected.max()
@@ -135,7 +135,7 @@ def test_the_obliquity_of_several_waves_is_that_of_each_pair_of_them(source, obl
         ]
     )
     expected *= 1 / WAVELENGTH**2 / direction[:, 2]
-    # u has amplitudes of 2 at most; 1/cos is at most 6, and multiplies the error as well
+    # |u| is at most 2, and 1/cos is at most 6, which multiplies the error.
     scale = 4 * source.area * 4 / WAVELENGTH**2 / direction[:, 2:]
     assert len(x) >= 10
     assert (np.abs(seen - expected[:, None]) < RADIANCE_ERROR * scale).all()
@@ -153,12 +153,12 @@ def test_another_wavelength_turns_the_waves_whose_obliquity_counts():
         evaluated(mi, emitter, x / MILLIMETRE, direction)
         for emitter in (changed, emitter_of(light(source, 0.8 * WAVELENGTH, **how)))
     )
-    # the wavelength set is one of single precision
+    # the wavelength is in single precision
     assert np.abs(result - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
 
 
 def test_scalar_variants_draw_waves_of_the_right_spread():
-    """Tilts of standard deviation 1/(2 pi width), and frequencies over all of the band."""
+    """Tilts of standard deviation 1/(2 pi width), and frequencies of the band."""
     mi = use("scalar_rgb")
 
     waves = DrawnWaves(mi, Mixture(8e-3, 20e9))

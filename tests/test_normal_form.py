@@ -1,4 +1,4 @@
-"""The normal form of a source has the content of the public source, whatever its constructor."""
+"""Public sources and their normal forms have the same content."""
 
 from __future__ import annotations
 

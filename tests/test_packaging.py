@@ -1,4 +1,4 @@
-"""The package and the project around it hold together: metadata, public names, make targets."""
+"""Metadata, public names and make targets of the package."""
 
 import importlib
 import importlib.metadata
@@ -14,11 +14,11 @@ import polywigner
 
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-IN_CLONE = (ROOT / ".github").exists()  # the sdist leaves out the workflows
+IN_CLONE = (ROOT / ".github").exists()  # the sdist excludes the workflows
 
 
 def test_the_installed_version_is_that_of_the_sources():
-    """It stands in the package alone: an archive without git installs, and says the same."""
+    """Archives without git have the version, too."""
     assert "version" in PYPROJECT["project"]["dynamic"]
     assert polywigner.__version__ == importlib.metadata.version("polywigner")
 
@@ -68,7 +68,7 @@ def test_the_conda_recipe_asks_for_what_the_package_asks_for():
 
 
 def test_the_copies_of_the_version_are_those_of_the_package():
-    """The tool of releases finds each copy once, and would write what stands there."""
+    """The release tool finds each copy of the version once."""
     for path, changes in release.copies(polywigner.__version__, "2026-01-31").items():
         text = path.read_text(encoding="utf-8")
         for pattern, line in changes:
@@ -86,14 +86,14 @@ def test_the_address_is_the_same_everywhere():
         assert home in (ROOT / name).read_text(encoding="utf-8"), name
 
 
-# --- constraints.txt has a tested version of every package that pyproject.toml asks for, within
+# constraints.txt contains a tested version of each package in pyproject.toml.
 
 sys.path.insert(0, str(ROOT / "tools"))
 
 import release  # noqa: E402
 from pin_versions import CONSTRAINTS, declared  # noqa: E402
 
-# In no environment that the tests are run in: peers of benchmarks.
+# Peers of benchmarks, which no test environment contains.
 _NOT_TESTED = {"coxeter", "jax"}
 TEXT = CONSTRAINTS.read_text()
 LINES = [line for line in TEXT.splitlines() if not line.startswith("#")]

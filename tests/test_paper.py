@@ -1,4 +1,4 @@
-"""The paper for the Journal of Open Source Software has the form that the journal requires."""
+"""The paper has the format of the Journal of Open Source Software."""
 
 import re
 from pathlib import Path

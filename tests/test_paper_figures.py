@@ -1,4 +1,4 @@
-"""``make paper-figures``: files, letters of panels, and the numbers that captions state."""
+"""``make paper-figures``: files, letters of panels, and numbers in captions."""
 
 import json
 import re
@@ -24,8 +24,8 @@ Values = dict[str, np.ndarray]
 
 
 def check_volrender_fdtd(values):
-    """Behind a black screen Kirchhoff's integral is exact: what differs is the lattice."""
-    axes = [values["x"][35::7], values["y"][35::7], values["z"][::6]]  # from the middle outwards
+    """Kirchhoff's integral is exact behind a black screen; the lattice causes the difference."""
+    axes = [values["x"][35::7], values["y"][35::7], values["z"][::6]]  # from the centre outwards
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     exact = pw.irradiance(square(), points, WAVELENGTH, "kirchhoff")
     peak = values["fdtd"].max()
@@ -35,13 +35,13 @@ def check_volrender_fdtd(values):
 
 
 def levels_apart(first, second):
-    """dB between the means over the beam, where the second is above -10 dB of its peak."""
+    """Return the level difference of means over the beam, above -10 dB of the peak."""
     beam = second > 0.1 * np.quantile(second, 0.999)
     return abs(10 * np.log10(first[beam].mean() / second[beam].mean()))
 
 
 def check_emitters(values):
-    """Of equal power: near the axis a cosine source is twice as bright as a uniform one."""
+    """At equal power, a cosine source is twice as bright near the axis as a uniform source."""
     assert levels_apart(values["wigner"], values["fft"]) < 0.1
     ratio = values["cosine"] / np.where(values["uniform"] > 0, values["uniform"], np.inf)
     beam = values["fft"] > 0.5 * np.quantile(values["fft"], 0.999)
@@ -49,13 +49,12 @@ def check_emitters(values):
     theta = np.radians([0.0, 5, 12, 27, 40])
     sines = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     exact = pw.radiant_intensity(square(), sines, WAVELENGTH)
-    # A raster of 25 cells and straight lines between frequencies.
+    # A raster of 25 cells, and linear interpolation between frequencies.
     assert np.abs(intensity_by_fft(sines) - exact).max() < 0.02 * exact.max()
 
 
 def check_error(values):
-    """Rays fall with the square of the distance on the axis; beside it, the paper's obliquity stays
-    wrong."""
+    """The error on the axis decreases as the square of the distance."""
     (paper, matched, _, fraunhofer), far = values["boresight_error"], values["distance"]
     fit = far > 20
     for errors in (matched, fraunhofer):
@@ -90,7 +89,7 @@ def test_a_figure_is_written_with_its_numbers_which_captions_agree_with(name, tm
     pictures = [tmp_path / f"{stem}.png" for stem in stems]
     expected = [*pictures, *(path.with_suffix(".pdf") for path in pictures)]
     assert sorted(tmp_path.iterdir()) == sorted([*expected, tmp_path / f"{name}.npz"])
-    with np.load(tmp_path / f"{name}.npz") as file:  # without pickle: plain arrays only
+    with np.load(tmp_path / f"{name}.npz") as file:  # plain arrays without pickle
         values = dict(file)
     metadata = json.loads(str(values.pop("metadata")))
     assert set(metadata["about"]) == set(values)
@@ -102,14 +101,14 @@ def test_a_figure_is_written_with_its_numbers_which_captions_agree_with(name, tm
 
 
 def check_nothing_is_cut_off(picture):
-    """The outermost pixels are paper: what passes beyond the edge of a figure leaves ink there."""
+    """The outermost pixels are white unless a label exceeds the figure."""
     pixels = plt.imread(picture)[..., :3]
     for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
         assert edge.min() == 1.0, picture.name
 
 
 def check_panels_have_letters(figure, part):
-    """(a), (b), ... of several panels, and (a1), (a2), ... of those of a part (a)."""
+    """Letters (a), (b), ... of panels, or (a1), (a2), ... within a part (a)."""
     panels = [axes for axes in figure.axes if axes.get_title() or axes.get_title(loc="left")]
     if len(panels) < 2:
         return

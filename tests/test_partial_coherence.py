@@ -1,4 +1,4 @@
-"""Irradiance of partly coherent light against double integrals of the mutual intensity."""
+"""Irradiance of partially coherent light against double integrals of the mutual intensity."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from polywigner.propagation.lag_sums import summed_over_pairs
 from polywigner.source.obliquities import CONDITIONS as BY_NAME
 
 WAVELENGTH = 1.0
-# Of the largest irradiance: what (PC5) is computed to, and parabolic waves.
+# Tolerance of (PC5) relative to the largest irradiance, and error of parabolic waves.
 SPHERICAL, PARABOLIC = 1e-7, 2e-8
 TRIANGLE = np.array([(-3.0, -2.0), (4.0, -3.0), (1.0, 5.0)])
 OTHER = TRIANGLE[[0, 1, 2]] + [9.0, 0.0]
@@ -32,7 +32,7 @@ def points(z: float) -> Any:
 
 
 def sampled(name: str, count: int) -> tuple[Any, Any, Any]:
-    """A source of triangles; nodes, and weights times the field."""
+    """Return a source of triangles, nodes, and weights times the field."""
     plain = pw.Aperture(TRIANGLE)
     if name == "array":
         source = pw.Array([plain, pw.Aperture(OTHER)], [1.0, 0.7j])
@@ -49,7 +49,7 @@ def sampled(name: str, count: int) -> tuple[Any, Any, Any]:
     return curved, x, w * field * np.exp(1j * np.pi * ((x - [1.0, 0.0]) ** 2).sum(axis=1) / 30)
 
 
-# Sources, and widths of coherence.
+# Sources and coherence widths.
 CASES = [("plain", 1.5), ("waves", 5.0), ("curved", 5.0), ("array", 1.5)]
 
 
@@ -86,7 +86,7 @@ HOLED = shapely.Polygon(
 
 
 def test_tilts_share_samples_of_the_source_at_a_fresnel_number_of_100() -> None:
-    """On the axis, at an edge and in the shadow, against boundary integrals tilt by tilt."""
+    """On the axis, at an edge and in the shadow, against boundary integrals for each tilt."""
     width, source, method = 20.0, pw.Aperture(HOLED), "kirchhoff"
     at = np.array([(0.0, 0.0), (15.0, -4.0), (-25.0, 8.0)])
     at = np.column_stack([at, np.full(3, 30.0**2 / 100)])
@@ -147,7 +147,7 @@ def test_sums_over_pairs_of_points_are_the_double_integral_of_the_mutual_intensi
 
 
 def of_one_axis(side: float, x: Any, spread: float, width: float) -> Any:
-    """The factor of one axis of a square's Fresnel irradiance, a double integral."""
+    """Return the factor of one axis of a square's Fresnel irradiance, a double integral."""
     t, w = np.polynomial.legendre.leggauss(400)
     t, w = t * side / 2, w * side / 2
     waves = w * np.exp(1j * np.pi * (x[:, None] - t) ** 2 / spread)
@@ -169,7 +169,7 @@ def test_a_square_has_the_product_of_its_axes_behind_any_first_order_system(shar
     expected = expected * of_one_axis(side, along[:, 1], length * z2, width)
     result = pw.irradiance(partly, along, length, through=system)
     assert np.abs(result - expected).max() < PARABOLIC * expected.max()
-    # turned as a whole, and at several distances at once
+    # Rotated, and at several distances.
     c, s = np.cos(0.4), np.sin(0.4)
     turn, none = np.array([[c, -s], [s, c]]), np.zeros((2, 2))
     turned = pw.FirstOrder(np.block([[turn, none], [none, turn]])) @ system
@@ -184,7 +184,7 @@ def test_points_at_many_distances_are_those_of_each_plane() -> None:
     result = pw.irradiance(partly, at, WAVELENGTH, "fresnel")
     each = [float(pw.irradiance(partly, place, WAVELENGTH, "fresnel")) for place in at]
     assert result == pytest.approx(each, rel=1e-7)
-    far_apart = at * [30.0, 30.0, 1.0]  # on lattices of their own
+    far_apart = at * [30.0, 30.0, 1.0]  # on separate lattices
     assert np.isfinite(pw.irradiance(partly, far_apart, WAVELENGTH, "fresnel")).all()
 
 

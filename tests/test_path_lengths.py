@@ -1,4 +1,4 @@
-"""Pistons, tilts and curved waves are path lengths: right at other wavelengths and in bands."""
+"""Pistons, tilts and curved waves are path lengths at all wavelengths."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EXACT = 1e-11
 
 
 def amplitude(x: Any, wavelength: float) -> Any:
-    """The Fourier integral of the pupil at image points x (n, 2): a sum over its segments."""
+    """Return the Fourier integral of the pupil at image points x (n, 2), a sum over segments."""
     total: Any = 0.0
     for segment, piston, tilt in zip(MIRROR.polygons.geoms, PISTON, TILT, strict=True):
         centre = np.array(segment.centroid.coords[0])
@@ -57,7 +57,7 @@ def test_psf_is_the_sum_over_segments_at_each_wavelength_and_their_mean() -> Non
 
 
 def test_mtf_is_that_of_the_psf_at_each_wavelength() -> None:
-    """A dense sum over the pupil's segments, shifted against one another."""
+    """A dense sum over segments of the pupil and their shifted copies."""
     frequency = np.array([(2e3, 1e3), (7e3, -2e3)])
     lengths = [1.3e-6, 2.4e-6]
     total: Any = 0.0

@@ -1,4 +1,4 @@
-"""Radiation patterns: directivity against theory, and files against readers of their formats."""
+"""Radiation patterns against theory, and their files."""
 
 import math
 from typing import Any
@@ -22,8 +22,9 @@ def _pattern(source=SQUARE, theta=0.0, phi=0.0, **how):
     ("obliquity", "share"), list(zip(OBLIQUITIES, (0.934, 0.900, 0.938, 0.982), strict=True))
 )
 def test_a_boundary_condition_radiates_its_share_of_the_power(obliquity, share):
-    """int g |F|^2/lambda^2 dOmega over the area, of the 10 mm square at 94 GHz; only g = cos keeps
-    all that propagates. Values: an independent quadrature, to three digits."""
+    """int g |F|^2/lambda^2 dOmega over the area of a 10 mm square at 94 GHz, by an independent
+    quadrature to three digits.
+    """
     power = _pattern(obliquity=obliquity).attrs["radiated_power"]
     assert power / SQUARE.area == pytest.approx(share, abs=6e-4)
     if obliquity == "paper":
@@ -32,21 +33,21 @@ def test_a_boundary_condition_radiates_its_share_of_the_power(obliquity, share):
 
 @pytest.mark.parametrize("obliquity", OBLIQUITIES)
 def test_directivity_averages_to_one_over_all_directions(obliquity):
-    """Gauss-Legendre in cos(theta) and evenly spaced phi, another rule than the library's."""
+    """Gauss-Legendre nodes in cos(theta), which the library does not use."""
     field = pw.steering((math.sin(0.4), 0, math.cos(0.4)), WAVELENGTH) * pw.cosine_taper(9e-3)
     source = pw.shapes.triangle(9e-3, 7e-3).with_illumination(field)
     node, weight = np.polynomial.legendre.leggauss(60)
     phi = 2 * np.pi * np.arange(90) / 90
     result = _pattern(source, np.arccos((node + 1) / 2), phi, obliquity=obliquity)
     gain = 10 ** (result["directivity"].values / 10)
-    root = 1e-6  # cos(theta)^(1/2) of "paper" is not smooth at the horizon, nor theta in cos(theta)
+    root = 1e-6  # cos(theta)^(1/2) of "paper" is not smooth at the horizon
     assert (gain.mean(axis=1) @ weight) / 4 == pytest.approx(1.0, abs=root)
 
 
 def test_a_uniform_array_of_32_x_32_has_the_directivity_of_theory():
-    """Small elements at half a wavelength: double sum of the array factor over lags.
+    """Small elements at half a wavelength: a double sum of the array factor over lags.
 
-    With elements of |F|^2 = const and g = cos^2, the power is a sum over pairs of
+    With |F|^2 = const and g = cos^2, the power is a sum over pairs of
     int cos^2 exp(i k d.s) dOmega = 2 pi (sin z/z^3 - cos z/z^2), z = k |d|.
     """
     n, pitch = 32, WAVELENGTH / 2
@@ -65,7 +66,7 @@ def test_a_uniform_array_of_32_x_32_has_the_directivity_of_theory():
 
 @pytest.mark.parametrize("obliquity", OBLIQUITIES)
 def test_the_squared_field_is_the_radiant_intensity_for_its_obliquity(obliquity):
-    """For the normal wave: |E|^2 = g |F|^2/lambda^2."""
+    """|E|^2 = g |F|^2/lambda^2 for the normal wave."""
     theta, phi = np.array([0.1, 0.7, 1.4]), 0.5
     c = np.cos(theta)
     g = {
@@ -81,7 +82,7 @@ def test_the_squared_field_is_the_radiant_intensity_for_its_obliquity(obliquity)
 
 
 def test_a_steered_wave_has_the_obliquity_of_its_own_direction():
-    """Kirchhoff's (c + p)/2 with p the beam's cosine; all kinds agree in the beam itself."""
+    """Kirchhoff's (c + p)/2 with p of the beam; all obliquities agree in the beam."""
     angle = 0.6
     beam = (math.sin(angle), 0, math.cos(angle))
     source = SQUARE.with_illumination(pw.steering(beam, WAVELENGTH))
@@ -95,7 +96,7 @@ def test_a_steered_wave_has_the_obliquity_of_its_own_direction():
 
 
 def test_the_phase_tells_where_the_source_is():
-    """r exp(-ikr) U of a source moved towards s is ahead: exp(-ik s.d)."""
+    """r exp(-ikr) U of a source moved by d has the phase exp(-ik s.d)."""
     here, there = (
         _pattern(one, 0.5)["field"].values[0, 0] for one in (SQUARE, SQUARE.moved((1e-3, 2e-3)))
     )
@@ -139,7 +140,7 @@ THETA, PHI = np.radians(np.linspace(0, 180, 37)), np.radians(np.linspace(0, 355,
     ],
 )
 def test_files_carry_the_field_and_its_power(suffix, head, polarisation, tmp_path):
-    """Readers are tested against closed-form fields in test_far_field_files.py."""
+    """test_far_field_files.py tests the readers."""
     source = SQUARE.moved((1e-3, -2e-3)).with_illumination(pw.te_mode(10e-3, 10e-3))
     pattern, path = _pattern(source, THETA, PHI), tmp_path / f"horn.{suffix}"
     pw.write_pattern(pattern, path, polarisation=polarisation)
@@ -149,17 +150,17 @@ def test_files_carry_the_field_and_its_power(suffix, head, polarisation, tmp_pat
     jones = np.abs(result.attrs["polarisation"])[::2]
     assert jones == pytest.approx({"x": [1, 0], "y": [0, 1]}[polarisation], abs=1e-6)
     about, power = pattern.attrs, math.sqrt(pattern.attrs["radiated_power"])
-    if suffix != "txt":  # its levels are directivities
+    if suffix != "txt":  # .txt files have directivities
         assert result.attrs["radiated_power"] == pytest.approx(about["radiated_power"], rel=1e-4)
     one = pattern["field"].values / power
     other = result["field"].values / math.sqrt(result.attrs["radiated_power"])
-    digits = 1e-5  # six decimals of dB, and the quadrature of a table of 5 degrees
+    digits = 1e-5  # six decimals of dB, and quadrature with steps of 5 degrees
     assert np.abs(other - one).max() < digits * np.abs(one).max()
     assert result.attrs["peak_directivity"] == pytest.approx(about["peak_directivity"], abs=1e-4)
 
 
 def test_grasp_reads_cuts_whose_square_is_the_directivity(tmp_path):
-    """Read back as the format describes: header, start, step, number, phi, components, values."""
+    """Header, start, step, number, phi, components and values of each cut."""
     pattern = _pattern(SQUARE, np.radians(np.arange(-60, 61, 5)), np.radians([0.0, 30.0]))
     pw.write_pattern(pattern, tmp_path / "a.cut")
     lines = (tmp_path / "a.cut").read_text().splitlines()
@@ -182,7 +183,7 @@ def test_angles_in_any_order_are_written_in_ascending_order(tmp_path, suffix):
 
 
 def test_planning_tools_get_attenuations_all_around(tmp_path):
-    """Horizontal: clockwise from above, y up, so that a beam towards x is on the left."""
+    """Horizontal cuts are clockwise from above: a beam towards x is on the left."""
     field = pw.steering((math.sin(0.2), 0.0, math.cos(0.2)), WAVELENGTH)
     source = SQUARE.with_illumination(field)
     pattern = _pattern(source, np.radians(np.arange(0, 91)), np.radians([0.0, 90.0, 180.0, 270.0]))
@@ -198,7 +199,7 @@ def test_planning_tools_get_attenuations_all_around(tmp_path):
 
 
 def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path):
-    """Gain less attenuation is the directivity along the cuts."""
+    """Gain minus attenuation is the directivity along the cuts."""
     direction = (0.5, 0.5, math.sqrt(0.5))
     source = pw.shapes.square(30e-3).with_illumination(pw.steering(direction, WAVELENGTH))
     pattern = _pattern(source, np.radians(np.arange(-90, 91)), np.radians([0.0, 90.0]))
@@ -206,7 +207,7 @@ def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path):
     lines = (tmp_path / "a.msi").read_text().splitlines()
     gain = float(lines[3].split()[1])
     beam = pw.radiation_pattern(source, WAVELENGTH, np.radians(np.arange(40, 46, 0.1)), np.pi / 4)
-    sample = 0.01  # dB, of steps of 0.1 degrees
+    sample = 0.01  # dB, for steps of 0.1 degrees
     assert gain == pytest.approx(beam.attrs["largest_directivity"], abs=sample)
     attenuation = float(lines[lines.index("HORIZONTAL 360") + 1].split()[1])
     rounding = 1e-3

@@ -1,4 +1,4 @@
-"""The examples for Sionna RT and optiland, and what they say without them."""
+"""Examples for Sionna RT and optiland, and their messages without these packages."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ pytestmark = pytest.mark.slow
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
-# Sionna computes in single precision; 55 dB below the peak that is 1e-4 of the amplitude.
+# Single precision at 55 dB below the peak is 1e-4 of the amplitude.
 SINGLE = 1e-3
 ANGLES = np.radians([-60, -20, -5, 0, 10, 20, 30, 70])
 
 
-# Decibels between lobes of a body of 375 wavelengths, at directions in single precision.
+# dB between lobes of a body of 375 wavelengths, for directions in single precision.
 LOBES = 0.02
 
 
-# Error of the line-of-sight amplitude: Sionna's delays are in single precision.
+# Relative error of the line-of-sight amplitude due to Sionna's delays in single precision.
 FRINGES = 5e-3
 
 
-# Of the peak, in pixels of the picture, with half a million rays: 2 % is one standard error of the
-# brightest, and of two thousand pixels one is four standard errors off.
+# Relative to the peak with half a million rays: 2 % is one standard error of the brightest pixel;
+# one of two thousand pixels deviates by four standard errors.
 NOISE = 0.08
 
 

@@ -1,4 +1,4 @@
-"""Phased arrays: array factors, beams and grating lobes, and copies that are recognised."""
+"""Array factors, beams and grating lobes, and recognition of equal elements."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ STEERED = pw.phased_array(
 
 
 def _points(array, count, seed):
-    """x, xi and nu; half of x and xi where edges or corners of copies coincide."""
+    """Return x, xi and nu; at half of the points, edges or corners of the copies coincide."""
     rng = np.random.default_rng(seed)
     element, positions = array.repeated
     corners = np.concatenate(element.rings)

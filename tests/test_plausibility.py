@@ -1,4 +1,4 @@
-"""Numbers that look like ones in another unit are asked about, once, where they are given."""
+"""Warnings about values that seem to be in another unit."""
 
 import warnings
 
@@ -64,7 +64,7 @@ def link(source, distance, wavelength):
 
 
 def test_links_of_a_hundred_thousand_sizes_are_asked_about():
-    """10 mm squares, 3000 mm apart."""
+    """10 mm squares at a distance of 3000 mm."""
     (result,) = warned(link, SQUARE, 3000.0, WAVELENGTH)
     assert result.category is PolywignerWarning
     assert "3000 m" in str(result.message)

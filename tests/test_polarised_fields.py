@@ -1,6 +1,6 @@
-"""Electric fields of polarised sources: Maxwell's equations, dense sums of dipoles, far limits.
+"""Electric fields of polarised sources: Maxwell's equations, sums of dipoles and far fields.
 
-Lengths are in wavelengths throughout.
+Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ POINTS = np.array(
 
 
 def dipole(way: np.ndarray, q: np.ndarray, model: str) -> np.ndarray:
-    """Fields (n, 3) at vectors ``way`` (n, 3), as textbooks print those of short dipoles."""
+    """Return textbook fields (n, 3) of a short dipole at vectors ``way`` (n, 3)."""
     r = np.linalg.norm(way, axis=1, keepdims=True)
     s = way / r
     wave = np.exp(1j * K * r) / (1j * r)
     m = np.cross([0.0, 0.0, 1.0], q)
     of_magnetic = (1 + 1j / (K * r)) * np.cross(m, s)
-    across = np.cross(np.cross(s, q), s)  # of an electric dipole, with its near terms
+    across = np.cross(np.cross(s, q), s)  # electric dipole with near-field terms
     near = (3 * s * (s @ q)[:, None] - q) * (1 / (K * r) ** 2 - 1j / (K * r))
     share = SHARES[model]
     return wave * (share[0] * of_magnetic + share[1] * (across + near))
 
 
 def dense(source: Any, point: np.ndarray, jones: np.ndarray, model: str) -> np.ndarray:
-    """A sum of dipoles over the opening, on triangles graded towards the point."""
+    """Sum dipoles over the opening, on triangles graded towards the point."""
     q = np.append(jones, 0.0)
     field = source.illumination or pw.Illumination([1.0], [(0.0, 0.0)])
     nodes, weights = triangle_nodes(graded_in_plane(source, point, 0.6), 18)
@@ -66,7 +66,7 @@ def dense(source: Any, point: np.ndarray, jones: np.ndarray, model: str) -> np.n
     return total
 
 
-# "huygens" has both terms: others need no more than one source.
+# "huygens" contains the terms of both other models.
 cases = pytest.mark.parametrize(
     ("name", "model"), [("L", m) for m in MODELS] + [(n, "huygens") for n in SOURCES if n != "L"]
 )
@@ -82,9 +82,9 @@ def test_a_near_field_is_the_sum_of_its_dipoles(name: str, model: Any) -> None:
 
 @pytest.mark.parametrize("model", ["magnetic", "electric"])
 def test_power_through_a_near_hemisphere_is_the_radiated_power(model: Any) -> None:
-    """Poynting's vector of the exact near fields, one wavelength off, against the pattern's.
+    """Poynting vector of near fields at a wavelength, against the pattern.
 
-    Of Huygens' currents some leaves through the plane beside the source, which is no wall.
+    Some power of Huygens currents leaves through the plane next to the source.
     """
     patch = pw.shapes.rectangle(0.5, 0.3)
     node, weight = np.polynomial.legendre.leggauss(24)
@@ -100,7 +100,7 @@ def test_power_through_a_near_hemisphere_is_the_radiated_power(model: Any) -> No
 
 
 def test_the_magnetic_model_has_the_field_of_the_opening_along_the_plane() -> None:
-    """Its tangential part is Rayleigh-Sommerfeld I times p: u p in the opening, else zero."""
+    """The tangential field is Rayleigh-Sommerfeld I times p: u p in the opening, zero elsewhere."""
     source = SOURCES["steered taper"]
     result = pw.field(source, POINTS, 1.0, JONES, "magnetic", tolerance=1e-12)
     scalar = pw.amplitude(source, POINTS, 1.0, tolerance=1e-12)
@@ -112,7 +112,7 @@ def test_the_magnetic_model_has_the_field_of_the_opening_along_the_plane() -> No
 
 @models
 def test_a_curved_wave_of_large_radius_is_a_flat_one(model: Any) -> None:
-    """The curved wave's field is a sum over places, the flat one's along the edges."""
+    """The algorithms differ: a sum over points for curved waves, and along edges for flat waves."""
     curved = ELL.curved(1e12, 1.0)
     flat = pw.field(ELL, POINTS, 1.0, "30 deg", model, tolerance=1e-12)
     result = pw.field(curved, POINTS, 1.0, "30 deg", model)
@@ -120,7 +120,7 @@ def test_a_curved_wave_of_large_radius_is_a_flat_one(model: Any) -> None:
 
 
 def test_elements_may_have_polarisations_of_their_own() -> None:
-    """A sequentially turned array of dipoles is circular along its axis."""
+    """A sequentially rotated array of dipoles is circularly polarised on its axis."""
     speck = pw.shapes.square(0.3)
     places = [(-0.4, -0.4), (0.4, -0.4), (0.4, 0.4), (-0.4, 0.4)]
     slants = ["0 deg", "90 deg", "180 deg", "270 deg"]
@@ -137,7 +137,7 @@ def test_elements_may_have_polarisations_of_their_own() -> None:
 
 
 def test_handedness_is_that_of_the_ieee() -> None:
-    """Seen with the wave coming, E of exp(-i omega t) turns against the clock for "right"."""
+    """For "right", E of exp(-i omega t) rotates counter-clockwise when viewed against the wave."""
     field = pw.field(pw.shapes.square(1.0), (0.0, 0.0, 1e4), 1.0, "right")
     angles = [np.angle(complex(*(field * np.exp(-1j * t)).real[:2])) for t in (0.0, 0.1)]
     assert (angles[1] - angles[0]) % (2 * math.pi) == pytest.approx(0.1)

@@ -1,6 +1,6 @@
-"""Couplings of polarised sources: reciprocity, Friis with mismatch, and near fields received.
+"""Couplings of polarised sources: reciprocity, Friis' formula with mismatch, and near fields.
 
-Lengths are in wavelengths throughout.
+Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ def test_links_are_the_same_both_ways(model: Any, pair: Any) -> None:
 
 @models
 def test_a_receiver_weighs_the_near_fields_that_arrive(model: Any) -> None:
-    """Currents of the receiver in the exact fields E and H of the transmitter, at Gauss nodes:
-    electric ones in E, magnetic ones in H, which is E of the dual currents."""
+    """The receiver's electric currents in E and magnetic currents in H of the transmitter, at Gauss
+    nodes; H is E of the dual currents.
+    """
     at, sent, taken = pose(0.3, 0.0, 1.2, 0.2, 0.4), np.array([0.6, 0.8j]), np.array([0.8, -0.6])
     node, weight = np.polynomial.legendre.leggauss(20)
     x, y = np.meshgrid(node * 0.45, node * 0.75, indexing="ij")
@@ -55,14 +56,14 @@ def test_a_receiver_weighs_the_near_fields_that_arrive(model: Any) -> None:
     )
     share = {"huygens": (0.5, 0.5), "magnetic": (1.0, 0.0), "electric": (0.0, 1.0)}[model]
     expected = share[1] * of_electric + share[0] * of_magnetic
-    expected /= math.sqrt(1.3 * 0.9 / 2 * TAKER.area)  # int |u|^2 of the cosine is half
+    expected /= math.sqrt(1.3 * 0.9 / 2 * TAKER.area)  # int |u|^2 of the taper
     result = link(at, sent, taken, method=model, tolerance=TIGHT, normalise="aperture")
     assert result == pytest.approx(expected, abs=TIGHT)
 
 
 @models
 def test_friis_holds_with_the_directivities_of_the_patterns(model: Any) -> None:
-    """On axis, far away: both vectors' mismatch times both directivities (lambda/4 pi r)^2."""
+    """Far away on the axis: both mismatches times both directivities times (lambda/4 pi r)^2."""
     distance = 1e4
     gains = [
         10 ** (pw.radiation_pattern(source, 1.0, 0.0, 0.0, polarisation="x", method=model)
@@ -81,7 +82,7 @@ def test_friis_holds_with_the_directivities_of_the_patterns(model: Any) -> None:
 
 
 def test_crossed_and_circular_links_match_as_antennas_do() -> None:
-    """Linear to circular loses half; two of one hand match, face to face; opposite ones do not."""
+    """Linear to circular loses half, equal hands match face to face, and opposite hands do not."""
     at = pose(0.0, 0.0, 300.0)
     whole = np.abs(link(at, "y", "y")) ** 2
     power = {
@@ -95,7 +96,7 @@ def test_crossed_and_circular_links_match_as_antennas_do() -> None:
 
 
 def test_elements_of_an_array_may_be_crossed() -> None:
-    """Two elements in quadrature, along x and y, are received as a circular wave."""
+    """Two elements in quadrature along x and y receive circular polarisation."""
     speck = pw.shapes.square(0.2)
     pair = pw.Array([speck, speck], [1, 1j])
     at = pose(0.1, 0.0, 3.0, 0.1)

@@ -1,4 +1,4 @@
-"""Patterns of polarised sources against textbooks, closed forms and readers of their files."""
+"""Patterns of polarised sources against textbooks and closed forms, and their files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def pattern(source: Any, theta: Any = THETA, phi: Any = PRINCIPAL, **how: Any) -
 
 
 def relative(result: Any) -> np.ndarray:
-    """Cuts in dB of the broadside."""
+    """Return cuts in dB relative to the axis."""
     levels = result["directivity"].values
     return levels - levels[len(levels) // 2]
 
@@ -36,8 +36,9 @@ def decibels(field: Any) -> np.ndarray:
 
 
 def test_a_half_wave_dipole_and_slot_have_their_textbook_patterns() -> None:
-    """cos(pi/2 cos psi)/sin psi, psi from the dipole; its directivity 2.151 dBi in the whole space
-    is 3.010 dB more into half of it."""
+    """cos(pi/2 cos psi)/sin psi with psi from the dipole; the directivity of 2.151 dBi increases by
+    3.010 dB in a half space.
+    """
     thin = pw.shapes.rectangle(0.5, SMALL).with_illumination(pw.cosine_taper(0.5))
     along = decibels(np.cos(math.pi / 2 * np.sin(THETA)) / np.cos(THETA))
     for jones, method, planes in (("x", "electric", (0, 1)), ("y", "magnetic", (0, 1))):
@@ -73,8 +74,9 @@ def test_a_patch_has_its_textbook_cuts() -> None:
 
 
 def test_the_scalar_conditions_are_cuts_of_the_vector_patterns() -> None:
-    """RS-II and RS-I are the E- and H-plane of the magnetic model, H and E of the electric one;
-    Kirchhoff is Huygens' everywhere."""
+    """RS-II and RS-I are the E- and H-plane of the magnetic model, and the H- and E-plane of the
+    electric model; Kirchhoff equals Huygens.
+    """
     source = pw.shapes.rectangle(1.3, 0.8)
     scalar = {
         n: pattern(source, obliquity=f"rayleigh-sommerfeld-{n}")["field"].values for n in (1, 2)
@@ -91,8 +93,10 @@ def test_the_scalar_conditions_are_cuts_of_the_vector_patterns() -> None:
 
 
 def test_a_linear_polarisation_crosses_between_the_principal_planes() -> None:
-    """Magnetic currents: E_theta is as cos(phi), E_phi as cos(theta) sin(phi). On the diagonal
-    co- over cross-polar is (1 + cos)/(1 - cos); Huygens' sources have no cross-polar part."""
+    """Magnetic currents: E_theta ~ cos(phi), E_phi ~ cos(theta) sin(phi). On the diagonal, the
+    ratio of co- to cross-polar fields is (1 + cos)/(1 - cos). Huygens sources have no cross-polar
+    field.
+    """
     theta, diagonal = np.radians([10.0, 35.0, 70.0]), math.pi / 4
     c = np.cos(theta)
     for method in ("magnetic", "electric"):
@@ -118,7 +122,7 @@ def test_circular_waves_are_ellipses_of_the_cosine_beside_the_axis() -> None:
 
 @models
 def test_directivity_counts_all_of_the_field(model: Any) -> None:
-    """Its mean over all directions is 1, by another rule than the library's."""
+    """The mean over all directions is 1, by another quadrature than the library's."""
     source = pw.shapes.triangle(1.1, 0.9).with_illumination(pw.steering((0.6, 0, 0.8), 1.0))
     node, weight = np.polynomial.legendre.leggauss(40)
     phi = 2 * np.pi * np.arange(60) / 60
@@ -132,7 +136,7 @@ def test_directivity_counts_all_of_the_field(model: Any) -> None:
 
 
 def test_a_far_point_has_the_field_of_the_pattern() -> None:
-    """Of a steered array with a polarisation for each element, split about the beam's."""
+    """A steered array with a polarisation for each element."""
     row = pw.phased_array(
         pw.shapes.square(0.4), [(0.5 * k, 0.0) for k in range(4)], np.exp(-1j * np.arange(4))
     )
@@ -149,7 +153,7 @@ def test_a_far_point_has_the_field_of_the_pattern() -> None:
 
 
 def test_a_curved_wave_has_a_vector_pattern_as_well() -> None:
-    """Of one along x, which is a product: the flat horn's pattern where the radius is infinite."""
+    """A curved wave along x is a product, and equals a flat horn for an infinite radius."""
     model = "huygens"
     flat = pattern(HORN, polarisation="y", method=model)
     curved = pattern(HORN.curved(1e9, 1.0), polarisation="y", method=model)

@@ -1,4 +1,4 @@
-"""Polarised light in scenes: Stokes numbers, Malus, Fresnel, handedness, receivers and links."""
+"""Polarised light in scenes: Stokes parameters, Malus, Fresnel, handedness, receivers and links."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from polywigner.figures import draw_polarisation, draw_stokes
 
 pytestmark = pytest.mark.drjit
 
-# Rounding of single precision in direct views; noise is the same for all numbers of a pixel.
+# Rounding of single precision in direct views; noise is common to all parameters of a pixel.
 ERROR = 1e-3
 ROOT = np.sqrt(0.5)
 JONES = {"x": (1, 0), "y": (0, 1), "45 deg": (ROOT, ROOT), "right": (ROOT, 1j * ROOT)}
 JONES["left"] = (ROOT, -1j * ROOT)
-# S3 > 0 is left: what turns clockwise with the wave towards the reader, as in Mitsuba.
+# S3 > 0 is left-handed: clockwise rotation when viewed against the wave, as in Mitsuba.
 STOKES = {"x": (1, 0, 0), "y": (-1, 0, 0), "45 deg": (0, 1, 0), "right": (0, 0, -1)}
 STOKES["left"] = (0, 0, 1)
 PAIR = pw.Array([pw.shapes.square(5e-3).moved((s * 4e-3, 0)) for s in (-1, 1)], [1, 0.5j])
@@ -65,7 +65,7 @@ def seen(
     inner: str = "path",
     **more: Any,
 ) -> np.ndarray:
-    """The mean Stokes numbers of a camera that looks at a source, or past other surfaces."""
+    """Return the mean Stokes parameters in a camera that views a source directly or by surfaces."""
     sensor = mitsuba_scenes.camera(*camera[:2], size, half, *camera[2:])
     sensor |= {"sampler": {"type": "multijitter"}}
     entry = pwm.aperture(source, WAVELENGTH, bsdf=BLACK, polarisation=polarisation, **more)
@@ -96,7 +96,7 @@ def test_an_unpolarised_source_sends_light_of_the_same_radiance() -> None:
     [("x", (0.5, 0.3, 1.0)), ("45 deg", (-0.4, 0.8, 0.6)), ("right", (0.05, -0.9, 0.3))],
 )
 def test_beside_the_axis_the_field_turns_the_shortest_way(name: str, aside: Any) -> None:
-    """Ludwig's third definition, along the camera's right and up."""
+    """Ludwig's third definition with the camera's right and up vectors."""
     use("llvm_ad_mono_polarized")
     s, up = np.array(aside) / np.linalg.norm(aside), np.array([0.1, 1.0, 0.2])
     z, p = np.array([0.0, 0.0, 1.0]), np.array([*JONES[name], 0.0])
@@ -111,7 +111,7 @@ def test_beside_the_axis_the_field_turns_the_shortest_way(name: str, aside: Any)
 
 @pytest.mark.llvm
 def test_a_turned_polariser_passes_the_square_of_the_cosine() -> None:
-    """Malus."""
+    """Malus' law."""
     use("llvm_ad_mono_polarized")
     plate = {"type": "polarizer"}
     free = seen("x", inner="volpath")[0]
@@ -136,14 +136,14 @@ def test_the_right_of_engineers_is_the_left_of_the_plugin_circular() -> None:
 @pytest.mark.llvm
 @pytest.mark.parametrize("name", ["45 deg", "right"])
 def test_a_metal_of_finite_index_turns_slants_into_the_ellipse_of_fresnel(name: str) -> None:
-    """The sign of S3 is physics: that of a phase between two reflections."""
+    """The sign of S3 is the sign of the phase between two reflections."""
     use("llvm_ad_mono_polarized")
     angle, index = np.radians(60), 0.2 + 3.0j
     cosine, root = np.cos(angle), np.sqrt(index**2 - np.sin(angle) ** 2)
-    along = (index**2 * cosine - root) / (index**2 * cosine + root)  # of H, and so of E by d x H
+    along = (index**2 * cosine - root) / (index**2 * cosine + root)  # for H, and thus for E = d x H
     across = (cosine - root) / (cosine + root)
     x, y = JONES[name]
-    # E in the plane of incidence: z x y = -x before, and right of the camera, -d' x y, behind
+    # E in the plane of incidence: z x y = -x before, and -d' x y, the camera's right, behind.
     a, b = along * x, across * y
     both = 2 * a * np.conj(b)
     size = abs(a) ** 2 + abs(b) ** 2
@@ -172,7 +172,7 @@ def test_an_unpolarised_sky_gives_half_to_a_polarised_receiver(estimator: str) -
 
 
 def linked(sent: Any, taken: Any, roll: float = 0.0) -> Any:
-    """What a receiver gets of a source that it faces, both with x horizontal."""
+    """Return the power at a receiver that faces a source, both with horizontal x axes."""
     here, there = (0.0, 0.0, 0.0), (0.1, 0.4, 0.2)
     pose = looking(there, here, (0, 0, 1)).rotate([0, 0, 1], roll)
     scene = scene_of(
@@ -197,7 +197,7 @@ def test_links_keep_the_share_of_power_in_the_receivers_polarisation() -> None:
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_an_array_of_two_polarisations_has_the_pattern_of_the_sum_of_fields() -> None:
-    """The radiance times area of a direction: |F|^2, and the products of its two components."""
+    """Radiance times area in a direction: |F|^2, and the products of its two components."""
     use("llvm_ad_mono_polarized")
     s = np.array([0.25, 0.0, np.sqrt(1 - 0.25**2)])
     each = [pw.fourier(element, s[:2] / WAVELENGTH) for element in PAIR.elements]
@@ -207,7 +207,7 @@ def test_an_array_of_two_polarisations_has_the_pattern_of_the_sum_of_fields() ->
     expected = np.array([abs(x) ** 2 - abs(y) ** 2, both.real, both.imag]) / size
     camera = (s, (0, 0, 0))
     result = seen(["x", "right"], None, camera, PAIR, half=8e-3, size=64, spp=64)
-    # in the x-z plane the field along x is the camera's right, and along y its up
+    # In the x-z plane, x is the camera's right and y is up.
     assert result[1:] / result[0] == pytest.approx(expected, abs=5e-3)
 
 
@@ -232,9 +232,9 @@ def test_both_estimators_light_a_street_alike() -> None:
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_ranges_and_scatterers_add_up_to_the_polarised_power() -> None:
-    """Three ways to one number, crossed and due to the slant of rays."""
+    """Three computations of the power of crossed ends, which is due to oblique rays."""
     use("llvm_ad_mono_polarized")
-    if importlib.util.find_spec("mitransient") is None:  # importing it sets a default variant
+    if importlib.util.find_spec("mitransient") is None:  # its import sets a default variant
         pytest.skip("mitransient is not installed")
     poses = [looking((x, 0, 0.3), (0, 0, 0)) for x in (-0.1, 0.1)]
     value = spectrum(3000.0)

@@ -1,4 +1,4 @@
-"""Fourier transforms in three dimensions: polyhedra, and apertures in a pose."""
+"""Fourier transforms of polyhedra and of apertures in a pose."""
 
 import copy
 import math
@@ -13,7 +13,7 @@ from oracles.references import ENGINES, read_json
 from oracles.sources import CUBE, rotation
 from polywigner.errors import ArgumentError, GeometryError
 
-# Relative to the content.
+# Relative to the volume or area.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}
 
 engines = pytest.mark.parametrize("engine", ENGINES)
@@ -59,9 +59,9 @@ def test_a_box_is_a_product_of_sincs_wherever_it_stands():
     nu = np.random.default_rng(5).uniform(-30, 30, (100, 3))
     expected = np.prod(np.sinc(nu), axis=-1)
     assert np.abs(pw.fourier(box, nu) - expected).max() < 1e-14
-    shift = np.array([1024.0, -512.0, 256.0])  # a power of two: the vertices stay exact
+    shift = np.array([1024.0, -512.0, 256.0])  # a power of two, so that vertices are exact
     far = moved(box, *shift)
-    turns = nu @ shift  # products of 53 bit numbers with powers of two are exact, their sum is not
+    turns = nu @ shift  # products of floats with powers of two are exact, but not their sum
     phase = np.exp(-2j * np.pi * ((nu * shift) % 1).sum(axis=-1))
     assert np.abs(turns).max() > 1e3
     assert np.abs(pw.fourier(far, nu) - expected * phase).max() < 1e-13
@@ -126,8 +126,6 @@ def test_unusable_polyhedra_are_refused(vertices, faces, message):
         pw.Polyhedron(vertices, faces)
 
 
-# ---- apertures in a pose -------------------------------------------------------------------------
-
 CHEVRON = pw.Aperture([[0, 0], [1, 0.5], [2, 0], [2, 0.6], [1, 1.1], [0, 0.6]])
 
 
@@ -144,7 +142,7 @@ def test_a_placed_aperture_sees_the_frequency_in_its_own_frame(engine):
 
 
 def test_divergence_theorem_ties_faces_to_bodies():
-    """2 pi i nu F(body) = - sum over the faces of n F(face): two independent kernels."""
+    """2 pi i nu F(body) = - sum over the faces of n F(face), with independent kernels."""
     body = pw.Polyhedron(CUBE_CORNERS @ rotation(11).T, CUBE_FACES)
     nu = np.random.default_rng(12).uniform(-2, 2, (20, 3))
     total = np.zeros((20, 3), complex)

@@ -1,8 +1,7 @@
-"""Power adds up at both ends: spheres of detectors, furnaces, exchange of both ends.
+"""Power balances of emitters and receivers: detector spheres, furnaces and reciprocity.
 
-One table of sources, boundary conditions and estimators. An emitter of 1 W puts 1 W into a closed
-sphere; a receiver in a furnace of radiance L reads lambda^2 L, whatever its aperture; and a scene
-passes as much from one aperture to another as back.
+An emitter of 1 W sends 1 W into a closed sphere. A receiver in a furnace of radiance L receives
+lambda^2 L. The power through a scene is equal in both directions.
 """
 
 from typing import Any
@@ -17,13 +16,13 @@ from mitsuba_scenes import KEPT, WAVELENGTH, emitter_of, use
 
 pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
 
-# Means of so many renders; 3 of their standard errors, Student's with 15 degrees of freedom, are
-# passed once in 100 fair tests, and seeds are fixed.
+# Number of renders of a mean; 3 standard errors are exceeded once in 100 tests (Student, 15 degrees
+# of freedom).
 RENDERS, ERRORS = 16, 3.0
-# Beyond noise: exact light is good to 1e-4 of its peak. Signed weights have rare large values, for
-# which errors of 16 renders are not Student's (12 million samples: 4e-4 +- 1e-3 off).
+# Error of exact light of 1e-4 of its peak. Signed weights have rare large values, whose errors have
+# another distribution (12 million samples: 4e-4 +- 1e-3).
 BIAS = {"exact": 1e-3, "wigner": 1e-2}
-# Noise that a test may have to see faults of per cents; a factor 1/cos is 10 % and more.
+# Largest noise of a test that must detect errors of per cents.
 NOISE = {"exact": 1e-3, "wigner": 1e-2}
 
 VARIANT = "llvm_ad_mono"
@@ -33,7 +32,7 @@ STEERED = pw.phased_array(
 )
 SQUARES = {f"{side} wavelengths": pw.shapes.square(side * WAVELENGTH) for side in (0.3, 1, 3, 10)}
 HORN = pw.shapes.rectangle(3 * WAVELENGTH, 2 * WAVELENGTH)
-# Waves in many directions have no slopes, which the other conditions take.
+# Waves in many directions have no slope.
 BENT = {
     "curved": HORN.curved(5 * WAVELENGTH, WAVELENGTH),
     "partly coherent": HORN.partially_coherent(WAVELENGTH),
@@ -57,7 +56,7 @@ CASES = [
 
 
 def detectors(radius, count):
-    """Places (n, 3) on a hemisphere in front, normals inwards, and areas, by Gauss's rule."""
+    """Return points (n, 3) on a hemisphere, inward normals, and areas of a Gauss rule."""
     node, weight = np.polynomial.legendre.leggauss(count)
     theta, phi = np.pi / 4 * (node + 1), 2 * np.pi * (np.arange(2 * count) + 0.5) / (2 * count)
     solid = (np.pi / 4 * weight * np.sin(theta))[:, None] * np.full(2 * count, np.pi / count)
@@ -68,7 +67,7 @@ def detectors(radius, count):
 
 
 def collected(entry, radius, samples):
-    """Power in W that detectors all around an emitter receive, and its standard error."""
+    """Return the power in W at detectors around an emitter, and its standard error."""
     mi = use(VARIANT)
     emitter = emitter_of(entry)
     places, normals, areas = detectors(radius, 48)
@@ -98,7 +97,7 @@ def test_detectors_all_around_an_emitter_receive_its_power(name, obliquity, esti
 
 
 def received(scene, samples):
-    """Mean power in W of some renders of the first sensor, and its standard error."""
+    """Return the mean power in W of some renders of the first sensor, and its standard error."""
     mi = use(VARIANT)
     loaded = mi.load_dict(scene)
     KEPT.append(loaded)
@@ -121,7 +120,7 @@ def test_a_furnace_gives_a_wavelength_squared_of_its_radiance_to_any_receiver(
 
 
 def towards(place, degrees):
-    """Pose at a place whose +z is so many degrees off the way to the origin, turned about y."""
+    """Return a pose whose +z is rotated about y by an angle from the direction to the origin."""
     way = -np.asarray(place) / np.linalg.norm(place)
     side = np.cross([0.0, 1.0, 0.0], way)
     side /= np.linalg.norm(side)
@@ -151,7 +150,7 @@ def plate(mi):
 
 
 def passed(degrees, obliquity, estimator, back, samples):
-    """Power that the second end receives of 1 W of the first by way of a plate; or ``back``."""
+    """Return the power from 1 W at an end to the other end by a plate."""
     mi = use(VARIANT)
     ends = [
         (source, towards(place, turn))

@@ -1,4 +1,4 @@
-"""Long work draws a bar on a terminal or on request, and erases it at the end."""
+"""Progress bars on a terminal or on request."""
 
 import io
 import sys
@@ -20,9 +20,9 @@ class Terminal(io.StringIO):
 
 
 def terminal(monkeypatch):
-    """Replace stderr by a terminal, and let slow calls draw a bar at once.
+    """Replace stderr by a terminal, and let calls draw a bar at once.
 
-    Not a fixture: between set-up and test pytest replaces stderr itself.
+    Not a fixture, because pytest replaces stderr between set-up and test.
     """
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)

@@ -1,4 +1,4 @@
-"""Projections of R, W and A: brute integration, products, exact arithmetic, covariance, labels."""
+"""Projections of R, W and A: numerical integration, products, exact arithmetic and labels."""
 
 import numpy as np
 import pytest
@@ -13,28 +13,25 @@ from projected import ARRAY, KINDS, LIT, SHAPES, SQUARE, TILES, bounds_of, box_o
 ROUNDING = 1e-13
 
 
-# --- brute integration of the four-dimensional functions
-
-
 def _fejer(width, count):
-    """Frequencies and weights that sum a band-limited function, to some 1/count.
+    """Return frequencies and weights that sum a band-limited function with an error of 1/count.
 
-    What has support of ``width`` in the conjugate coordinate is summed exactly by equal steps
-    below 1/width; the triangular weights make the sum converge.
+    Steps below 1/width are exact for a support of ``width`` in the conjugate coordinate; the
+    triangular weights ensure convergence.
     """
     k = np.arange(-count, count + 1)
     step = 0.49 / width
     return k * step, step * (1 - np.abs(k) / (count + 1))
 
 
-BRUTE = 1e-2  # of the tile's peak
-BRUTE_TWICE = 0.15  # |u|^2, 0 or 1, smeared by two sums over few frequencies
+BRUTE = 1e-2  # relative to the peak of the tile
+BRUTE_TWICE = 0.15  # two sums over few frequencies smooth the step of |u|^2
 
 
 def _rule(source, kind, name, twice):
-    """Nodes and weights that integrate a function over one of its coordinates.
+    """Return nodes and weights of an integral over one coordinate.
 
-    ``twice``: over another frequency as well, which leaves less memory for this one.
+    ``twice``: fewer nodes, because the integral is over another frequency as well.
     """
     low, high = _extents(source).get(name, (0.0, 0.0))
     if low < high:
@@ -46,7 +43,7 @@ def _rule(source, kind, name, twice):
 
 
 def _extents(source):
-    """Where positions and lags matter."""
+    """Return the extents of positions and lags."""
     west, south, east, north = bounds_of(source)
     width, height = box_of(source)
     lags = {"xi_x": (-width, width), "xi_y": (-height, height)}
@@ -54,7 +51,7 @@ def _extents(source):
 
 
 def _brute(source, kind, kept):
-    """The function, integrated numerically over the two coordinates that are not kept."""
+    """Integrate the function numerically over the two other coordinates."""
     names = COORDINATES[kind]
     twice = not any(name.startswith(("nu", "upsilon")) for name in kept)
     rules = [
@@ -85,14 +82,14 @@ def test_each_tile_is_its_function_integrated_over_the_other_coordinates(kind, n
     value = tile(source, kind, name, *kept.values())[0, 0]
     samples = 15 if shape == "lit" else 65
     peak = np.abs(pw.projections(source, kind, tiles=[name], samples=samples)[name].values).max()
-    assert abs(value) > 0.01 * peak  # else a point of no interest
+    assert abs(value) > 0.01 * peak  # the point must not be close to a zero
     both = kind != "autocorrelation" and not any(d.startswith(("nu", "upsilon")) for d in dims)
     tolerance = BRUTE_TWICE if both else BRUTE
     assert abs(value - _brute(source, kind, kept)) < tolerance * peak
 
 
 def test_projections_of_tapered_sources_are_their_marginals():
-    """Summed over the other coordinate, tiles that share an axis agree; and with the field."""
+    """Tiles that share an axis agree after summation over the other coordinate."""
     horn = pw.shapes.rectangle(1.0, 0.7).with_illumination(
         pw.te_mode(1.0, 0.7) * pw.Illumination([1], [(1.5, 0.5)])
     )
@@ -115,7 +112,7 @@ def test_projections_of_tapered_sources_are_their_marginals():
         wide = dict.fromkeys(["nu_x", "nu_y"], np.linspace(-24, 24, 385))
         power = pw.projections(source, tiles=["nu_x_nu_y"], coordinates=wide)["nu_x_nu_y"]
         total = power.values.sum() * (48 / 384) ** 2
-        # spectra of jumps at the ends of y fall off as 1/nu^2: 3 % lie beyond 24 cycles
+        # Spectra of the jumps at the ends of y decrease as 1/nu^2: 3 % are beyond 24 cycles.
         assert total == pytest.approx(pw.lag_marginal(source, (0, 0)).real, rel=0.04)
         kind = pw.projections(source, "ambiguity", tiles=["xi_x_xi_y"], samples=9)["xi_x_xi_y"]
         lags = np.stack(np.meshgrid(kind.xi_x.values, kind.xi_y.values, indexing="ij"), axis=-1)
@@ -125,7 +122,7 @@ def test_projections_of_tapered_sources_are_their_marginals():
 
 @pytest.mark.parametrize("name", ["x", "y"])
 def test_tiles_of_a_product_are_products_of_the_functions_of_slits(name):
-    """u(x, y) = f(x) g(y) on a rectangle; integrals of the functions of g are others of these."""
+    """u(x, y) = f(x) g(y) on a rectangle; integrals over the functions of g are functions of g."""
     waves = [
         ([1.0, 0.4j, -0.3 + 0.2j], [0.0, 0.71, -1.27]),
         ([0.8, 0.5 - 0.4j, 0.2], [1.3, -0.45, 7.0]),
@@ -166,14 +163,12 @@ def test_tiles_of_a_product_are_products_of_the_functions_of_slits(name):
     check("ambiguity", f"upsilon_{name}_xi_{across}", nu, lag, crossed)
 
 
-# Coordinates of a thousand sizes lose three digits.
+# Coordinates of a thousand diameters lose three digits.
 FAR = 1e-11
-
-# --- rounding, against rational arithmetic
 
 
 def _mirrored_overlap(source, x):
-    """{2 (a_x - x), y} and its mirror image in xi_x = 0, exactly."""
+    """Return the intersection of {2 (a_x - x), y} with its mirror image in xi_x = 0, exactly."""
     at = exact.rational(x)
     copy = [[(2 * (a - at), b) for a, b in ring] for ring in exact._exact_rings(source.rings)]
     return exact._region(copy, [[(-a, b) for a, b in ring[::-1]] for ring in copy])
@@ -211,7 +206,7 @@ def _assert_rounding_is_as_stated(source):
     check(source, "wigner", "x_nu_x", [_waves(_mirrored_overlap(source, at), nu).real for at in x])
     lifted = [[2 * float(_lifted_overlap(source, at, xi).area) for xi in axes["xi_y"]] for at in x]
     check(source, "autocorrelation", "x_xi_y", lifted)
-    # A looks at opposite points: the others are empty
+    # A involves opposite points, so that the other tiles are empty.
     centred = pw.Aperture(shapely.transform(source.polygons, lambda v: v - source.centre))
     flipped = [2 * _waves(_flipped_overlap(centred, xi), nu) for xi in axes["xi_x"]]
     check(centred, "ambiguity", "upsilon_x_xi_x", np.transpose(flipped))
@@ -228,7 +223,7 @@ def _assert_rounding_is_as_stated(source):
 
 
 def _column(source, x):
-    """The section at x in rational numbers, relative to its middle."""
+    """Return the section at x in rational numbers, relative to its centre."""
     at, heights = exact.rational(x), []
     for ring in exact._exact_rings(source.rings):
         for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1], strict=True):
@@ -272,9 +267,6 @@ def test_rounding_errors_of_awkward_shapes_are_below_those_stated(name):
     _assert_rounding_is_as_stated(awkward(name).aperture)
 
 
-# --- covariance and labels
-
-
 @shapes
 @pytest.mark.parametrize("kind", KINDS)
 def test_exchanging_x_and_y_exchanges_the_tiles(kind, source):
@@ -293,14 +285,14 @@ def test_exchanging_x_and_y_exchanges_the_tiles(kind, source):
 
 
 def _split(name):
-    """Pieces of a coordinate name: "xi_x" -> "xi", "_", "x"."""
+    """Split a coordinate name: "xi_x" -> "xi", "_", "x"."""
     head, _, tail = name.partition("_")
     return [head, "_", tail] if tail else [head]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_fields_off_phase_show_in_every_tile(kind):
-    """R, W and A are bilinear: a phase common to all elements is lost, one between them is not."""
+    """R, W and A are independent of a common phase, but not of phases between elements."""
     ring = SHAPES["triangle"].rings[0] - SHAPES["triangle"].centre
     pieces = [pw.Aperture(ring + sign * np.array([0.2, 0.5])) for sign in (1, -1)]
     plain, turned, opposed = (
@@ -310,7 +302,7 @@ def test_fields_off_phase_show_in_every_tile(kind):
     for name in TILES[kind]:
         peak = np.abs(plain[name].values).max()
         assert np.abs(plain[name].values - turned[name].values).max() < ROUNDING * peak
-        if (kind, name) != ("wigner", "x_y"):  # |u|^2 of pieces that do not overlap
+        if (kind, name) != ("wigner", "x_y"):  # |u|^2 of separate pieces
             assert np.abs(plain[name].values - opposed[name].values).max() > 0.02 * peak
 
 
@@ -324,7 +316,7 @@ def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function():
     lags = np.array([1e-9, 0.3, 0.5])
     result = tile(moved, "autocorrelation", "x_xi_y", x + shift[0], lags)
     assert np.abs(result - tile(source, "autocorrelation", "x_xi_y", x, lags)).max() < FAR
-    # A looks at opposite points: only a shift along x leaves its rows facing each other
+    # A involves opposite points: only a shift along x keeps opposite rows.
     aside = pw.Aperture(source.rings[0] + [1000.0, 0.0])
     turn = np.exp(-2j * np.pi * nu * 1000.0)[:, None]
     for name in ("upsilon_x_xi_x", "upsilon_x_xi_y"):

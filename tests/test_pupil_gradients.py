@@ -1,4 +1,4 @@
-"""Derivatives of OTF, MTF and PSF in vertices, weights and coefficients, by differences."""
+"""Derivatives of OTF, MTF and PSF in vertices, weights and coefficients, against differences."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ FUNCTIONS = {
         pupil, SPOT, BAND, FOCUS, 0.3, RADIUS, aberration=path, **FINE
     ),
 }  # fmt: skip
-# Differences of the fourth order, relative to the largest derivative.
+# Error of fourth-order differences relative to the largest derivative.
 DIFFERENCES = 1e-8
 
 
@@ -46,7 +46,7 @@ def corners_of(source: Any) -> Any:
 
 
 def with_corners(source: Any, corners: Any, weights: Any) -> Any:
-    """The source with other vertices, in the order of their rings."""
+    """Return the source with other vertices, in the order of its rings."""
     if not isinstance(source, pw.Array):
         rings = np.split(corners, np.cumsum([len(ring) for ring in source.rings])[:-1])
         return pw.Aperture(shapely.Polygon(rings[0], rings[1:]))
@@ -97,7 +97,7 @@ def test_derivatives_are_the_limits_of_differences(llvm: Any, name: str, source:
 
 
 def test_reverse_derivatives_lead_to_a_flat_wavefront(llvm: Any) -> None:
-    """Steps along the gradient raise the peak; at the flat wavefront the gradient is zero."""
+    """Steps along the gradient raise the peak, and the gradient is zero at the flat wavefront."""
     import drjit as dr
     from drjit.llvm.ad import Float64
 
@@ -117,7 +117,7 @@ def test_reverse_derivatives_lead_to_a_flat_wavefront(llvm: Any) -> None:
 
 
 def test_a_pupil_without_aberrations_has_derivatives(llvm: Any) -> None:
-    """A square of side a: OTF(x) = 1 - x/a, so its derivative in the scale s is x/a."""
+    """A square of side a has OTF(x) = 1 - x/a, whose derivative in the scale s is x/a."""
     import drjit as dr
     from drjit.llvm.ad import Array2f64, Float64
 
@@ -140,6 +140,6 @@ def test_lags_without_overlap_have_derivatives_of_zero(llvm: Any) -> None:
     coefficients = Float64(PATH.coefficients)
     dr.enable_grad(coefficients)
     path = PATH.with_coefficients(coefficients)
-    lags = np.full((140, 2), 4 * RADIUS)  # more lags than one block has
+    lags = np.full((140, 2), 4 * RADIUS)  # more lags than in one block
     dr.backward(pw.otf(POLYGON, lags, aberration=path, wavelength=WAVELENGTH)[0])
     assert not np.array(coefficients.grad).any()

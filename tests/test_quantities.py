@@ -1,4 +1,4 @@
-"""Quantities: one float for one text, and an error for whatever could mean two."""
+"""Strings of quantities are parsed to one float, or raise an error if they are ambiguous."""
 
 import math
 from decimal import Decimal

@@ -1,4 +1,4 @@
-"""Data cubes of radars against the radar equation, received powers and the geometry of scenes."""
+"""Data cubes of radars against the radar equation, received power and scene geometry."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def row(count, spacing=WAVELENGTH / 2):
 
 
 def scene_of(source=PATCH, emitters=((0.0, 0.0, 0.0),), receiver_at=(0.02, 0.0, 0.0), **things):
-    """Emitters and a receiver side by side that look along z."""
+    """Return a scene of emitters and a receiver next to each other that point along z."""
     entries = {"type": "scene", "integrator": {"type": "path", "max_depth": 2}}
     for k, place in enumerate(emitters):
         entries[f"tx{k}"] = pm.aperture(
@@ -50,18 +50,18 @@ ROUGH = {"type": "diffuse", "reflectance": spectrum(0.5)}
 
 
 def plate(distance, size, x=0.0):
-    """A rough plate that faces the radar."""
+    """Return a rough plate that faces the radar."""
     return rectangle([x, 0, distance], [0, 1, 0], 180, size, ROUGH)
 
 
 def trihedral(position):
-    """A corner reflector that faces the origin, as plates in the scene's frame."""
+    """Return a corner reflector that faces the origin, as plates in the frame of the scene."""
     triangle = pw.Aperture(np.array([[0, 0], [LEG, 0], [0, LEG]]))
     away = np.asarray(position, float) / np.linalg.norm(position)
     x = np.cross([0.0, 1.0, 0.0], away)
     x /= np.linalg.norm(x)
     axes = np.stack([x, np.cross(away, x), away], axis=1)
-    # rows: the frame in which (1, 1, 1) points back to the radar
+    # Rows of the frame in which (1, 1, 1) points back to the radar.
     first = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
     back = -np.ones(3) / np.sqrt(3)
     local = np.stack([first, np.cross(back, first), back])
@@ -75,7 +75,7 @@ def trihedral(position):
 
 
 def peak_of(image, nearest=1.0):
-    """Rate in m/s, range in m and level in W of the largest peak beyond a distance."""
+    """Return rate in m/s, range in m and power in W of the largest peak beyond a distance."""
     values = image.where(image["range"] > nearest, 0.0).values
     row, column = np.unravel_index(values.argmax(), values.shape)
 
@@ -95,7 +95,7 @@ def gain(direction):
 
 @pytest.fixture(scope="module")
 def corner():
-    """A receding corner reflector at 12.34 m, 10 degrees aside, seen by two elements."""
+    """Return the cube of a receding corner reflector at 12.34 m and 10 degrees."""
     mi.set_variant(pm.choose_variant())
     position = 12.34 * np.array([np.sin(np.radians(10)), 0.0, np.cos(np.radians(10))])
     cube = pm.radar_cube(
@@ -139,7 +139,7 @@ def test_eight_virtual_elements_resolve_the_angle():
     facing = np.eye(4)
     facing[:3] = np.c_[[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine], position]
     waveform = replace(CHIRPS, chirps=8)
-    rate = waveform.rate_step / 2  # in the centre of a bin, for two emitters
+    rate = waveform.rate_step / 2  # centre of a bin, for two emitters
     cube = pm.radar_cube(
         scene_of(row(4), emitters, (0.0, 0.0, 0.0)), waveform, elements=True, points=0, noise=False,
         bodies={"plate": pw.shapes.square(LEG).placed(facing)},
@@ -156,7 +156,7 @@ def test_eight_virtual_elements_resolve_the_angle():
 
 
 def test_mean_range_bins_are_the_range_profile():
-    """Without a window, a bin collects the profile times the squared Dirichlet kernel."""
+    """Without a window, a bin contains the profile times the squared Dirichlet kernel."""
     pytest.importorskip("mitransient")
     scene = scene_of(
         board=plate(3.0, 0.4), wall=rectangle([1.5, 0, 5.0], [0, 1, 0], 200, 1.0, ROUGH)
@@ -187,7 +187,7 @@ def test_large_cubes_are_lazy(monkeypatch):
 
 @pytest.mark.parametrize("spread", [0.01, 0.4])
 def test_sums_over_scatterers_equal_the_plain_sum(spread):
-    """Elements spread over 40 cm, and points at up to 60 m/s, still have a tolerance of 1e-6."""
+    """Elements over 40 cm and points at up to 60 m/s keep the tolerance of 1e-6."""
     from polywigner.mitsuba.radar import radar_cubes
 
     rng = np.random.default_rng(0)
@@ -220,7 +220,7 @@ def test_elements_receive_the_power_of_single_receivers():
 
 
 def test_emitters_are_coherent_at_shared_scatterers():
-    """A small plate has one phase: emitters differ by their path lengths alone."""
+    """A small plate has one phase: emitters differ by their path lengths only."""
     emitters = [(0.0, 0.0, 0.0), (0.03, 0.0, 0.0)]
     target = np.array([0.5, 0.0, 4.0])
     scene = scene_of(emitters=emitters, dot=plate(4.0, 0.002, x=0.5))
@@ -281,7 +281,7 @@ def test_all_waveforms_show_a_target_in_the_same_bin(kind):
     image = radar.range_doppler(cube).isel(draw=0, receiver=0, emitter=0)
     row, column = np.unravel_index(image.values.argmax(), image.shape)
     assert (image["range_rate"].values[row], column) == (0.0, 20)
-    if kind is radar.Pulse:  # a pulse is a range profile as it is
+    if kind is radar.Pulse:  # the cube of a pulse is its range profile
         assert np.abs(cube["signal"].values[0, 0, 0, 0]).argmax() == 20
 
 
@@ -322,7 +322,7 @@ def test_arguments_out_of_range_are_errors(options, words):
 
 
 def test_objects_too_fast_for_the_sums_are_refused():
-    """A board at 90 km/s crosses eight range bins within a chirp of 12.8 us."""
+    """A target at 90 km/s crosses eight range bins within a chirp of 12.8 us."""
     waveform = radar.FMCW(76e9, 1e9, 64, 5e6)
     with pytest.raises(ArgumentError, match="range bins within a repetition"):
         pm.radar_cube(

@@ -1,4 +1,4 @@
-"""The radar's maps in the example against geometry."""
+"""The maps of the radar example against geometry."""
 
 import importlib.util
 from pathlib import Path
@@ -34,7 +34,7 @@ def test_the_car_is_at_its_range_and_rate(example, cube):
     image = pw.radar.range_doppler(cube).mean(("draw", "receiver", "emitter"))
     moving = image.where(np.abs(image["range_rate"]) > 2, 0.0)
     peak = moving.isel(moving.argmax(...))
-    distance, rate = example.CAR  # its front, beside the axis
+    distance, rate = example.CAR  # front of the car, off the axis
     assert abs(float(peak["range"]) - distance) <= 0.5
     assert abs(float(peak["range_rate"]) - rate) <= 0.51
 

@@ -1,4 +1,4 @@
-"""Radiance, flux and power: closed forms, and two routes to every integral over directions."""
+"""Radiance, flux and power against closed forms and integrals over directions."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ SOURCES = {
 }
 sources = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
 
-# Stated in the docstrings, of int |u|^2 over lambda^2 or of int |u|^2.
+# Stated errors relative to int |u|^2 over lambda^2, and to int |u|^2.
 ACCURACY = 1e-12
-# Gauss-Legendre on panels of a few wavelengths, summed in other orders.
+# Rounding of Gauss-Legendre sums over panels of a few wavelengths in another order.
 ROUTES = 1e-12
 
 
@@ -64,12 +64,12 @@ def test_radiance_of_a_square_at_its_centre_is_the_closed_form() -> None:
 
 
 def test_a_source_much_smaller_than_the_wavelength_is_lambertian() -> None:
-    """F is its area in all directions, so that the radiant intensity goes with the cosine."""
+    """F is constant, so the radiant intensity is proportional to the cosine."""
     speck = pw.shapes.triangle(1e-6, 2e-6)
     for theta in (0.0, 0.7, 1.5):
         intensity = pw.radiant_intensity(speck, _direction(theta), WAVELENGTH)
         expected = math.cos(theta) * (speck.area / WAVELENGTH) ** 2
-        # (k D)^2 of the speck is 2e-5
+        # (k D)^2 of the source is 2e-5.
         assert intensity == pytest.approx(expected, rel=1e-6, abs=0.0)
     solid = math.pi * (speck.area / WAVELENGTH) ** 2
     assert pw.power(speck, WAVELENGTH) == pytest.approx(solid, rel=1e-5, abs=0.0)
@@ -87,7 +87,7 @@ def test_single_precision_stays_single() -> None:
 
 
 def _power_by_lags(width: float, wavelength: float) -> float:
-    """Of a square: int R(xi) J1(k |xi|)/(lambda |xi|) dxi, along rays of one octant."""
+    """Integrate R(xi) J1(k |xi|)/(lambda |xi|) over xi for a square, along rays of an octant."""
     k = 2 * math.pi / wavelength
     phi, over_phi = _gauss(0.0, math.pi / 4, 40)
     edges = np.linspace(0.0, 1.0, 40)[:, None] * width / np.cos(phi)
@@ -106,7 +106,7 @@ def test_power_of_a_square_equals_the_integral_over_lags(wavelengths: float) -> 
 
 @sources
 def test_what_leaves_the_plane_anywhere_is_the_power(source: Any) -> None:
-    """int J_z dx = power, by the midpoint rule; J_z jumps at the outlines, in cells of 1 mm."""
+    """int J_z dx = power, with midpoints of 1 mm cells; J_z jumps at the outlines."""
     axis = np.arange(-17e-3, 19e-3, 1e-3) + 0.11e-3
     x = np.stack(np.meshgrid(axis, axis), axis=-1)
     wavelength = 3 * WAVELENGTH  # a ninth of the directions
@@ -117,7 +117,7 @@ def test_what_leaves_the_plane_anywhere_is_the_power(source: Any) -> None:
 
 
 def _flux_from_the_lag_slice(aperture: pw.Aperture, x: Any, kappa: Any) -> np.ndarray:
-    """J of exp(2 pi i kappa.x) on an aperture: the far hemisphere's kernels over the lag slice.
+    """Return J of exp(2 pi i kappa.x) on an aperture, from kernels over the lag slice.
 
     int s exp(-2 pi i nu.xi) dOmega/lambda^2 = J1(k rho)/(lambda rho) along z, and along the plane
     i/lambda grad sin(k rho)/(k rho).
@@ -150,7 +150,7 @@ def test_no_flux_along_the_plane_without_a_phase_and_none_outside_the_automean()
 
 
 def test_a_wave_beyond_grazing_stays_at_the_aperture() -> None:
-    """A field of 1.5 cycles per wavelength is evanescent but for its edges."""
+    """A field of 1.5 cycles per wavelength is evanescent except at its edges."""
     field = pw.Illumination([1.0], [[1.5 / WAVELENGTH, 0.0]])
     large = pw.shapes.square(20 * WAVELENGTH).with_illumination(field)
     budget = pw.energy_budget(large, WAVELENGTH)
@@ -251,7 +251,7 @@ def test_elements_that_touch_radiate_as_one() -> None:
     pair = pw.Array([half, half.moved((-0.4, 0.0))])
     whole = pw.power(pw.shapes.square(0.8), 1e-3)
     assert pw.power(pair, 1e-3) == pytest.approx(whole, rel=1e-10)
-    # and in opposite phases the edge between them counts twice
+    # In opposite phases, the common edge counts twice.
     opposite = pw.Array(pair.elements, [1.0, -1.0])
     assert whole - pw.power(opposite, 1e-3) == pytest.approx(
         4 * 0.8e-3 / (2 * math.pi**2), rel=1e-3

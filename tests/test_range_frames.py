@@ -1,4 +1,4 @@
-"""Pictures by range: cameras against lengths by hand, and what is drawn of frames and profiles."""
+"""Images by range against path lengths, and figures of frames and profiles."""
 
 import importlib.util
 import json
@@ -64,7 +64,7 @@ class TestCameras:
         total = radiance.sum(axis=0) + frames["before"].values + frames["after"].values
         picture = pm.render(loaded, spp=64, seed=5)[..., 0]
         np.testing.assert_allclose(total.mean(), picture.mean(), rtol=0.02)
-        # the ray in the middle of each pixel, from a camera whose near clip is 2 m
+        # Central rays of the pixels, from a camera whose near clip is 2 m.
         half = math.tan(math.radians(10.0))
         x = 10.0 * half * (np.arange(8) - 3.5) / 4
         y = 10.0 * half * (np.arange(6) - 2.5) / 4
@@ -102,7 +102,7 @@ class TestCameras:
 
     def test_bins_that_single_precision_cannot_tell_apart_are_refused(self, scene, capsys):
         words = [str(scene), "--variant", "llvm_ad_mono", "--out", str(scene.parent / "echo")]
-        words += ["--spp", "1000000000"]  # a picture of a day
+        words += ["--spp", "1000000000"]  # would take a day
         for command in ("render", "receive"):
             assert main([command, *words, "--range", "1 m to 1.0000001 m"]) == 2
             assert "single precision" in capsys.readouterr().err
@@ -118,7 +118,7 @@ class TestCameras:
     ],
 )
 def test_bad_ranges_are_one_sentence(words, message, scene, capsys, monkeypatch):
-    monkeypatch.chdir(scene.parent)  # where results without --out appear
+    monkeypatch.chdir(scene.parent)  # default folder of results
     assert main(["receive" if len(words) == 2 else "render", str(scene), *words]) == 2
     errors = capsys.readouterr().err
     assert message in errors and errors.count("\n") == 1

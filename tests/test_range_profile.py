@@ -1,4 +1,4 @@
-"""Range profiles against received powers, quadratures over surfaces, and lengths by hand."""
+"""Range profiles against received power, quadrature over surfaces, and path lengths."""
 
 import importlib.util
 import math
@@ -21,7 +21,7 @@ from mitsuba_scenes import (
 from mitsuba_scenes import emitter as visible_emitter
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError, SceneError
 
-# not importorskip: it can be imported while a variant is set alone
+# Not importorskip, because the import requires that a variant is set.
 HAS_RADAR = importlib.util.find_spec("mitransient") is not None
 pytestmark = [
     pytest.mark.drjit,
@@ -34,13 +34,13 @@ import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM li
 from polywigner.mitsuba.radar.range_film import require_transients  # noqa: E402
 
 LARGE = pw.shapes.square(100e-3)
-REFLECTANCE = 0.5  # Mitsuba's own
+REFLECTANCE = 0.5  # Mitsuba's default
 
-# A film of Mitsuba adds some thousand samples of a pixel in single precision.
+# Mitsuba's film adds some thousand samples of a pixel in single precision.
 STEADY = 1e-6
-# Means of noise, in standard errors that are themselves known to 18 %.
+# Limit in standard errors, which are known to 18 %.
 SIGMAS = 5.0
-# dB, of the law of the fourth power.
+# dB, for the fourth-power law.
 LAW = 0.05
 
 
@@ -54,7 +54,7 @@ def emitter(**options):
 
 
 def at(x, z, turn=180.0):
-    """Turned about y by degrees, then moved; 180 looks back along -z."""
+    """Return a pose at (x, z), rotated about y by degrees; 180 points back along -z."""
     return mi.ScalarTransform4f().translate([x, 0.0, z]).rotate([0, 1, 0], turn)
 
 
@@ -75,7 +75,7 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
     steady = pm.received_power(scene, spp=16384, seed=4)
     assert result["power"].dims == ("range",) and result["power"].attrs["units"] == "W"
     np.testing.assert_allclose(result["range"].values, edges[:-1] + 0.25)
-    # 37.5 m on the axis is where a bin begins; the plate's corners are farther by 0.1 m
+    # A bin begins at 37.5 m on the axis; the corners of the plate are 0.1 m farther.
     np.testing.assert_array_equal(np.flatnonzero(result["power"].values), [5])
     assert float(result["before"].values) > 0 and float(result["after"].values) > 0
     total = result["power"].values.sum() + result["before"].values + result["after"].values
@@ -133,7 +133,7 @@ def test_what_has_no_path_lengths_is_refused():
 def test_a_small_patch_at_any_range_sends_what_quadrature_finds(distance):
     half, pose = 0.25, at(0.0, distance)
     scene = scene_of(tx=emitter(estimator="exact"), rx=receiver(LARGE), plate=plate(half, pose))
-    # amid a bin: single precision leaves paths on both sides of an edge
+    # The centre of a bin, because paths in single precision fall on both sides of an edge.
     result = pm.range_profile(scene, np.arange(0.25, 250.5, 0.5), spp=2**22, seed=1)
     points, normal, areas = nodes(half, pose)
     radiance = REFLECTANCE / math.pi * lit(SQUARE, points, normal)
@@ -159,7 +159,7 @@ def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it():
     result = pm.range_profile(scene, edges, spp=2**20, seed=2)
     is_ghost = result["range"].values > 11.1
     (a, normal_a, areas_a), (b, normal_b, areas_b) = (nodes(half, pose, 12) for pose in poses)
-    # from the transmitter to b, to a, to the receiver; and once more the other way round
+    # Paths from the transmitter by both plates to the receiver, in both orders.
     between = a[:, None] - b
     apart = np.linalg.norm(between, axis=-1)
     cosines = -(between @ normal_a) * (between @ normal_b) / apart**2
@@ -181,7 +181,7 @@ def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it():
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["wigner", "exact"])
 def test_paths_end_at_places_of_the_receiver_not_at_its_middle(estimator):
-    """Of what stands before one end of a receiver that is wide and aside of its own origin."""
+    """An obstacle in front of one end of a wide receiver, away from its origin."""
     wide, wavelength, end, z = pw.shapes.rectangle(1.0, 0.05).moved([1.25, 0.0]), 0.02, 0.85, 2.0
     scene = scene_of(
         tx=pm.aperture(
@@ -192,8 +192,8 @@ def test_paths_end_at_places_of_the_receiver_not_at_its_middle(estimator):
     )
     result = pm.range_profile(scene, np.linspace(1.9, 2.3, 201), spp=2**18, seed=1)
     power = result["power"].values
-    # signed rays come from where waves come from; exact weights are those of all places alike
-    assert math.hypot(z, 1.25 - end) - z > 0.038  # what the middle would make of it
+    # Signed rays start where waves do; exact weights are equal at all points.
+    assert math.hypot(z, 1.25 - end) - z > 0.038  # error of paths to the centre
     if estimator == "wigner":
         assert abs(np.average(result["range"].values, weights=power) - z) < 0.006
     else:
@@ -214,7 +214,7 @@ def test_fog_spreads_over_its_depth():
     edges = np.linspace(10.0, 20.0, 6)
     result = pm.range_profile(scene, edges, spp=2**17, seed=1)
     power, error = result["power"].values, result["standard_error"].values
-    # one scattering: exp(-2 sigma (r - 10))/r^2 dr, for the receiver's beam is narrow
+    # Single scattering of a narrow beam: exp(-2 sigma (r - 10))/r^2 dr.
     r = np.linspace(10.0, 20.0, 5001)
     density = np.exp(-0.1 * (r - 10.0)) / r**2
     shape = np.add.reduceat(density[:-1], np.arange(0, 5000, 1000))
@@ -223,11 +223,8 @@ def test_fog_spreads_over_its_depth():
     assert float(result["before"].values) == 0.0
 
 
-# ---- direct light -------------------------------------------------------------------------------
-
-
 def path_of(result, emitter, mirrors=""):
-    """Range and power of a path of direct light."""
+    """Return range and power of a path of direct light."""
     here = result["emitter"].values == emitter, result["mirrors"].values == mirrors
     ranges, powers = (
         result[name].values[here[0]][:, here[1]].ravel() for name in ("path_range", "path_power")
@@ -236,7 +233,7 @@ def path_of(result, emitter, mirrors=""):
 
 
 def with_echoes(**more):
-    """A radar before a metal plate and a white one, a distant source and a lamp."""
+    """Return a scene of a radar, a metal plate, a white plate, a distant source and a lamp."""
     return scene_of(
         tx=emitter(),
         far=emitter(pose=at(0.3, 50.0)),
@@ -254,7 +251,7 @@ def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
     result = pm.range_profile(scene, edges, spp=2048, seed=1)
     steady = pm.received_power(scene, spp=2048, seed=1)
     parts = {part.name: part for part in steady.contributions}
-    # the metal plate hides the distant source; images by hand
+    # The metal plate hides the distant source.
     echo, lamp = np.array([0.1, 0.0, 40.0]), np.array([-0.1, 0.2, 8.0])
     behind = np.array([-0.1, 0.2, 32.0])
     cases = [
@@ -275,7 +272,7 @@ def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
     direct = result["direct_power"].values
     np.testing.assert_array_equal(np.flatnonzero(direct), sorted(bins))
     np.testing.assert_allclose([direct[k] for k in sorted(bins)], [bins[k] for k in sorted(bins)])
-    # sums are those of the received power, for each emitter too
+    # The sums equal the received power, also for each emitter.
     np.testing.assert_allclose(result["direct"].values, steady.direct, rtol=1e-12)
     np.testing.assert_allclose(
         result["power"].values, direct + result["scattered_power"].values, rtol=1e-12
@@ -285,11 +282,11 @@ def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
     for number, name in enumerate(result["emitter"].values):
         own = result["emitter_power"].values[number].sum()
         np.testing.assert_allclose(own, parts[str(name)].power, rtol=1e-4, atol=1e-15)
-    assert int(result["power"].values.argmax()) == 8  # the lamp, at 4 m; 40 m of echo are 20
+    assert int(result["power"].values.argmax()) == 8  # the lamp at 4 m
 
 
 def test_a_link_is_at_half_of_its_length():
-    """The line of sight of another source, beyond all bins, and in them."""
+    """The line of sight from another source, beyond all bins and within them."""
     scene = scene_of(tx=emitter(pose=at(0.3, 9.0)), rx=receiver())
     power = pm.received_power(scene, spp=16).direct
     result = pm.range_profile(scene, [0.0, 4.0, 5.0], spp=16)

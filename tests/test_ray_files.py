@@ -1,4 +1,4 @@
-"""Files of rays: OpticStudio's format in both directions, NetCDF, and errors of damaged files."""
+"""Ray files: OpticStudio's format, NetCDF, and errors of damaged files."""
 
 import struct
 import warnings
@@ -13,7 +13,7 @@ xarray = pytest.importorskip("xarray")
 
 
 WAVELENGTH = 3.2e-3
-# Of numbers in single precision, and of unit vectors of such.
+# Numbers and unit vectors in single precision.
 SINGLE, UNIT = 6e-8, 2e-7
 
 
@@ -93,7 +93,7 @@ def test_split_files_hold_powers_above_zero_and_are_the_whole_together(rays, tmp
 
 
 def foreign(kind=0, unit=4, flux=0, second=0.5, turned=1):
-    """A file of another program: two rays, in the spectral format eight numbers each."""
+    """Return a file of another program with two rays."""
     head = struct.pack("<iI100s", 8675309, 2, b"LED") + struct.pack("<7f", 1, 1, 0, 0, 180, 0, 360)
     head += struct.pack("<i13f", unit, *[0.0] * 13) + struct.pack("<4i", kind, flux, 0, 0)
     rows = [(1, 2, 3, 0, 0.6, 0.8, 0.25), (4, 5, 6, 0, 0, turned, 0.75)]

@@ -1,4 +1,4 @@
-"""Radar cross sections against closed forms, rays, and laws of physical optics."""
+"""Radar cross sections against closed forms, rays and laws of physical optics."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from oracles.meshes import section_root as plate
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 
-# Of sums of float64, in amplitudes of a plate of the same size.
+# Rounding relative to the amplitude of a plate of the same size.
 ROUNDING = 1e-12
-# The reference value of two plates was found by a sum over a raster's edges, good to 2e-13.
+# The reference for two plates is a sum over edges of a raster, with an error of 2e-13.
 REFERENCE = 1e-11
-# Of dBsm that are stated to three digits after the point.
+# Rounding of dBsm to three decimals.
 STATED = 5e-4
 
 HOLED = pw.Aperture(shapely.Polygon([(0, 0), (4, 0), (4, 3), (0, 2)], [[(1, 1), (2, 1), (2, 2)]]))
 
 
 def turned(axis: int, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    """A pose whose z axis is x, y or z of space, at a place."""
+    """Return a pose at a point whose z axis is the global x, y or z axis."""
     pose = np.eye(4)
     pose[:3, :3] = np.roll(np.eye(3), 2 - axis, axis=1)
     pose[:3, 3] = x, y, z
@@ -48,19 +48,19 @@ def turned(axis: int, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndar
 
 
 PLATE = pw.shapes.square(1.0)
-# Three plates [0, 1]^2 that meet at the origin, with their insides towards (1, 1, 1).
+# Three plates [0, 1]^2 that meet at the origin, open towards (1, 1, 1).
 TRIHEDRAL = [
     PLATE.placed(turned(k, *(0.5 * (np.arange(3) != k)))) for k in range(3)
 ]  # fmt: skip
 INWARDS = np.ones(3) / math.sqrt(3)
 ACROSS = np.array([1.0, 1.0, 0.0]) / math.sqrt(2)
-WEDGE = pw.Polyhedron(  # an L of 90 degrees inside, with a fan of many facets
+WEDGE = pw.Polyhedron(  # an L-shaped body with an inner angle of 90 degrees and many facets
     L_BODY.vertices, [tuple(t) for t in L_BODY.triangles.tolist()]
 )
 GROUND = pw.shapes.square(8.0)
 WALL = [GROUND, pw.shapes.square(1.0).placed(turned(0, z=0.5))]
 SLAB, FIN = moved(block(2, 2, 0.2), 0, 0, -0.2), block(0.2, 1, 1)
-# A turned box with vertices of single precision, as in an STL file.
+# A rotated box with vertices in single precision, as in an STL file.
 _TURN = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
 _BLOCK = joined([block(1, 2, 3)])
 SINGLE = pw.Polyhedron((_BLOCK.vertices @ _TURN).astype(np.float32), _BLOCK.faces)
@@ -97,9 +97,9 @@ def test_plates_seen_at_right_angles_have_the_stated_sections(
 
 
 def section_of_sphere(ka: float) -> float:
-    """Physical optics of a sphere of radius 1: pi |1 - (1 - exp(-2i ka))/(2i ka)|^2, in m^2.
+    """Return pi |1 - (1 - exp(-2i ka))/(2i ka)|^2 in m^2, physical optics of a unit sphere.
 
-    The integral of n.s exp(-2i ka n.s) over the lit half.
+    This is the integral of n.s exp(-2i ka n.s) over the illuminated half.
     """
     turn = 2j * ka
     return math.pi * abs(np.exp(-turn) - (1 - np.exp(-turn)) / turn) ** 2
@@ -137,7 +137,7 @@ def test_a_transmitter_beside_the_receiver_is_a_radar(body: Any) -> None:
     for channel in ("vv", "hh"):
         result = pw.rcs(body, DIRECTIONS, 0.3, polarisation=channel)
         np.testing.assert_allclose(result, alone, rtol=1e-9)
-    # n x (k x p) of backscatter lies along p
+    # In backscatter, n x (k x p) is along p.
     assert (pw.rcs(body, DIRECTIONS, 0.3, polarisation="vh") < 1e-25 * plate(10, 0.3) ** 2).all()
 
 
@@ -157,7 +157,7 @@ def test_channels_name_the_receiver_first() -> None:
         assert pw.rcs(L_BODY, s, 0.3, t, name) == pytest.approx(expected, rel=1e-9)
     assert pw.rcs(L_BODY, s, 0.3, t, "vh") != pytest.approx(pw.rcs(L_BODY, s, 0.3, t, "hv"))
     above = towards(0, 0), 0.3, t
-    result = pw.rcs(L_BODY, *above, "vh")  # v is x there
+    result = pw.rcs(L_BODY, *above, "vh")  # v is along x
     expected = pw.rcs(L_BODY, *above, ((1.0, 0.0, 0.0), horizontal))
     assert result == pytest.approx(expected, rel=1e-9, abs=1e-20)
 
@@ -183,7 +183,7 @@ def test_circular_waves_return_turned_the_other_way_from_a_plate() -> None:
     ],
 )
 def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
-    # walls seen edge-on among them, whose shadows have edges in common with others
+    # Some walls are seen edge-on, and their shadows share edges with other faces.
     for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(60, 45), towards(0, 0)):
         area = shadow_of(body, t)
         result = pw.rcs(body, -t, 0.3, t, "vv")
@@ -191,14 +191,14 @@ def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
 
 
 def shadow_of(body: Any, t: np.ndarray) -> float:
-    """The area that a body covers, seen along a direction, by a union of its faces."""
+    """Return the projected area of a body along a direction, by a union of its faces."""
     across = np.linalg.svd(t[None])[2][1:].T
     faces = shapely.polygons(triangles_of(body if isinstance(body, list) else [body]) @ across)
     return float(shapely.union_all(faces[shapely.area(faces) > 1e-9]).area)
 
 
 def section_of_plate(side: float, wavelength: float, s: Any, t: Any, q: Any, p: Any) -> float:
-    """Return the cross section (SC1) of a square in the plane z = 0: a product of two sinc."""
+    """Return the cross section (SC1) of a square, a product of two sinc functions."""
     nu = (np.asarray(s) + t) / wavelength
     transform = side**2 * np.sinc(side * nu[0]) * np.sinc(side * nu[1])
     h = np.cross(-np.asarray(t), p)
@@ -273,8 +273,8 @@ def test_a_face_below_a_wavelength_is_warned_of() -> None:
             pw.rcs(body, (0.0, 0.0, 1.0), wavelength)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        pw.rcs(BOX, (0.0, 0.0, 1.0), 0.6)  # the least is 1 m x 0.5 m
-        pw.rcs(sphere(3), (0.0, 0.0, 1.0), 0.5)  # fine facets that join
+        pw.rcs(BOX, (0.0, 0.0, 1.0), 0.6)  # the smallest face is 1 m x 0.5 m
+        pw.rcs(sphere(3), (0.0, 0.0, 1.0), 0.5)  # fine facets of a smooth surface
 
 
 @pytest.mark.parametrize(("body", "bounces"), [(L_BODY, 1), ([PLATE, UPRIGHT], 3)])
@@ -334,22 +334,22 @@ def test_wrong_arguments_are_refused(arguments: Any, message: str) -> None:
         (TRIHEDRAL[:2], ACROSS, True),
         (L_BODY, ACROSS, True),
         (WEDGE, ACROSS, True),
-        ([GROUND, BOX], towards(45, 0), True),  # a box that stands on the ground
+        ([GROUND, BOX], towards(45, 0), True),  # a box on the ground
         (WALL, towards(60, 0), True),
         (WALL, towards(60, 180), True),  # from behind
         (WALL, towards(60, 90), False),
-        ([SLAB, moved(FIN, 0, 0, -0.01)], towards(60, 0), True),  # its edge lies in the slab
-        (joined([SLAB, moved(FIN, 0, 0, 0.3)]), towards(60, 40), True),  # and above it, one mesh
+        ([SLAB, moved(FIN, 0, 0, -0.01)], towards(60, 0), True),  # its edge is inside the slab
+        (joined([SLAB, moved(FIN, 0, 0, 0.3)]), towards(60, 40), True),  # above it, in one mesh
         ([SLAB, FIN], towards(180, 0), False),  # hidden by the slab
-        (TRIHEDRAL, -INWARDS, False),  # its outside
+        (TRIHEDRAL, -INWARDS, False),  # outside
         (TRIHEDRAL, np.eye(3)[2], False),  # along two of its plates
         (L_BODY, towards(90, 300), False),
         (HOLED, DIRECTIONS, False),
         (sphere(1), DIRECTIONS, False),
         (torus(40, 20), DIRECTIONS, False),  # smooth
         ([PLATE, PLATE.placed(at(0, 0, 0.5))], DIRECTIONS, False),
-        ([PLATE, PLATE.placed(at(1, 0, 0))], DIRECTIONS, False),  # side by side in one plane
-        ([block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)], DIRECTIONS, False),  # one box of two
+        ([PLATE, PLATE.placed(at(1, 0, 0))], DIRECTIONS, False),  # coplanar plates
+        ([block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)], DIRECTIONS, False),  # halves of a box
         (joined([block(1, 1, 1), moved(block(1, 1, 1), 1, 0, 0)]), DIRECTIONS, False),
         (SINGLE, DIRECTIONS, False),
     ],

@@ -27,14 +27,14 @@ from oracles.meshes import section_root as plate
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 
-# Of the largest amplitude of a body; references were found by another sum over the same polygons.
+# Relative to the largest amplitude; references are another sum over the same polygons.
 REFERENCE = 1e-9
-# Of float64, in amplitudes of a plate of the body's size; parts in shadows are good to 1e-12.
+# Relative to the amplitude of a plate of the body's size; shadows have errors of 1e-12.
 ROUNDING = 1e-11
-# Of rays, 250 across a body, in amplitudes of a plate of the body's shadow.
+# For 250 rays across a body, relative to the amplitude of a plate with the area of its shadow.
 RAYS = 1e-3
-# Of the amplitude of a plate times the wavelengths across it: what the edges of faces add where a
-# beam is sent back, which physical optics does not do the same both ways.
+# Relative to the amplitude of a plate times its size in wavelengths: physical optics is not
+# reciprocal at edges of retroreflecting faces.
 RECIPROCAL = 0.4
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
@@ -43,7 +43,7 @@ INWARDS = np.ones(3) / math.sqrt(3)
 
 
 def facing_out(corners: Any) -> Any:
-    """The plate with these corners (n, 3), which lie in a plane."""
+    """Return the plane plate with corners (n, 3)."""
     points = np.asarray(corners, dtype=float)
     x, other = points[1] - points[0], points[2] - points[0]
     z = np.cross(x, other)
@@ -54,13 +54,13 @@ def facing_out(corners: Any) -> Any:
 
 
 def trihedral(shape: np.ndarray, size: float = 1.0) -> list[Any]:
-    """Three plates that meet at the origin at right angles, open towards (1, 1, 1)."""
+    """Return three perpendicular plates that meet at the origin, open towards (1, 1, 1)."""
     flat = np.column_stack([shape, np.zeros(len(shape))]) * size
     return [facing_out(np.roll(flat, k, axis=1)) for k in range(3)]
 
 
 def dihedral(degrees: float, size: float = 1.0) -> list[Any]:
-    """Squares that meet along the x axis; the first lies in z = 0, y > 0."""
+    """Return two squares that meet along the x axis; the first square is in z = 0, y > 0."""
     a = math.radians(degrees)
     flat = np.column_stack([SQUARE, np.zeros(4)]) * size
     turn = np.array([[1, 0, 0], [0, math.cos(a), math.sin(a)], [0, 0, 0]])
@@ -77,7 +77,7 @@ def test_corners_have_the_reference_values_on_and_off_their_axes(name: str) -> N
     largest = math.sqrt(max(case["rcs"] for case in cases))
     body = [facing_out(face) for face in cases[0]["faces"]]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PolywignerWarning)  # one reflection alone
+        warnings.simplefilter("ignore", PolywignerWarning)  # single reflections
         for case in cases:
             how = {name: case[name] for name in ("polarisation", "bounces")}
             result = pw.rcs(body, case["to_radar"], case["wavelength"], **how)
@@ -97,7 +97,7 @@ def test_corners_have_the_reference_values_on_and_off_their_axes(name: str) -> N
 def test_corners_have_the_closed_forms_on_their_axes(
     body: Any, direction: np.ndarray, section: float, decibels: tuple[float, ...]
 ) -> None:
-    # the faces themselves send back some more, less so the larger they are
+    # The faces themselves reflect, less for larger faces.
     for size, limit in zip((10, 20, 30), decibels, strict=True):
         for channel in ("vv", "hh", "vh", "hv"):
             result = pw.rcs(body, direction, 1 / size, polarisation=channel, bounces=3)
@@ -209,8 +209,8 @@ def test_a_plate_with_a_hole_reflects_as_its_parts_do() -> None:
         rectangle((2, 3), (1, 2), 0),
     ]  # fmt: skip
     others = [
-        facing_out([(0, 0, 0), (0, 3, 0), (0, 3, 3), (0, 0, 3)]),  # a wall beside it
-        rectangle((-1, 3), (-1, 3), -0.8),  # lit through the hole
+        facing_out([(0, 0, 0), (0, 3, 0), (0, 3, 3), (0, 0, 3)]),  # a wall next to it
+        rectangle((-1, 3), (-1, 3), -0.8),  # illuminated through the hole
     ]
     for s, t in ((towards(40, 2), None), (towards(50, 10), towards(30, 10))):
         whole = pw.rcs([window, *others], s, 0.3, t, "vv", bounces=3)

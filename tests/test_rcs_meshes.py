@@ -1,4 +1,4 @@
-"""Cross sections of meshes of several bodies: no direction fails, and shadows are exact."""
+"""Cross sections of meshes of several bodies: all directions, and exact shadows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from polywigner.scattering.facets import facets_of, visible_along
 
 pytestmark = pytest.mark.filterwarnings("ignore::polywigner.errors.PolywignerWarning")
 
-# Of the body's size: what rounding and the neglect of narrow parts leave.
+# Relative to the size of the body: rounding, and omitted narrow parts.
 ROUNDING = 1e-9
 
 
@@ -45,7 +45,7 @@ def test_beams_are_followed_between_all_parts_of_a_drone(
 
 
 def lit_lengths(body: Any, k: np.ndarray, angle: float, height: float) -> np.ndarray:
-    """Lengths (n,) of the visible parts of triangles on a line as of visible_lengths."""
+    """Return the visible lengths (n,) of triangles on a line, like visible_lengths."""
     facets = facets_of(body)
     first = np.cross(k, (0.3, 0.5, 0.8))
     first /= np.linalg.norm(first)
@@ -98,7 +98,7 @@ def test_visible_parts_are_those_of_scan_lines(body: Any) -> None:
 
 @pytest.mark.parametrize("azimuth", [17.3, 40.0, 71.0, 135.0])
 def test_walls_stay_lit_as_the_receiver_rises_to_their_plane(azimuth: float) -> None:
-    # the limit: a wall seen edge-on still radiates along itself, so nothing of it may be lost
+    # Limit of the error: a wall seen edge-on radiates along itself.
     body, t = [pw.shapes.square(8.0), BOX], towards(40, 30)
     angles = np.degrees(10.0 ** -np.arange(6.0, 12.0))
     result = [math.sqrt(pw.rcs(body, towards(a, azimuth), 0.13, t)) for a in angles]
@@ -114,11 +114,11 @@ def test_set_operations_return_polygons_and_lose_none() -> None:
     kinds = shapely.get_type_id(hidden_parts.polygonal(mixed))
     assert kinds.tolist() == [6, 3, 3, 3, -1]
     assert shapely.area(hidden_parts.polygonal(mixed))[:4].tolist() == [2, 0, 0, 1]
-    # squares that touch along an edge share a line only
+    # Squares with a common edge share a line only.
     beside = np.array([shapely.box(1, 0, 2, 1)])
     shared = hidden_parts.intersections(np.array([square]), beside)
     assert shapely.area(shared)[0] == 0 and shapely.get_type_id(shared)[0] == 3
-    # a narrow wall in front of a floor, which GEOS loses without a grid
+    # A narrow wall in front of a floor, which GEOS loses without a grid.
     wall = shapely.Polygon(
         [
             (-1.654657507375762e-09, -2.0000000000813922),
@@ -139,7 +139,7 @@ def test_set_operations_return_polygons_and_lose_none() -> None:
 
 
 def test_an_outline_that_rounding_has_bent_keeps_its_area() -> None:
-    # an edge that passes through vertices of others: GEOS makes a hole of the larger part
+    # At an edge through vertices of other faces, GEOS turns the larger part into a hole.
     points = [
         (0.1412615945555405, -0.0210390559333204),
         (0.0857365998516411, -0.0314579465933362),
@@ -162,7 +162,7 @@ def test_directions_beyond_the_limits_are_nan_and_leave_the_others(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(hidden_parts, "_MOST_PAIRS", 1000)
-    # seen from above, each of 50 plates hides all plates below it
+    # From above, each of 50 plates hides all plates below it.
     body = joined([moved(block(1, 1, 0.001), 0, 0, 0.01 * k) for k in range(50)])
     with pytest.warns(PolywignerWarning, match="1 of 2 directions cannot be computed"):
         result = pw.rcs(body, [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)], 0.03)

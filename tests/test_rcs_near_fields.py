@@ -1,4 +1,4 @@
-"""Cross sections near the antennas of a radar, against quadrature, images and far fields."""
+"""Cross sections close to radar antennas, against quadrature, image sources and far fields."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import polywigner as pw
 from oracles.meshes import extruded
 from polywigner.errors import ArgumentError, GeometryError, PolywignerWarning
 
-# The tolerance asked for, in amplitude; powers depart by twice that.
+# Tolerance of amplitudes; powers have twice this error.
 TOLERANCE = 1e-3
 WAVELENGTH = 0.02
 FEED = pw.shapes.rectangle(0.06, 0.04)
 OTHER = pw.shapes.square(0.03)
 L_BODY = extruded([(-0.1, -0.1), (0.1, -0.1), (0.1, 0), (0, 0), (0, 0.1), (-0.1, 0.1)], 0.1)
 PLATE = pw.shapes.square(0.2)
-# Powers of (SC3) as int |u|^2; by default they are radiated powers.
+# Powers of (SC3) as int |u|^2 instead of radiated power.
 APERTURE: Any = {"return_power": True, "normalise": "aperture"}
 
 
@@ -32,7 +32,7 @@ S, T = unit(0.2, 0.1, 1.0), unit(-0.5, 0.3, 1.0)
 
 
 def grid(width: float, height: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) on a rectangle about the origin, and their areas."""
+    """Return points (n, 3) on a rectangle about the origin, and their areas."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     x, y = np.meshgrid(nodes * width / 2, nodes * height / 2, indexing="ij")
     points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
@@ -42,10 +42,10 @@ def grid(width: float, height: float, count: int) -> tuple[np.ndarray, np.ndarra
 def field_and_slope(
     width: float, height: float, pose: np.ndarray, points: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rayleigh and Sommerfeld's first integral of a rectangle by points, per root of int |u|^2.
+    """Return the first Rayleigh-Sommerfeld integral of a rectangle per root of int |u|^2.
 
-    At points (n, 3), which ``pose`` maps into the frame of the rectangle; and its derivative along
-    a normal over ik.
+    At points (n, 3), which ``pose`` maps to the frame of the rectangle; and its derivative along a
+    normal over ik.
     """
     k = 2 * np.pi / WAVELENGTH
     places, areas = grid(width, height, 10)
@@ -60,7 +60,7 @@ def field_and_slope(
 
 
 def looking(at: np.ndarray) -> np.ndarray:
-    """The pose of a source at a place that looks at the origin, turned about its axis."""
+    """Return a pose at a point whose z axis points to the origin."""
     return np.linalg.inv(mitsuba_scenes.looking(at, -at, (0.6, 0.8, 0.0)))
 
 
@@ -80,11 +80,11 @@ def test_a_plate_near_a_radar_is_that_of_quadrature(distance: float) -> None:
 @pytest.mark.parametrize("polarisation", [None, "hh", "vh"])
 def test_far_away_it_is_the_cross_section(body: Any, polarisation: Any) -> None:
     far = pw.rcs(body, S, WAVELENGTH, T, polarisation)
-    at = np.array([30.0, 60.0])[:, None]  # parts in a distance
+    at = np.array([30.0, 60.0])[:, None]  # separate parts
     near = pw.rcs(body, at * S, WAVELENGTH, at * T, polarisation, source=FEED, receiver=OTHER)
     rest = np.abs(np.sqrt(near) - math.sqrt(far))
     size = math.sqrt(4 * np.pi) * 0.04 / WAVELENGTH
-    # what is left falls as 1/R or faster
+    # The remaining error decreases at least as 1/R.
     assert rest[1] < 0.51 * rest[0] + 2e-4 * size
     assert rest[1] < 2e-2 * size
 
@@ -114,7 +114,7 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
         return (sides[:, 0] * beside[..., 1] - sides[:, 1] * beside[..., 0] > 0).all(axis=1)
 
     points, areas = grid(0.2, 0.2, 100)
-    # where a ray from the radar meets the plane of the small plate
+    # Intersections of rays from the radar with the plane of the small plate.
     through = at + (points - at) * ((at[2] - 0.1) / at[2])
     shadow = inside(through - pose[:3, 3])
     others, their = grid(0.06, 0.06, 100)
@@ -123,7 +123,7 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
     every = np.concatenate([points[~shadow], others[lit] + pose[:3, 3]])
     field, slope = field_and_slope(0.06, 0.04, radar, every, np.array([0.0, 0.0, 1.0]))
     total = (field * slope * np.concatenate([areas[~shadow], their[lit]])).sum()
-    # 100 cells across: edges of the shadow are met to half a cell, at random
+    # 100 cells across: the shadow edge is random within half a cell.
     assert math.sqrt(power) == pytest.approx(abs(total), rel=1e-2)
 
 
@@ -137,7 +137,7 @@ def test_an_antenna_with_a_null_at_the_body_has_a_power_alone() -> None:
 
 
 def test_the_radar_equation_has_its_decibels() -> None:
-    """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz, no losses: -81.089 dBm.
+    """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz without losses: -81.089 dBm.
 
     The gain of an antenna is the directivity of its pattern.
     """
@@ -148,13 +148,13 @@ def test_the_radar_equation_has_its_decibels() -> None:
     assert pw.rcs(plate, (0, 0, 1), wavelength) == pytest.approx(100)
     sigma, power = pw.rcs(plate, (0, 0, 10.0), wavelength, source=patch, return_power=True)
     received = 10 + 10 * math.log10(power) - 2 * gain
-    curved = 10 * math.log10(sigma / 100)  # the plate is 19 cm wide, 10 m are not far away
+    curved = 10 * math.log10(sigma / 100)  # the plate of 19 cm is not in the far field at 10 m
     assert received - curved == pytest.approx(-81.089, abs=1e-3)
     assert -0.3 < curved < 0
 
 
 def test_cross_sections_are_the_same_however_powers_count() -> None:
-    """Of both powers the one is the other times the squares of the shares that radiate."""
+    """Both definitions of power differ by the squared radiated fractions."""
     at = 0.5 * S, WAVELENGTH, 0.6 * T
     result, expected = (
         pw.rcs(PLATE, *at, source=FEED, receiver=OTHER, return_power=True, normalise=count)
@@ -194,7 +194,7 @@ def test_wrong_arguments_are_refused(
 
 @pytest.mark.parametrize("pair", [("30 deg", "right"), ((1, 0.2j), "y")])
 def test_polarised_antennas_weigh_currents_in_vector_fields(pair: Any) -> None:
-    """b = int E_r . (n x H_t) over a tilted plate, by a sum over Gauss nodes."""
+    """b = int E_r . (n x H_t) over a tilted plate, by Gauss nodes."""
     pose = looking(1.0 * unit(0.3, -0.2, 1.0))
     points, areas = grid(0.2, 0.2, 36)
     at, turn = points @ pose[:3, :3].T + pose[:3, 3], pose[:3, :3]
@@ -217,12 +217,12 @@ def test_a_plate_turns_the_hand_of_a_circular_wave() -> None:
     assert other == pytest.approx(linear, rel=1e-2)
     assert max(same, crossed) < 1e-4 * linear
     named = pw.rcs(plate, at, WAVELENGTH, polarisation="hh", source=FEED)
-    assert linear == pytest.approx(named, rel=2e-2)  # both look along the axis
+    assert linear == pytest.approx(named, rel=2e-2)  # both on the axis
 
 
 @pytest.mark.parametrize("named", ["vv", "vh", "hv"])
 def test_far_away_polarised_antennas_have_the_named_cross_section(named: str) -> None:
-    """A source that looks at the body has its y axis along v, and its x axis along h or back."""
+    """A source that points at the body has its y axis along v, and its x axis along h or -h."""
     own = [{"v": "y", "h": "x"}[letter] for letter in named]
     far = pw.rcs(PLATE, S, WAVELENGTH, T, named)
     near = pw.rcs(PLATE, 60.0 * S, WAVELENGTH, 60.0 * T, own, source=FEED, receiver=OTHER)

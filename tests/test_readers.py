@@ -1,4 +1,4 @@
-"""Aperture files: the outline in metres, or one error that names the file."""
+"""Aperture files: outlines in metres, or one error that contains the name of the file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ EMPTY_FEATURE = {"type": "Feature", "properties": None, "geometry": None}
 WKT = shapely.Polygon(MILLIMETRES).wkt
 ROWS = [f"{x},{y}" for x, y in MILLIMETRES]
 
-POINTS = " ".join(f"{x} {-y}" for x, y in MILLIMETRES)  # y points down in SVG
+POINTS = " ".join(f"{x} {-y}" for x, y in MILLIMETRES)  # SVG has y downwards
 DXF = "\n".join([
     "0\nSECTION\n2\nENTITIES",
     *(
@@ -95,12 +95,12 @@ def test_the_unit_says_what_one_stands_for(tmp_path, unit, metres):
     path.write_text("0,0\n3.1,0\n3.1,3.1\n0,3.1\n")
     side = float(f"{3.1 * metres:.12g}")
     assert read_aperture(path, unit).bounds == pytest.approx((0, 0, side, side), rel=1e-15)
-    path.write_text("-3.1,-3.1\n3.1,-3.1\n3.1,3.1\n-3.1,3.1\n")  # the nearest floats
+    path.write_text("-3.1,-3.1\n3.1,-3.1\n3.1,3.1\n-3.1,3.1\n")  # nearest floats
     assert read_aperture(path) == shapes.square(0.0062)
 
 
 def _wkt(aperture: Aperture) -> str:
-    """All digits; GEOS writes 16 decimals at most."""
+    """Return WKT with all digits; GEOS writes at most 16 decimals."""
 
     def ring(vertices) -> str:
         return "(" + ", ".join(f"{x!r} {y!r}" for x, y in _closed(vertices)) + ")"
@@ -149,7 +149,7 @@ BAD_FILES = {
     "bow_tie.geojson": (
         _polygon_text("[0,0]", "[2,1]", "[2,0]", "[0,1]", "[0,0]"),
         GeometryError,
-        r"crosses itself at \(1, 0\.5\)",  # in the file's unit
+        r"crosses itself at \(1, 0\.5\)",  # in the unit of the file
     ),
     "overlap.geojson": (
         json.dumps({"type": "MultiPolygon", "coordinates": [[_closed(MILLIMETRES)]] * 2}),

@@ -1,4 +1,4 @@
-"""Received powers against couplings, images by hand, and a quadrature over a floor."""
+"""Received power against couplings, image sources, and quadrature over a floor."""
 
 import json
 import math
@@ -27,14 +27,14 @@ pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-# Poses of a scene come in single precision.
+# Poses of a scene have single precision.
 SINGLE = 2e-6
-# 1024 rays between points that fill both apertures evenly.
+# 1024 rays between evenly distributed points of both apertures.
 RAYS = 0.02
 
 
 def turned(angle, pose):
-    """Turned about its own y axis."""
+    """Return a pose rotated about its y axis."""
     c, s = math.cos(angle), math.sin(angle)
     turn = np.eye(4)
     turn[0, 0], turn[0, 2], turn[2, 0], turn[2, 2] = c, s, -s, c
@@ -42,7 +42,7 @@ def turned(angle, pose):
 
 
 def plate(x, y, z, axis, angle, **bsdf):
-    """Two by two metres."""
+    """Return a plate of 2 m x 2 m."""
     return rectangle((x, y, z), axis, angle, bsdf=bsdf)
 
 
@@ -51,11 +51,8 @@ def power_of(spp=16, seed=0, **parts):
 
 
 def coupled(one, pose, other, other_pose):
-    """|b|^2 of sources in space."""
+    """Return |b|^2 of two placed sources."""
     return abs(amplitude_between(one, pose, other, other_pose, WAVELENGTH)) ** 2
-
-
-# ---- straight from the emitter -----------------------------------------------------------------
 
 
 def test_in_empty_space_a_link_is_its_coupling(plain):
@@ -69,7 +66,7 @@ def test_in_empty_space_a_link_is_its_coupling(plain):
 
 
 def test_partly_coherent_light_of_a_band_is_received_as_the_mean_of_its_waves(plain):
-    """Far away: the blurred intensity, over the power of the emitter, on the effective area."""
+    """In the far field: blurred intensity over the emitted power, times the effective area."""
     square, far, band = pw.shapes.square(6e-3), 20.0, 2e9
     partly = square.partially_coherent(12e-3)
     result = power_of(tx=emitter(partly, bandwidth=band), rx=receiver(square, facing(far)))
@@ -113,12 +110,12 @@ def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(plain):
 
 
 def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plain):
-    # The receiver's plane goes through the middle of the emitter, x > 0 lies in front of it.
+    # The receiver's plane contains the centre of the emitter; x > 0 is in front.
     pose = turned(math.pi / 2, shifted(0, 0, 0.1))
     result = power_of(tx=emitter(SQUARE), rx=receiver(SQUARE, pose))
     half = SQUARE & pw.shapes.rectangle(10e-3, 10e-3).moved((5e-3, 0))
     least = pose.copy()
-    least[0, 3] = -1e-9  # the emitter's edge lies in its plane
+    least[0, 3] = -1e-9  # the edge of the emitter is in the receiver's plane
     radiated = [pw.radiated_power(source, WAVELENGTH) for source in (half, SQUARE)]
     expected = coupled(half, np.eye(4), SQUARE, least) * radiated[0] / radiated[1]
     assert float(result) == pytest.approx(expected, rel=1e-3)
@@ -129,7 +126,7 @@ FOG = {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.5}
 
 
 def test_fog_takes_its_share_off_direct_light(plain):
-    """Beer's law: through a slab, and from within fog that the sensor says it stands in."""
+    """Beer's law for a slab, and for fog around the sensor."""
     slab = {
         "type": "cube",
         "to_world": mi.ScalarTransform4f().translate([0, 0, 0.5]).scale([1, 1, 0.2]),
@@ -145,11 +142,8 @@ def test_fog_takes_its_share_off_direct_light(plain):
     assert inside.direct == pytest.approx(whole * math.exp(-2.0 * 0.5), rel=1e-3)
 
 
-# ---- by mirrors --------------------------------------------------------------------------------
-
-
 def test_a_perfect_mirror_shows_the_mirrored_source(plain):
-    """The image of the receiver, made by hand, receives what the receiver does of the image."""
+    """The mirror image of the receiver receives the same power."""
     pose = turned(-0.4, facing(1.0, x=0.02, y=0.01))
     result = power_of(
         tx=emitter(HANDED),
@@ -162,10 +156,10 @@ def test_a_perfect_mirror_shows_the_mirrored_source(plain):
         pw.Illumination(field.amplitudes, field.frequencies * [-1, 1])
     )
     across = np.diag([-1.0, 1.0, 1.0, 1.0])
-    image = across @ pose @ across  # in the plane x = 0.2
+    image = across @ pose @ across  # mirrored at the plane x = 0.2
     image[0, 3] += 0.4
     expected = coupled(HANDED, np.eye(4), flipped, image)
-    assert paths["m",].power == pytest.approx(expected, rel=1e-4)  # the plate's own place
+    assert paths["m",].power == pytest.approx(expected, rel=1e-4)  # position of the plate
     assert paths["m",].transmission == pytest.approx(1.0, rel=SINGLE)
     assert result.direct == pytest.approx(paths[()].power + paths["m",].power)
 
@@ -188,11 +182,8 @@ def test_mirrors_are_found_by_their_smooth_plane_faces(plain):
     assert len(alone.contributions[0].paths) == 1
 
 
-# ---- scattered ---------------------------------------------------------------------------------
-
-
 def scene_with_floor(**more):
-    """A floor 0.1 m below both ends."""
+    """Return a scene with a floor 0.1 m below both ends."""
     return scene_of(
         tx=emitter(HANDED, estimator="exact"),
         rx=receiver(SQUARE, facing(0.5)),
@@ -202,7 +193,7 @@ def scene_with_floor(**more):
 
 
 def test_power_over_an_aperture_is_that_in_front_times_the_share_that_is_radiated(plain):
-    """Of receiver and emitter, straight and scattered, of the same samples."""
+    """Direct and scattered power of the same samples, for receiver and emitter."""
     more = {"obliquity": "kirchhoff"}
     floor = plate(0, -0.1, 0.25, [1, 0, 0], -90)
 
@@ -225,14 +216,14 @@ def test_power_over_an_aperture_is_that_in_front_times_the_share_that_is_radiate
 
 @pytest.mark.slow
 def test_the_stated_error_is_that_of_repetitions(plain):
-    """40 seeds: their variance over the mean of the stated ones is 1 but for chi squared's own."""
+    """The variance over 40 seeds divided by the stated variance has a chi-squared distribution."""
     scene = scene_of(
         tx=emitter(), rx=receiver(estimator="wigner"), floor=plate(0, 0, 0.3, [1, 0, 0], 180)
     )
     result = [pm.received_power(scene, spp=32, seed=seed) for seed in range(40)]
     spread = np.var([each.scattered for each in result], ddof=1)
     stated = np.mean([each.standard_error**2 for each in result])
-    # chi squared of 39 degrees of freedom over 39 is from 0.43 to 1.87 in 999 of 1000 cases
+    # Chi squared with 39 degrees of freedom over 39 is from 0.43 to 1.87 in 999 of 1000 cases.
     assert 0.43 < spread / stated < 1.87
 
 
@@ -242,9 +233,6 @@ def test_the_seed_decides_the_scattered_part_alone(plain):
     assert one == same
     assert one.scattered != other.scattered and one.direct == other.direct
     assert one.samples == 16 and pm.received_power(scene, spp=17).samples == 32
-
-
-# ---- the state of the scene ---------------------------------------------------------------------
 
 
 def state_of(scene):
@@ -274,9 +262,6 @@ def test_parameters_that_were_changed_count_as_they_are_now(plain):
     params.update()
     expected = 2 * coupled(SQUARE, shifted(0.05), SQUARE, facing(1.0))
     assert float(pm.received_power(scene, spp=16)) == pytest.approx(expected, rel=SINGLE)
-
-
-# ---- the result ---------------------------------------------------------------------------------
 
 
 def test_noise_is_boltzmanns_constant_times_temperature_bandwidth_and_figure(plain):
@@ -319,9 +304,6 @@ def test_several_receivers_are_named_or_all_taken(plain):
     for wrong in (None, 2, -1, "other", True, 0.5):
         with pytest.raises(ArgumentError, match=r"'(near|far)'"):
             pm.received_power(scene, spp=16, receiver=wrong)
-
-
-# ---- bad input ----------------------------------------------------------------------------------
 
 
 def with_other(**changed):

@@ -1,4 +1,4 @@
-"""Positions drawn from the automean follow the density that they come with."""
+"""Positions sampled from the automean have the stated density."""
 
 import numpy as np
 import pytest

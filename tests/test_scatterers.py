@@ -1,4 +1,4 @@
-"""Clouds of scatterers: their sum against received powers, their paths against geometry."""
+"""Scatterers: their sum against received power, and their paths against geometry."""
 
 import csv
 import math
@@ -23,9 +23,9 @@ def mono(llvm):
     mi.set_variant("llvm_ad_mono")
 
 
-# Standard errors of clouds and renders are known to 18 %.
+# Limit in standard errors, which are known to 18 %.
 SIGMAS = 5.0
-# Places of a scene come in single precision, rays start a little off surfaces.
+# Positions of a scene have single precision, and rays start slightly off surfaces.
 SINGLE = 1e-5
 
 
@@ -34,12 +34,12 @@ def rough(albedo):
 
 
 def plate(place, axis, angle, size, **bsdf):
-    """Looking along z before it is turned."""
+    """Return a plate with its normal along z, rotated and moved."""
     return rectangle(place, axis, angle, size, bsdf or rough(0.5))
 
 
 def scene_of(estimator="exact", depth=2, source=SQUARE, **things):
-    """A transmitter at the origin that looks along z, a receiver 0.1 m beside it."""
+    """Return a scene of a transmitter that points along z and a receiver next to it."""
     entries = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": depth},
@@ -50,27 +50,24 @@ def scene_of(estimator="exact", depth=2, source=SQUARE, **things):
 
 
 def on_floor(estimator="wigner", **things):
-    """The scene with a floor ahead."""
+    """Return the scene with a floor ahead."""
     return scene_of(estimator, floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0), **things)
 
 
 def in_corner(depth=3):
-    """The scene with a floor ahead and a wall beside it."""
+    """Return the scene with a floor ahead and a wall next to it."""
     return on_floor(depth=depth, wall=plate([0.5, 0, 0], [0, 1, 0], -90, 2.0, **rough(0.8)))
 
 
 def path_length(place):
-    """Lengths from the transmitter by places (n, 3) to the receiver."""
+    """Return path lengths from the transmitter by points (n, 3) to the receiver."""
     return np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
 
 
 def apart(cloud, expected, error=0.0):
-    """How far the power is off, in standard errors."""
+    """Return the difference in power in standard errors."""
     power = float(cloud["power"].values.sum())
     return abs(power - expected) / math.hypot(cloud.attrs["standard_error"], error)
-
-
-# ---- power -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("estimator", [pytest.param("exact", marks=pytest.mark.slow), "wigner"])
@@ -93,9 +90,6 @@ def test_one_seed_gives_one_cloud():
     assert not np.array_equal(first["power"].values, other["power"].values)
 
 
-# ---- places and paths --------------------------------------------------------------------------
-
-
 def test_places_and_paths_are_those_of_the_geometry():
     cloud = pm.scatterers(on_floor("exact"), 60, rays=128)
     place = cloud["position"].values
@@ -103,7 +97,7 @@ def test_places_and_paths_are_those_of_the_geometry():
     assert np.allclose(cloud["normal"].values, [0, 0, -1], atol=SINGLE)
     assert set(cloud["shape"].values) == {"floor"} and set(cloud["emitter"].values) == {"tx"}
     assert set(cloud["bounces"].values) == {1}
-    # both apertures are 3 mm wide
+    # Both apertures are 3 mm wide.
     assert np.abs(cloud["path_length"].values - path_length(place)).max() < 4.3e-3
 
 
@@ -114,7 +108,7 @@ def test_a_null_surface_is_no_scatterer_and_lets_paths_pass():
     assert set(behind["shape"].values) == {"floor"} and set(behind["bounces"].values) == {1}
     power, error = float(open_cloud["power"].values.sum()), open_cloud.attrs["standard_error"]
     assert apart(behind, power, error) < SIGMAS and error < 0.2 * power
-    # the same rays; lights at the end of each are drawn anew
+    # Equal rays, with new samples of lights at their ends.
     lengths = path_length(behind["position"].values)
     assert np.abs(behind["path_length"].values - lengths).max() < 4.3e-3
 
@@ -128,7 +122,7 @@ def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it():
     on_wall = cloud["shape"].values == "wall"
     assert np.allclose(place[on_wall, 0], 0.5, atol=SINGLE)
     straight = path_length(place)
-    # the path by a second surface is longer
+    # The path by a second surface is longer.
     assert (cloud["path_length"].values > straight - 4.3e-3).all()
     assert (cloud["path_length"].values[twice] > straight[twice] + 1e-4).mean() > 0.95
 
@@ -139,9 +133,6 @@ def test_the_second_bounce_needs_its_depth():
     assert len(pm.scatterers(scene, 400, rays=64, max_depth=1)["power"].values) == 0
     without = in_corner(-1)
     assert pm.scatterers(without, 4000, rays=64)["bounces"].values.max() > 3
-
-
-# ---- velocity ----------------------------------------------------------------------------------
 
 
 def test_paths_grow_as_geometry_says():
@@ -156,12 +147,12 @@ def test_paths_grow_as_geometry_says():
         return sum(np.linalg.norm(y - end, axis=1) for end in ends)
 
     rate = (lengths(1e-4) - lengths(-1e-4)) / 2e-4
-    # directions are those of places on apertures of 3 mm, 1 m away
+    # Directions have the spread of apertures of 3 mm at 1 m.
     assert np.abs(cloud["path_rate"].values - rate).max() < 3e-3 * 2 * 4
 
 
 def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed():
-    """Rough floor behind the receiver, seen in a mirror ahead: only the mirror moves."""
+    """Only the mirror moves; the rough floor is behind the receiver."""
     mirror = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0, type="conductor", material="none")
     back = plate([0, 0, -0.5], [1, 0, 0], 0, 2.0)
     lamp = {"type": "point", "position": [0, 0, -0.1], "intensity": spectrum(1.0)}
@@ -169,13 +160,10 @@ def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed():
     cloud = pm.scatterers(scene, 400, rays=128, velocities={"mirror": (5.0, 7.0, -1.0)})
     by_mirror = (cloud["emitter"].values == "lamp") & (cloud["bounces"].values == 2)
     assert by_mirror.any() and set(cloud["shape"].values[by_mirror]) == {"mirror"}
-    # y and x of its velocity are along it; the path goes there and back under the angle theta
+    # The y and x components of the velocity are along the path, which returns at the angle theta.
     down = cloud["position"].values[by_mirror] - [0.1, 0, 0]
     cosine = down[:, 2] / np.linalg.norm(down, axis=1)
     assert np.allclose(cloud["path_rate"].values[by_mirror], -2 * cosine, atol=0.01)
-
-
-# ---- files -------------------------------------------------------------------------------------
 
 
 def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
@@ -196,9 +184,6 @@ def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
     with pytest.raises(ArgumentError, match=r"the result of .*scatterers"):
         pm.write_scatterers({"power": 1}, tmp_path / "other.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["cloud.csv"]
-
-
-# ---- refusals ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

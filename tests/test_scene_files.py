@@ -1,4 +1,4 @@
-"""Scene files: permitted plugin types and files, parameters, includes, and damaged meshes."""
+"""Scene files: permitted plugins and files, parameters, includes and damaged meshes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
 
 
 def named(kind: str, file: str) -> str:
-    """A mesh, image, volume or spectrum of a file."""
+    """Return a mesh, image, volume or spectrum element with a file name."""
     name = f'<string name="filename" value="{file}"/>'
     if kind in ("obj", "ply", "serialized", "stl"):
         return f'<shape type="{kind}">{name}</shape>'
@@ -103,7 +103,7 @@ def test_only_plain_xml_is_read(tmp_path: Path, name: str) -> None:
 def test_no_library_beside_a_scene_is_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A perspective camera uses a film and a sampler that the scene does not name."""
+    """A perspective camera uses a film and a sampler that the scene does not contain."""
     (tmp_path / "plugins").mkdir()
     for name in ("hdrfilm", "independent", "perspective", "ball"):
         for suffix in (".so", ".dylib", ".dll"):
@@ -154,7 +154,7 @@ def test_the_caller_may_pass_files_and_folders_elsewhere(tmp_path: Path) -> None
 
 
 def write_named(path: Path) -> None:
-    """Write a good file of the format of the suffix."""
+    """Write a valid file of the format of the suffix."""
     kind = path.suffix[1:]
     if kind == "obj":
         path.write_text(TRIANGLE)
@@ -181,7 +181,7 @@ def write_named(path: Path) -> None:
 
 
 NAMED = ("obj", "ply", "serialized", "stl", "vol", "spd", "exr", "pfm", "hdr", "png", "jpg")
-# A truncated OpenEXR image can end the process (docs/safety.md); JPEG is read as far as it goes.
+# A truncated OpenEXR image can crash the process (docs/safety.md); truncated JPEG is accepted.
 NOT_CUT = ("exr", "jpg")
 
 

@@ -1,4 +1,4 @@
-"""Ids, order and messages of scenes: from files and dictionaries, merged by Mitsuba or not."""
+"""Ids, order and messages of scenes from files and dictionaries."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def moved(x: float, y: float, z: float) -> Any:
 
 
 def entries(bsdf: Any = WHITE) -> dict[str, Any]:
-    """Sources, receivers and walls in no order of their ids; walls share one BSDF."""
+    """Return sources, receivers and walls, which share a BSDF, in another order than their ids."""
     made: dict[str, Any] = {"type": "scene"}
     for k, name in enumerate(IDS):
         made[name] = pm.aperture(SQUARE, WAVELENGTH, moved(0.02 * k, 0, 0), power=1.0 + k)
@@ -44,7 +44,7 @@ def entries(bsdf: Any = WHITE) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_results_follow_the_ids_however_mitsuba_orders_its_emitters() -> None:
-    """Mitsuba's own loader merges the walls, and then returns emitters in any order."""
+    """Mitsuba's loader merges the walls, and returns emitters in any order."""
     scenes = [mi.load_dict(entries()), pm.load_scene(entries())]
     channel = pm.channel(scenes[0], reflections=0)
     assert channel["emitter"].values.tolist() == sorted(IDS)
@@ -72,7 +72,7 @@ def test_loaded_scenes_repeat_their_random_numbers() -> None:
     assert result == [result[0]] * 3
 
 
-# Axis and angle of a turn, and the place of a wall.
+# Axis and angle of the rotation, and position of a wall.
 WALLS = {
     "north": ((0, 1, 0), -90, (0.3, 0, 0.5)),
     "south": ((0, 1, 0), 90, (-0.3, 0, 0.5)),
@@ -85,7 +85,7 @@ def posed(axis: Any, turn: float, at: Any) -> Any:
 
 
 def corridor() -> dict[str, Any]:
-    """Three mirrors of equal BSDFs around a link."""
+    """Return a link between three mirrors with equal BSDFs."""
     walls = {
         name: {"type": "rectangle", "bsdf": MIRROR, "to_world": posed(*wall)}
         for name, wall in WALLS.items()
@@ -95,7 +95,7 @@ def corridor() -> dict[str, Any]:
 
 
 def text_of_scene(folder: Path) -> Path:
-    """The same in XML."""
+    """Write the same scene as XML."""
     conductor = '<bsdf type="conductor"><string name="material" value="none"/></bsdf>'
     walls = (
         rectangle(
@@ -126,11 +126,8 @@ def test_a_dictionary_is_checked_as_a_file_is() -> None:
     assert all(sensor.spec.diffraction for sensor in changed.sensors())
 
 
-# ---- notes and warnings -------------------------------------------------------------------------
-
-
 def notes_over(bsdf: Any, kind: str = "cube", **how: Any) -> Any:
-    """A link of a metre beside a body that reflects at half of the way."""
+    """Return the notes of a link of 1 m next to a reflecting body at half of the distance."""
     scene = scene_of(
         tx=pm.aperture(SQUARE, WAVELENGTH, power=1.0),
         rx=pm.receiver(SQUARE, WAVELENGTH, facing(1.0)),
@@ -149,10 +146,10 @@ def test_faces_of_a_glass_box_are_mirrors_and_the_note_names_transmission_alone(
     result = notes_over(GLASS, coherent=coherent)
     reflected = result.contributions[0].paths[1]
     metal = notes_over(MIRROR, coherent=coherent)
-    sine = 0.5 / np.hypot(0.5, 0.05)  # at the face 0.05 m beside the line
+    sine = 0.5 / np.hypot(0.5, 0.05)  # the face is 0.05 m from the line
     cosine, root = np.sqrt(1 - sine**2), np.sqrt(1.5**2 - sine**2)
     s, p = (cosine - root) / (cosine + root), (2.25 * cosine - root) / (2.25 * cosine + root)
-    # the face is parallel to y: E is across the plane of incidence where amplitudes add
+    # The face is parallel to y, so E is perpendicular to the plane of incidence.
     expected = s**2 if coherent else (s**2 + p**2) / 2
     share = reflected.power / metal.contributions[0].paths[1].power
     assert share == pytest.approx(expected, rel=5e-3)
@@ -167,7 +164,7 @@ def test_a_smooth_ball_is_reported_as_curved() -> None:
 
 
 def test_direct_power_beside_a_missing_line_of_sight_is_explained_as_reflections() -> None:
-    """Side by side in one plane, both see each other in a mirror alone."""
+    """Both ends are in one plane, and see each other in a mirror only."""
     scene = scene_of(
         tx=pm.aperture(SQUARE, WAVELENGTH, power=1.0),
         rx=pm.receiver(SQUARE, WAVELENGTH, moved(0.05, 0, 0)),
@@ -199,11 +196,9 @@ def test_merged_walls_without_a_bounding_box_are_aimed_at_without_warnings() -> 
         warnings.simplefilter("error")
         merged = pm.received_power(mi.load_dict({"type": "scene", **ends, **small}), spp=512)
     apart = pm.received_power(pm.load_scene({"type": "scene", **ends, **small}), spp=512)
-    assert merged.standard_error < 0.2 * merged.scattered  # aimed at: else 16 batches of nothing
+    # Without importance sampling, 16 batches miss the plate.
+    assert merged.standard_error < 0.2 * merged.scattered
     assert merged.scattered == pytest.approx(apart.scattered, rel=0.3)
-
-
-# ---- threads ------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -220,5 +215,5 @@ def test_threads_that_load_and_receive_at_once_get_the_power_of_one(tmp_path: Pa
     assert alone > 0
     with ThreadPoolExecutor(4) as pool:
         result = list(pool.map(power, range(25)))
-    # kernels add in single precision, in an order that depends on the scenes that are alive
+    # Kernels add in single precision, in an order that depends on the living scenes.
     assert result == pytest.approx([alone] * 25, rel=1e-6)

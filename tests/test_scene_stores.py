@@ -1,4 +1,4 @@
-"""Renders and received powers of scene files, part by part in a store or on a cluster."""
+"""Renders and received power of scene files, in parts on disk or on a cluster."""
 
 import pickle
 import sys
@@ -25,9 +25,9 @@ SAMPLER = '<sampler type="independent"><integer name="sample_count" value="32"/>
 FLOOR = rectangle('<rotate x="1" angle="180"/><translate z="1"/>', '<bsdf type="diffuse"/>')
 DEFAULTS = """<default name="samples" value="4"/><default name="outline" value="square.wkt"/>
     <integrator type="path"><integer name="max_depth" value="2"/></integrator>"""
-# Rows of a strip of the film, which has 64; and parts of the results.
+# Rows of a strip of the film, which has 64 rows; and parts of the results.
 ROWS, STRIPS, BATCHES = 16, 4, 16
-# Threads of the renderer add in any order.
+# The threads of the renderer add in any order.
 LAST = 1e-5
 
 
@@ -65,7 +65,7 @@ def short_strips(monkeypatch):
 
 
 def rendered(path, **options):
-    """One thread: the number of threads decides how a scalar variant divides a small strip."""
+    """Render with one thread, because the number of threads affects scalar variants."""
     import polywigner.mitsuba as pwm
 
     return pwm.render_file(path, **{"variant": "scalar_rgb", "threads": 1, **options})
@@ -81,13 +81,13 @@ def received(path, seed=0, **options):
 
 
 def parts_of(store, name):
-    """When each complete part was written."""
+    """Return the time at which each complete part was written."""
     files = (store / name / "c").rglob("*")
     return {file: file.stat().st_mtime_ns for file in files if file.is_file()}
 
 
 def check_completed(compute, store, name, count):
-    """Check that parts in a store give the direct result, and that only a lost one is computed."""
+    """Check that a store gives the direct result, and that only a lost part is recomputed."""
     direct = compute()
     assert np.min(direct) >= 0 < np.max(direct)
     for _ in range(2):

@@ -1,4 +1,4 @@
-"""Behind opaque screens: quadrature, knife edges, UTD, Babinet."""
+"""Fields behind opaque screens: quadrature, knife edges, UTD and Babinet's principle."""
 
 import math
 from typing import Any
@@ -11,26 +11,26 @@ import polywigner as pw
 from polywigner.errors import ArgumentError, PolywignerError
 from polywigner.propagation.screens import incident_of_point
 
-K = 2 * math.pi  # wavelength 1
+K = 2 * math.pi  # wavelength of 1
 L_SHAPE = [(-1.0, -0.7), (1.3, -0.7), (1.3, 0.2), (0.1, 0.2), (0.1, 1.2), (-1.0, 1.2)]
-# Two rectangles, what quadrature is over.
+# Two rectangles for quadrature.
 PIECES = [(-1.0, -0.7, 1.3, 0.2), (-1.0, 0.2, 0.1, 1.2)]
 SOURCE = (0.3, -0.2, -2.1)
-# In the light; a hair off the shadow's boundary; in the shadow near the plane; far aside; and the
+# Illuminated, at the shadow boundary, in the shadow near the plane, far off the axis, and at the
 # mirror image of the source.
 POINTS = [
     (0.2, 0.4, 3.0), (1.3 + 3.0 / 2.1 - 1e-9, -0.1, 3.0), (2.5, 0.1, 0.6), (4.0, 3.0, 2.0),
     (0.3, -0.2, 2.1), (0.3, -0.2, 2.1 + 1e-9),
 ]  # fmt: skip
-ROUNDING = 2e-13  # of a field of 0.3, by 80 x 80 nodes
+ROUNDING = 2e-13  # relative to a field of 0.3, with 80 x 80 nodes
 TOLERANCE = 1e-11
 
-# The edge of the half-plane is x = 0; its other edges are so far off that they add 1e-4 at most.
+# A half-plane with the edge x = 0; its other edges contribute at most 1e-4.
 HALF_PLANE = pw.Aperture([(0, -400), (511, -400), (511, 400), (0, 400)])
 
 
 def by_quadrature(source, point, method):
-    """(B1) over the opening."""
+    """Return (B1) over the opening."""
     t, w = np.polynomial.legendre.leggauss(80)
     total = 0j
     for x0, y0, x1, y1 in PIECES:
@@ -59,7 +59,7 @@ def test_right_before_the_opening_the_field_is_the_free_one():
     near = 1e-7
     opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource((0.0, 0.0, -near)), "opening")
     result = pw.amplitude(opening, (0.0, 0.0, near), 1.0, "kirchhoff", tolerance=1e-12)
-    # edges, 0.1 away, add the share (near/0.1)^2 at most
+    # Edges at a distance of 0.1 contribute at most (near/0.1)^2.
     assert abs(result) * 2 * near == pytest.approx(1.0, abs=1e-11)
 
 
@@ -74,13 +74,13 @@ def test_a_plate_and_an_opening_add_up_to_the_free_field():
 
 
 def knife_edge(v):
-    """The field behind a knife edge over the free one: the Fresnel integral from v on."""
+    """Return the relative field behind a knife edge, the Fresnel integral from v."""
     s, c = fresnel(v)
     return (1 + 1j) / 2 * ((0.5 - c) - 1j * (0.5 - s))
 
 
 def test_grazing_is_half_the_field_and_knife_edges_follow_fresnel():
-    # ITU-R P.526: v = h sqrt(2 (d1 + d2)/(wavelength d1 d2)), at 5 m from the edge on either side
+    # ITU-R P.526: v = h sqrt(2 (d1 + d2)/(wavelength d1 d2)), at 5 m from the edge on both sides.
     wavelength = 0.1
     x = np.array([-1.0, -0.4, -0.1, 0.0, 0.1, 0.4, 1.0])
     points = np.stack([x, 0 * x, 0 * x + 5.0], axis=-1)
@@ -90,7 +90,7 @@ def test_grazing_is_half_the_field_and_knife_edges_follow_fresnel():
     result = 20 * np.log10(np.abs(field) * distance)
     v = np.sign(x) * 2 * np.sqrt((5.0 + np.hypot(x, 5.0) - distance) / wavelength)
     expected = 20 * np.log10(np.abs(knife_edge(v)))
-    # (1 + cos)/2 of Kirchhoff's integral is left out of the formula: at most 11 degrees here
+    # The formula omits (1 + cos)/2 of Kirchhoff's integral, for angles up to 11 degrees.
     assert np.abs(result - expected).max() < 0.08
     assert result[3] == pytest.approx(-6.0206, abs=1e-3)
 

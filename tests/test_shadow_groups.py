@@ -1,7 +1,7 @@
-"""Bodies that touch, cross or almost touch throw one shadow; bodies apart block one another.
+"""Shadows of bodies in contact, and of separate bodies.
 
-References are Kirchhoff's integrals over the surfaces that the source sees, of the same solid as
-one body or as bodies without common volume (oracles.shadow_quadrature). The wavelength is 1.
+References are Kirchhoff's integrals over the visible surfaces of the same solid, as one body or as
+bodies without common volume (oracles.shadow_quadrature). The wavelength is 1.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from oracles.meshes import box, hollow, prism
 from oracles.shadow_quadrature import expected_ratio
 from polywigner.geometry.silhouettes import obstacles_of
 
-# Edge waves at the default tolerance.
+# Error of edge waves at the default tolerance.
 EXACT = 2e-8
 
 
 def one_mesh(*bodies: pw.Polyhedron) -> pw.Polyhedron:
-    """All surfaces in one list of vertices and faces, as in a file."""
+    """Return all surfaces in one mesh."""
     first = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     faces = [[k + n for k in f] for body, n in zip(bodies, first, strict=False) for f in body.faces]
     return pw.Polyhedron(np.concatenate([body.vertices for body in bodies]), faces)
@@ -47,7 +47,7 @@ def level(values: np.ndarray) -> np.ndarray:
     return 20 * np.log10(np.abs(values))
 
 
-# source, points, and the solid as bodies whose surfaces the quadrature can tell apart
+# Source, points, and the solid as bodies whose surfaces the quadrature can distinguish.
 SOLIDS: dict[str, tuple[Any, Any, list[Any]]] = {
     "plus": (
         (0.3, -0.2, -7.0),
@@ -143,7 +143,7 @@ def test_a_gap_of_a_tenth_of_a_wavelength_is_open() -> None:
 
 
 def test_bodies_apart_in_one_mesh_block_one_another() -> None:
-    """A sum over all lit surfaces has +3.3 dB at the first point, the wall alone -30.6 dB."""
+    """A sum over all visible surfaces has +3.3 dB at the first point, the wall -30.6 dB."""
     source, points = (0.0, 0.0, -5.0), [(0, 0, 12), (1, 1, 10), (3, -2, 8)]
     small, wall = box((-1, -1, 0), (1, 1, 0.2)), box((-15, -15, 6), (15, 15, 6.2))
     together = ratio(source, points, one_mesh(small, wall))
@@ -154,7 +154,7 @@ def test_bodies_apart_in_one_mesh_block_one_another() -> None:
 
 @pytest.mark.parametrize("floor", ["plate", "slab"])
 def test_a_floor_does_not_make_one_body_of_what_stands_on_it(floor: str) -> None:
-    """A sum over all lit surfaces would add up to 0.25 of the free field behind the wall."""
+    """A sum over all visible surfaces would give 0.25 of the free field behind the wall."""
     source, points = (-12.0, 1.0, 14.0), [(9, 0.5, 1), (10, 2, 2), (9, -3, 0.5), (14, 0, 3)]
     ground = {"plate": plate(60, 60), "slab": box((-30, -30, -1), (30, 30, 0))}[floor]
     bodies = [box((-2, -2, 0), (2, 2, 4)), box((6, -10, 0), (6.5, 10, 9))]
@@ -174,7 +174,7 @@ _BOX = box((-1, -1, -1), (1, 1, 1))
 _ROOM = hollow(box((-3, -3, -3), (3, 3, 3)), box((-2, -2, -2), (2, 2, 2)).vertices)
 
 
-# Name -> bodies, and the number of pairs in contact.
+# Name -> bodies, and number of pairs in contact.
 CONTACTS: dict[str, tuple[list[Any], int]] = {
     "common face": ([_BOX, box((1, -1, -1), (3, 1, 1))], 1),
     "narrow gap": ([_BOX, box((1.04, -1, -1), (3, 1, 1))], 1),
@@ -182,7 +182,7 @@ CONTACTS: dict[str, tuple[list[Any], int]] = {
     "common corner": ([_BOX, box((1, 1, 1), (2, 2, 2))], 1),
     "crossing": ([_BOX, box((-0.5, -4, -0.5), (0.5, 4, 0.5))], 1),
     "contained": ([_BOX, box((-3, -3, -3), (3, 3, 3))], 1),
-    # the two surfaces of the room, and nothing with the box in it
+    # The two surfaces of the room without the box.
     "in a room": ([_ROOM, _BOX], 1),
     "on a plate": ([_BOX, plate(8, 8, (0, 0, 1))], 0),
     "plate through a box": ([_BOX, plate(8, 8, (0, 0, 0.3))], 1),

@@ -1,7 +1,7 @@
-"""How far shadows by silhouettes are from the fields behind real bodies, and what is left out.
+"""Accuracy of shadows by silhouettes for real bodies (docs/shadows.md).
 
-Spheres by partial waves, boxes and plates by finite differences in time, and two edges in a row by
-Kirchhoff's integral. The tables are in docs/shadows.md.
+References are partial waves for spheres, FDTD for boxes and plates, and Kirchhoff's integral for
+two edges.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def test_shadow_of_a_black_ball_is_between_those_of_a_soft_and_a_hard_one(radius
 
 @pytest.mark.slow
 def test_spot_of_arago_fades_behind_a_soft_sphere_as_waves_creep() -> None:
-    """12 dB for each theta (pi D/(2 lambda))^(1/3); a hard one's is at most 3 dB brighter."""
+    """12 dB for each theta (pi D/(2 lambda))^(1/3); a hard sphere is at most 3 dB brighter."""
     for radius in shadow_spheres.RADII:
         for distance in radius * np.array([4.0, 40.0]):
             axis = np.array([[0.0, 0.0, distance]])
@@ -69,12 +69,12 @@ def test_spot_of_arago_fades_behind_a_soft_sphere_as_waves_creep() -> None:
 @pytest.mark.parametrize(
     ("body", "rms", "largest"),
     [
-        # Kirchhoff's black body: what differs is the lattice of 24 cells in a wavelength
+        # Kirchhoff's black body; the lattice of 24 cells per wavelength causes the difference.
         ("cube, jumps", 0.1, 0.6),
         ("plate, jumps", 0.1, 0.6),
-        # a thin absorber: black but for light aslant
+        # A thin absorber, which is black for normal incidence only.
         ("plate, matched", 0.8, 6.0),
-        # the same around a cube, whose far edges bend light once more
+        # A cube of the same absorber, with diffraction at its far edges as well.
         ("cube, matched", 3.8, 18.0),
         ("cube, soft", 4.3, 18.0),
         ("cube, hard", 3.2, 18.0),
@@ -102,7 +102,8 @@ def test_finite_differences_of_a_small_box_are_those_of_its_silhouette() -> None
 
 
 def test_two_edges_in_a_row_pass_what_millington_says() -> None:
-    """At grazing, 1/4 + arcsin(sqrt(b/(a + b)))/(2 pi) of the free field. One edge passes a half.
+    """At grazing incidence, the field is 1/4 + arcsin(sqrt(b/(a + b)))/(2 pi); a single edge gives
+    1/2.
 
     Source: Millington, Hewitt and Immirzi, Proc. IEE 109 C, 419 (1962), for a distant source.
     """

@@ -1,4 +1,4 @@
-"""Sources before obstacles: obliquity at edges, curved waves, large apertures and point sources."""
+"""Sources in front of obstacles: obliquity, curved waves, large apertures and point sources."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TOLERANCE = 1e-6
 
 
 def upright(outline: pw.Aperture, x: float) -> pw.PlacedAperture:
-    """A plate in a plane x = const, its outline in y and z."""
+    """Return a plate in a plane of constant x, with an outline in y and z."""
     pose = np.zeros((4, 4))
     pose[[1, 2, 0, 3], [0, 1, 2, 3]] = 1.0
     pose[0, 3] = x
@@ -40,7 +40,7 @@ HALF_PLANE = upright(pw.Aperture([(-40, 0.6), (40, 0.6), (40, 40), (-40, 40)]), 
 CASES: dict[str, tuple[Any, Any]] = {
     "half-plane at a wide angle": (HALF_PLANE, [(16.0, 0.0, 2.0), (16.0, 3.0, 1.0)]),
     "box": (cube((4, 3, 2), seed=3, shift=(0.0, 0.5, 5.0)), [(0.1, 0.0, 12.0), (5.0, 3.0, 9.0)]),
-    # points behind the centre, behind an edge and on the line through the centre and a corner
+    # Points behind the centre, behind an edge, and on the line through the centre and a corner.
     "plate": (
         pw.shapes.square(2.0).placed(at(z=3.0)),
         [(0.0, 0.0, 9.0), (2.0, 0.0, 6.0), (2.0, 2.0, 6.0)],
@@ -55,12 +55,12 @@ CASES: dict[str, tuple[Any, Any]] = {
 def test_first_field_of_rayleigh_sommerfeld_is_the_slope_of_the_second(
     name: str, engine: Any
 ) -> None:
-    """U_I = -(1/ik) dU_II/dz of the source's plane, and Kirchhoff's is the mean of both."""
+    """U_I = -(1/ik) dU_II/dz of the source's plane; Kirchhoff's field is the mean of both."""
     body, points = CASES[name]
     points = np.array(points)
 
     def field(method: Any, height: float = 0.0) -> np.ndarray:
-        # everything else moves the other way
+        # A shift of the source is an opposite shift of obstacles and points.
         return pw.amplitude(
             SQUARE, points - [0.0, 0.0, height], 1.0, method,
             obstacles=raised(body, -height), tolerance=1e-8, engine=engine,
@@ -81,7 +81,7 @@ def test_level_behind_a_half_plane_at_a_wide_angle() -> None:
 
 
 def test_field_of_an_aperture_is_its_surface_integral_over_a_plate() -> None:
-    method: Any = "kirchhoff"  # the mean of the others, which the test above relates
+    method: Any = "kirchhoff"  # mean of the two other methods, which the test above relates
     plate = upright(pw.Aperture([(-6, -3), (5, -3), (5, 2), (-6, 1.2)]), 4.0)
     points = [(8.0, 0.3, 2.0), (9.0, -1.0, 5.0)]
     source = aperture_radiators(SQUARE, method, order=8, longest=2.0)
@@ -96,13 +96,13 @@ CURVED = pw.shapes.square(2.0).curved(5.0, 1.0)
 
 
 def curved_wave(method: str, nodes: np.ndarray) -> np.ndarray:
-    """The phase of CURVED; times the direction cosine of the local ray for its normal slope."""
+    """Return the phase of CURVED times the direction cosine of the local ray, its normal slope."""
     wave = np.exp(1j * math.pi * (nodes**2).sum(axis=1) / 5.0)
     return wave * np.sqrt(1.0 - (nodes**2).sum(axis=1) / 25.0) if method == RS2 else wave
 
 
 def test_curved_waves_have_shadows() -> None:
-    method: Any = RS2  # the field of which counts the slope of the wave
+    method: Any = RS2  # depends on the slope of the wave
     plate = pw.Aperture([(-1, -4), (6, -4), (6, 3), (-1, 4)]).placed(at(z=6.0))
     points = np.array([(0.0, 0.5, 12.0), (-2.0, 1.0, 9.0)])
     source = aperture_radiators(
@@ -124,9 +124,10 @@ def test_kirchhoff_field_of_a_curved_wave_is_the_mean_of_both() -> None:
 
 
 def paraxial_over_a_half_plane(side: float, x: Any, edge: float, z: float, end: float) -> Any:
-    """Fresnel's field along x at y = 0 of a square, half of the plane at z covered from edge on.
+    """Return Fresnel's field along x of a square with a half plane at z.
 
-    Each point of the square has a half-plane's field in closed form; the sum over points is Gauss'.
+    Each point of the square has the closed form of a half plane; the sum over points is a Gauss
+    rule.
     """
     nodes, weights = np.polynomial.legendre.leggauss(1000)
     nodes, weights = nodes * side / 2, weights * side / 2
@@ -135,7 +136,7 @@ def paraxial_over_a_half_plane(side: float, x: Any, edge: float, z: float, end: 
         return np.exp(1j * math.pi * (x[:, None] - nodes) ** 2 / end) / np.sqrt(1j * end)
 
     rest = end - z
-    cross = nodes + (x[:, None] - nodes) * z / end  # of the straight path and the plane
+    cross = nodes + (x[:, None] - nodes) * z / end  # at the plane z
     s, c = fresnel((edge - cross) * math.sqrt(2.0 * end / (z * rest)))
     open_part = 0.5 * (1.0 + (1.0 - 1j) * (c + 1j * s))
     return ((free(x) * open_part) @ weights) * (free(np.zeros(1)) @ weights)
@@ -157,7 +158,7 @@ def test_equivalent_points_for_few_directions_are_those_for_all() -> None:
     plate = pw.shapes.square(30.0).placed(at(12.0, 3.0, 200.0))
     points = [(5.0, 0.0, 500.0), (-20.0, 10.0, 400.0)]
     few = pw.amplitude(source, points, 1.0, obstacles=plate)
-    # a point at a wide angle, which all the others share the equivalent points of
+    # A point at a wide angle shares the equivalent points of the other points.
     wide = [*points, (60.0, 60.0, 0.1)]
     everywhere = pw.amplitude(source, wide, 1.0, obstacles=plate)[:2]
     assert np.abs(few - everywhere).max() < TOLERANCE * np.abs(few).max()

@@ -1,4 +1,4 @@
-"""Shadows that diffract: fields behind opaque bodies and plates, by their silhouettes alone."""
+"""Diffracted fields behind opaque bodies and plates, by silhouettes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ WAVELENGTH = REFERENCE["wavelength"]
 SQUARE = pw.shapes.square(REFERENCE["side"])
 LAMP = pw.PointSource((0.3e-3, 0.1e-3, -0.11))
 
-# Default tolerance of fields behind obstacles, of the largest free field.
+# Default tolerance relative to the largest free field.
 TOLERANCE = 1e-6
-# A place beside each point decides about its angles (1e-8 of the distance), over a tight gap.
+# Angles are evaluated 1e-8 of the distance off each point, relative to a narrow gap.
 TOUCHING = 1e-6
 
 
@@ -87,10 +87,10 @@ def test_two_slits_in_a_wall_interfere_as_two_apertures_do() -> None:
         cut, solid = (field(source, points, body.placed(at())) for body in (wall - slits, wall))
         opening = pw.Screen(slits, source, kind="opening")
         expected = pw.amplitude(opening, points, WAVELENGTH, "kirchhoff")
-        # the rim of the wall sends waves of a tenth, with slits and without
+        # The edge of the wall contributes a tenth, with and without slits.
         assert np.abs(cut - solid - expected).max() < TOLERANCE * np.abs(expected).max()
     far = pw.amplitude(slits, points, WAVELENGTH, "kirchhoff")
-    assert np.abs(cut - solid - far).max() < 2e-3 * np.abs(far).max()  # a distant point, no plane
+    assert np.abs(cut - solid - far).max() < 2e-3 * np.abs(far).max()  # a distant point
 
 
 def test_spot_of_arago_is_as_bright_behind_a_ball_as_behind_its_disc() -> None:
@@ -101,8 +101,9 @@ def test_spot_of_arago_is_as_bright_behind_a_ball_as_behind_its_disc() -> None:
     axis = [(0.0, 0.0, 0.2), (0.0, 0.0, 0.5)]
     lamp = pw.PointSource((0.0, 0.0, -300.0))
     spots = [np.abs(field(lamp, axis, body)) * 300.0 for body in (sphere, disc)]
-    assert np.abs(spots[0] / spots[1] - 1).max() < 1e-3  # the mesh's facets are no circle
-    # (1 + z/r)/2 of the incident field, with r from the rim: all ways around it are as long
+    assert np.abs(spots[0] / spots[1] - 1).max() < 1e-3  # the outline of the mesh is a polygon
+    # (1 + z/r)/2 of the incident field, with r from the edge; all paths around the disc have equal
+    # lengths.
     closed_form = 0.5 + 0.5 / np.hypot(1, 0.02 / np.array([0.2, 0.5]))
     assert np.abs(spots[1] / closed_form - 1).max() < 2e-3
 
@@ -156,7 +157,7 @@ def test_body_in_the_shadow_of_another_changes_nothing() -> None:
     hidden = box((-0.005, -0.004, 0.003), (0.005, 0.004, 0.009))
     alone = field(LAMP, BEHIND, wall)
     both = field(LAMP, BEHIND, [wall, hidden])
-    # the edges of the wall may be split
+    # The edges of the wall may be divided.
     assert np.abs(both - alone).max() < 1e-12 * np.abs(alone).max()
 
 
@@ -165,7 +166,7 @@ def test_light_on_a_floor_does_not_know_of_it_nor_what_is_below_of_fringes_above
     body = box((-0.02, -0.01, 0.1), (0.01, 0.02, 0.15))
     points = drawn_points(60, (-0.06, -0.06, 0.2), (0.06, 0.06, 0.2))
     alone, with_floor = field(LAMP, points, body), field(LAMP, points, [body, floor])
-    # the floor's rim, 500 wavelengths away, sends waves of its own
+    # The edge of the floor, at 500 wavelengths, contributes as well.
     assert np.abs(with_floor - alone).max() < 0.01 * np.abs(alone).max()
     below = drawn_points(40, (-0.06, -0.06, 0.25), (0.06, 0.06, 0.3))
     alone, with_body = field(LAMP, below, floor), field(LAMP, below, [floor, body])
@@ -281,7 +282,7 @@ def test_store_of_a_volume_belongs_to_its_obstacles(tmp_path: Path) -> None:
 def test_partly_coherent_light_is_the_mean_over_its_tilts() -> None:
     width, points = 12e-3, [(x, 0.01, 0.3) for x in (-0.05, 0.0)]
     how: Any = {"obstacles": BODIES["plate"], "tolerance": 1e-2, "engine": "numpy"}
-    # |U|^2 over tilts kappa of the wave with the weight of a normal distribution
+    # |U|^2 averaged over normally distributed tilts kappa of the wave.
     nodes, weights = np.polynomial.hermite_e.hermegauss(3)
     expected = 0.0
     for (i, first), (j, second) in product(enumerate(nodes), repeat=2):

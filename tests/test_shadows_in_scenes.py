@@ -1,4 +1,4 @@
-"""Shadows that diffract in scenes: pictures, links and receivers against fields at points."""
+"""Diffracted shadows in scenes: images, links and receivers against fields at points."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def rendered(made: Any, spp: int) -> Any:
 
 
 def on_floor(count: int, fine: int, obstacles: Any = None, source: Any = SQUARE) -> Any:
-    """Radiance of the floor's pixels, the mean over places in each, by fields at points."""
+    """Return the mean radiance of the pixels of a floor, from fields at points."""
     x = SIDE * (1 - (2 * np.arange(count * fine) + 1) / (count * fine))
     places = np.stack([*np.meshgrid(x, x), np.full((x.size, x.size), FLOOR)], axis=-1)
     field = pw.amplitude(source, places, WAVELENGTH, obstacles=obstacles, tolerance=1e-4)
@@ -76,7 +76,7 @@ def test_picture_is_the_field_behind_a_box() -> None:
     result = rendered(scene(count, {"box": box()}), 256)
     expected = on_floor(count, 8, BOX)
     assert np.abs(result - expected).max() < 1e-3 * on_floor(count, 1).max()
-    # and the shadow is not the rays' shadow
+    # Geometric shadows would differ.
     assert expected[count // 2, count // 2] > 1e-3 * on_floor(count, 1).max()
 
 
@@ -99,7 +99,7 @@ def disk_of(radius: float, z: float) -> Any:
 
 SHAPES: dict[str, tuple[Callable[[], dict[str, Any]], Any]] = {
     "instance": (group, meshes.moved(BOX, 0.01, 0, 0)),
-    # its rim is seen where the tangents from the source touch
+    # The silhouette is where tangents from the source touch.
     "sphere": (
         lambda: {"ball": {"type": "sphere", "center": [0, 0, 0.1], "radius": 0.02, "bsdf": BLACK}},
         disk_of(0.02 * math.sqrt(1 - 0.04), 0.1 - 0.02 * 0.2),
@@ -112,7 +112,7 @@ SHAPES: dict[str, tuple[Callable[[], dict[str, Any]], Any]] = {
 def test_shapes_of_mitsuba_throw_shadows(name: str) -> None:
     use("llvm_ad_mono")
     shapes, obstacle = SHAPES[name]
-    point = pw.Aperture(0.05 * HALF)  # a point, to which the rim of a ball is a circle
+    point = pw.Aperture(0.05 * HALF)  # nearly a point source, from which the silhouette is a circle
     result = rendered(scene(8, shapes(), source=point), 324)
     expected = on_floor(8, 12, obstacle, point)
     within = 2e-2 if name == "sphere" else 3e-3
@@ -139,7 +139,7 @@ def test_plate_before_a_wall_has_the_field_of_both_in_pictures_and_at_points() -
     expected = on_floor(8, 12, bodies)
     assert np.abs(result - expected).max() < 5e-3 * on_floor(8, 1).max()
     use("scalar_rgb")
-    # on the line through the source's centre and a corner as well, in single precision
+    # On the line through the source's centre and a corner, in single precision.
     point = pw.Aperture(0.05 * HALF)
     made = scene(2, {"r0": black(0.0, 0.1, 0.02)}, source=point)
     weights = []
@@ -177,7 +177,7 @@ def test_a_body_around_the_source_hides_it() -> None:
 
 
 def edge_at(x: float, z: float) -> dict[str, Any]:
-    """Half a plane that covers all places left of x."""
+    """Return a half plane that covers all points left of x."""
     pose = transform().translate([x - 2, 0, z]).scale([2, 4, 1])
     return {"edge": {"type": "rectangle", "to_world": pose, "bsdf": BLACK}}
 
@@ -201,7 +201,7 @@ def test_link_over_an_edge() -> None:
         v = x * math.sqrt(2 / WAVELENGTH * (1 / 0.4 + 1 / 0.6))
         s, c = fresnel(v)
         knife = abs(0.5 - c - 1j * (0.5 - s)) ** 2 / 2
-        # the integral is paraxial, and patterns fall towards the edge
+        # The integral is paraxial, and the pattern decreases towards the edge.
         assert 10 * abs(math.log10(result / knife)) < (0.02 if x <= 0 else 0.05)
     assert received(edge_at(0.02, 0.4), small, small, False).direct == 0
 
@@ -215,7 +215,7 @@ def cubes(*boxes: Any) -> dict[str, Any]:
 
 
 def test_a_wall_of_butted_or_crossing_cubes_is_a_wall() -> None:
-    """The joint is open by some roundings to single precision. Lengths in wavelengths."""
+    """The gap is a few roundings in single precision. Lengths are in wavelengths."""
     use("scalar_rgb")
     small, off = pw.Aperture(0.1 * HALF), np.array((0.137, 0.211, 0.05))
 
@@ -240,7 +240,7 @@ def test_a_wall_of_butted_or_crossing_cubes_is_a_wall() -> None:
 
 
 def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_them() -> None:
-    """Four faces meet at edges of the common face: the mesh is closed, but no simple surface."""
+    """Four faces meet at edges of the common face: the mesh is closed, but not simple."""
     cube = meshes.box((0, 0, 0), (1, 1, 1))
     pair = meshes.joined([cube, meshes.moved(cube, 1, 0, 0)])
     bodies = [(body.vertices, body.triangles) for body in (pair, meshes.moved(cube, 0, 1, 0))]
@@ -260,7 +260,7 @@ def test_both_ends_of_a_link_over_an_edge_are_exchanged() -> None:
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_bodies_on_mirrored_ways() -> None:
-    """What stands before a mirror is in the way twice: as it is, and as its image."""
+    """A body in front of a mirror blocks the path twice, as body and as image."""
     use("llvm_ad_mono")
     centre = [0.3, 0, 0.5]
     mirror = rectangle(centre, (0, 1, 0), -90, 2.0, {"type": "conductor"})
@@ -280,14 +280,14 @@ def test_bodies_on_mirrored_ways() -> None:
 
     before, behind = mirrored(0.25), mirrored(0.75)
     assert before < 0.7
-    # all but alike: single edges of a plate and of its image do not exchange quite
+    # Nearly equal, because single edges of a plate and of its image are not exactly reciprocal.
     assert before == pytest.approx(behind, rel=1e-2)
 
 
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_receiver_takes_light_over_edges() -> None:
-    """Of a floor that a plate hides from the receiver, by the fields of both on the floor."""
+    """Power from a floor hidden by a plate, from the fields of both ends on the floor."""
     use("llvm_ad_mono")
     height, side, apart = 0.4, 0.3, 0.1
     places = [np.eye(4), np.eye(4)]
@@ -365,7 +365,7 @@ def test_a_source_without_its_scene_lights_nothing_and_leaves_other_scenes_alone
         assert np.isnan(mi.render(made, spp=1, integrator=direct)).any()
     with pytest.warns(RuntimeWarning, match=r"polywigner\.mitsuba\.receiving"):
         again = np.array(mi.render(other, spp=1, integrator=direct))
-    # threads add the samples of a pixel in any order
+    # Threads add the samples of a pixel in any order.
     np.testing.assert_allclose(again, alone, rtol=1e-5, atol=0.0)
     with pm.receiving(made):
         assert np.isfinite(mi.render(made, spp=1, integrator=direct)).all()

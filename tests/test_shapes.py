@@ -1,4 +1,4 @@
-"""Shapes of the catalogue: areas in closed form, symmetry, and arguments that fit together."""
+"""Catalogue of shapes: areas in closed form, symmetries and errors."""
 
 import math
 import pickle
@@ -12,7 +12,7 @@ from outlines import CHEVRON, relaxed
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, shapes
 
-# Vertices are products and sums of a few doubles.
+# Rounding of products and sums of a few doubles.
 ROUNDING = 1e-14
 
 _length = st.floats(1e-6, 1e3)
@@ -45,7 +45,7 @@ def test_areas_have_their_closed_form(aperture, area):
 
 
 PLACED = {"two slits", "three discs"}
-ROUND = {"star"}  # around the origin, but with unequal bounds
+ROUND = {"star"}  # centred at the origin, with asymmetric bounds
 
 
 @pytest.mark.parametrize("name", sorted(AREAS.keys() - PLACED - ROUND))
@@ -75,7 +75,7 @@ def test_a_disc_has_the_area_of_the_circle_whatever_its_sides(sides, radius):
 @relaxed
 @given(_length, _length, _part)
 def test_arms_of_the_vee_are_as_thick_as_asked(width, height, part):
-    """The distance between the outer edge and the notch is the thickness."""
+    """The thickness is the distance between the outer edge and the notch."""
     half, length = width / 2, math.hypot(width / 2, height)
     thickness = part * half * height / length
     aperture = shapes.vee(width, height, thickness)

@@ -1,4 +1,4 @@
-"""The program that opens the theory agrees with pw.wigner and pw.ambiguity, at ties as well."""
+"""The 62-line program of the theory agrees with pw.wigner and pw.ambiguity."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,9 @@ import shapely
 import polywigner as pw
 from oracles import short_program
 
-# Errors as fractions of the total area, times the largest |weight|^2.
+# Errors relative to the total area times the largest |weight|^2.
 WORST = 2e-14
-# The grid moves the sides of a sliver by a fraction of its length: the length squared is compared.
+# The grid moves the sides of a sliver by a fraction of its length squared.
 AREAS = {"sliver": 1.0}
 
 HOLED = pw.Aperture(shapely.box(0, 0, 3, 2).difference(shapely.box(1, 0.5, 2, 1.5)))
@@ -30,7 +30,7 @@ SOURCES = {
 
 
 def draws(source, count, seed=0):
-    """Rings, weights, area, and points and lags; half of them midpoints and vectors of vertices."""
+    """Return rings, weights, area, points and lags, half of them at ties."""
     random = np.random.default_rng(seed)
     rings, weights = short_program.rings_and_weights(source)
     vertices = np.concatenate(rings)
@@ -38,7 +38,7 @@ def draws(source, count, seed=0):
     first, second = (vertices[random.integers(len(vertices), size=count)] for _ in range(2))
     x = np.concatenate([random.uniform(low, high, (count, 2)), (first + second) / 2])
     xi = np.concatenate([random.uniform(low - high, high - low, (count, 2)), first - second])
-    for places in (x, xi):  # an ulp beside a tie
+    for places in (x, xi):  # an ulp from a tie
         places[::5] += random.integers(-1, 2, places[::5].shape) * np.spacing(np.abs(places[::5]))
     nu = random.normal(size=x.shape) * 10 ** random.uniform(-9, 1, (len(x), 1)) / np.ptp(vertices)
     nu[::7] = 0

@@ -1,4 +1,4 @@
-"""Public functions say in their signatures what they take."""
+"""Signatures of public functions."""
 
 import inspect
 import re
@@ -22,7 +22,7 @@ def functions_of(owner, names):
 
 def public_functions():
     for name in pw.__all__:
-        getattr(pw, name)  # loaded on first use
+        getattr(pw, name)  # lazily imported
     for module in (pw, pw.shapes, pw.arrays):
         yield from functions_of(module, module.__all__)
     for owner in CLASSES:

@@ -1,4 +1,4 @@
-"""Rays that carry W: power, rebuilt irradiance and its errors, for all kinds of sources."""
+"""Rays that carry W: power, reconstructed irradiance and errors for all kinds of sources."""
 
 import math
 from typing import Any
@@ -25,30 +25,29 @@ SOURCES: dict[str, Any] = {
     "converging": SQUARE.curved((-0.02, 0.03), WAVELENGTH, centre=(1e-3, 2e-3)),
     "partly coherent": SQUARE.partially_coherent(4e-3),
 }
-# Its power is a sum over tilts and nodes along edges: seconds.
+# The power is a slow sum over tilts and nodes along edges.
 MIXED = {"both": STEERED.curved(0.05, WAVELENGTH).partially_coherent(8e-3)}
-# Each kind of source, and each sampling with flat, curved and partly coherent ones.
+# Each kind of source, and each sampling with flat, curved and partially coherent sources.
 DRAWN = [("square", "uniform"), ("steered", "quasi-random"), ("chevrons", "uniform")]
 DRAWN += [("tapered", "uniform"), ("array", "quasi-random"), ("converging", "uniform")]
 DRAWN += [("partly coherent", "quasi-random"), ("both", "uniform")]
 
-# Of Student's and normal numbers: seeds are fixed, right code exceeds it never, or always with a
-# chance of 1e-4 for some twenty of them.
+# Limits of Student's and normal distributions, exceeded with a probability of 1e-4.
 UNLIKELY = 4.5
 ROUNDING = 1e-12
 
-# Narrow pupils of light, whose rays are paraxial: tan and sin differ by 1e-5 of a spot.
+# Narrow pupils, whose rays are paraxial: tan and sin differ by 1e-5 of a spot.
 LIGHT, FOCAL_LENGTH = 0.6e-6, 1.0
 PUPIL = pw.shapes.regular_polygon(6, 2.5e-3)
 LENS = PUPIL.curved(-FOCAL_LENGTH, LIGHT)
 CURVED = SOURCES["converging"]
 
-# Pixels in front of the square, beside the axis too.
+# Pixels in front of the square and off the axis.
 GRID = Z, BOUNDS, SHAPE = 0.03, (-0.03, -0.02, 0.05, 0.02), (4, 2)
 
 
 def gauss(low, high, cells, order=5):
-    """Points and weights along an axis, those of a cell together."""
+    """Return Gauss points and weights along an axis, ordered by cells."""
     t, w = np.polynomial.legendre.leggauss(order)
     edges = np.linspace(low, high, cells + 1)
     half = (edges[1] - edges[0]) / 2
@@ -56,13 +55,13 @@ def gauss(low, high, cells, order=5):
 
 
 def across(rays):
-    """Rays whose sums are |U|^2, the power per area across them: a plane receives its cosine."""
+    """Return rays whose sums are |U|^2 instead of the power per area of a plane."""
     weight = rays.weight / rays.direction[:, 2]
     return pw.rays.traced(rays, rays.position, rays.direction, weight)
 
 
 def mean_irradiance(source, obliquity=None):
-    """Means over the pixels of |U|^2 of Wigner rays, by quadrature."""
+    """Return the means over the pixels of |U|^2 of Wigner rays, by quadrature."""
     (x, w), (y, _) = gauss(BOUNDS[0], BOUNDS[2], 4), gauss(BOUNDS[1], BOUNDS[3], 2)
     points = np.stack(np.meshgrid(x, y, [Z], indexing="ij"), axis=-1)[..., 0, :]
     result = pw.irradiance(source, points, WAVELENGTH, method="wigner", obliquity=obliquity)
@@ -70,7 +69,7 @@ def mean_irradiance(source, obliquity=None):
 
 
 def rebuilt(source, seeds, **how):
-    """Irradiance and standard errors (seeds, 2, 4)."""
+    """Return irradiances and standard errors (seeds, 2, 4)."""
     pictures = [
         pw.rays.rebuild(across(pw.sample_rays(source, WAVELENGTH, 2048, k, **how)), *GRID)
         for k in range(seeds)
@@ -81,13 +80,13 @@ def rebuilt(source, seeds, **how):
 
 
 def significance(values, expected):
-    """How many standard deviations means over seeds are from what they should be."""
+    """Return the deviation of means over seeds in standard deviations."""
     error = values.std(axis=0, ddof=1) / math.sqrt(len(values))
     return abs(values.mean(axis=0) - expected) / error
 
 
 def check_sum(weights, expected, scatter):
-    """Of 32 sets of independent rays; ``scatter``: the largest error of the whole sum."""
+    """Check sums of 32 independent sets of rays; ``scatter`` is their largest relative error."""
     sums = 32 * weights.reshape(32, -1).sum(axis=1)
     assert significance(sums, expected) < UNLIKELY
     assert sums.std() / math.sqrt(32) < scatter
@@ -124,7 +123,7 @@ def test_obliquities_are_those_of_wigner_rays(obliquity):
 
 @pytest.mark.parametrize("angle", [0.0, 0.6])
 def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(angle):
-    """A pixel in the beam, 300 mm from the source, and the same on a plane that is turned to it."""
+    """A pixel in the beam at 300 mm, and the same pixel on a tilted plane."""
     axis, half = np.array([0.3, 0.2, math.sqrt(0.87)]), 4e-3
     rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 18, cone=0.05, axis=axis)
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -143,20 +142,20 @@ def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(a
 
 
 def check_focus(rays, pupil, light, focal_length, half):
-    """In the focal plane the irradiance is |F|^2/(lambda f)^2 of the flat source."""
+    """Check |F|^2/(lambda f)^2 of the flat source in the focal plane."""
     result = pw.rays.rebuild(rays, focal_length, (-half, -half, half, half), (5, 5))
     x, w = gauss(-half, half, 5)
     nu = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1) / (light * focal_length)
     exact = np.abs(pw.fourier(pupil, nu)) ** 2 / (light * focal_length) ** 2
     mean = np.einsum("iajb,a,b->ji", exact.reshape(5, 5, 5, 5), w, w)
     error = result.standard_error.values
-    # t of 15 degrees of freedom: exceeds 5 once in 1e4
+    # Student's t with 15 degrees of freedom exceeds 5 once in 1e4.
     assert (abs(result.irradiance.values - mean) / error).max() < 5
     assert error.max() < 0.04 * mean.max()
 
 
 def test_rays_through_a_thin_lens_focus_to_the_fourier_transform():
-    """At the focus a ray lies at f times its slope, whatever its position was."""
+    """At the focus, a ray is at f times its slope for any position."""
     rays = pw.sample_rays(PUPIL, LIGHT, 1 << 15, sampling="quasi-random", cone=8e-4)
     slope = rays.direction.values[:, :2] / rays.direction.values[:, 2:]
     place = np.column_stack([0.1 * slope, np.full(len(slope), 0.1)])
@@ -200,22 +199,22 @@ def test_rays_are_counted_where_they_meet_the_plane():
     position = np.column_stack([x, np.full(6, 0.6), np.zeros(6)])
     direction = np.tile([0.0, 0.0, 1.0], (6, 1))
     direction[3] = 0.0, 0.0, -1.0  # away from the plane
-    direction[5] = 1.0, 0.0, 0.0  # along it
+    direction[5] = 1.0, 0.0, 0.0  # along the plane
     rays = by_hand(position, direction, [1.0, -2.0, 4.0, 8.0, 16.0, 32.0])
     result = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4))
     assert result.irradiance.values.T.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
     assert (result.power, result.lost, result.missed) == (-1.0, 1, 3)
-    # one of six rays: variance 6/5 (w^2 - w^2/6)
+    # One of six rays: variance 6/5 (w^2 - w^2/6).
     assert result.standard_error.values[2, 0] == pytest.approx(8.0)
     virtual = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4), virtual=True)
     assert virtual.irradiance.values[2, 0] == 8 * 9
-    # rays that end on the plane, to rounding, are there
+    # Rays that end on the plane up to rounding are included.
     ended = by_hand(position[:3] + np.array([0, 0, 1e-12]), direction[:3], [1.0, 1.0, 1.0])
     assert pw.rays.rebuild(ended, 0.0, (0, 0, 1, 1), (1, 1)).power == 2.0
 
 
 def test_pictures_of_rays_have_y_upwards_and_x_to_the_right():
-    """One ray off both axes: rows are along x, the first at the bottom (``origin="lower"``)."""
+    """Rows are along x, and the first row is at the bottom (``origin="lower"``)."""
     rays = by_hand([[0.3, 0.8, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
     result = pw.rays.rebuild(rays, 0.0, (-1, -1, 1, 1), (10, 5))
     for name in ("irradiance", "standard_error"):
@@ -233,8 +232,8 @@ def test_a_selection_of_batches_keeps_its_own_error():
     sums = [rays["weight"].values[batch == k].sum() for k in (3, 11)]
     result = pw.rays.rebuild(some, 0.0, EVERYWHERE, (1, 1))
     assert result.power == pytest.approx(sum(sums))
-    assert result.power_error == pytest.approx(abs(sums[0] - sums[1]))  # sqrt(2) of two
-    # of one alone no scatter is known: it counts as independent rays
+    assert result.power_error == pytest.approx(abs(sums[0] - sums[1]))  # sqrt(2) of two rays
+    # A single ray counts as independent rays.
     one = rays.isel(ray=batch == 3)
     alone = pw.rays.rebuild(one, 0.0, EVERYWHERE, (1, 1))
     apart = pw.rays.rebuild(one.drop_vars("batch"), 0.0, EVERYWHERE, (1, 1))
@@ -291,15 +290,15 @@ def test_arguments_of_rebuild_and_traced_are_checked(call, said):
 
 @pytest.mark.parametrize("width", [1.5e-3, 3e-3, math.inf])
 def test_fringes_of_two_slits_have_the_visibility_of_the_degree_of_coherence(width):
-    """In directions that a slit alone lights evenly they are 1 + |mu| cos(2 pi d nu)."""
+    """In directions of equal intensity of each slit, fringes are 1 + |mu| cos(2 pi d nu)."""
     distance = 3e-3
-    across = distance / 20  # uneven by a hundredth at the rim of the cone
+    across = distance / 20  # 1 % non-uniform at the edge of the cone
     slits = pw.shapes.double_slit(across, across, (-distance / 2, distance / 2))
     light = slits.partially_coherent(width)
     cone = LIGHT / distance
     rays = pw.sample_rays(light, LIGHT, 1 << 14, cone=cone, directions="uniform")
     fringe = np.cos(2 * math.pi * distance * rays.direction.values[:, 0] / LIGHT)
-    # the visibility from the sums with 1 and with the fringe, whose means over a disc are these
+    # Visibility from the sums of 1 and of the fringe over a disc.
     x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 401)])
     inside = np.cos(2 * math.pi * x[x**2 + y**2 < 1])
     first, second = inside.mean(), (inside**2).mean()
@@ -313,7 +312,7 @@ def test_fringes_of_two_slits_have_the_visibility_of_the_degree_of_coherence(wid
     "source", [CURVED, CURVED.partially_coherent(8e-3)], ids=["curved", "partly coherent"]
 )
 def test_the_power_in_a_narrow_cone_is_that_of_the_radiant_intensity(source):
-    """Many places have their beam outside of the cone."""
+    """Many positions have their beam outside of the cone."""
     axis, half = np.array([0.3, 0.2, math.sqrt(0.87)]), 0.1
     rays = pw.sample_rays(source, WAVELENGTH, 1 << 17, cone=half, axis=axis)
     assert (rays.direction.values @ axis).min() > math.cos(half) - ROUNDING
@@ -323,7 +322,7 @@ def test_the_power_in_a_narrow_cone_is_that_of_the_radiant_intensity(source):
     across /= np.linalg.norm(across)
     around = np.cos(phi)[:, None] * across + np.sin(phi)[:, None] * np.cross(axis, across)
     s = np.cos(theta)[:, None, None] * axis + np.sin(theta)[:, None, None] * around
-    # of Rayleigh-Sommerfeld I: a cosine more than the paper's
+    # Rayleigh-Sommerfeld I has one cosine more than the paper.
     intensity = (s[..., 2] * pw.radiant_intensity(source, s, WAVELENGTH)).mean(axis=1)
     power = math.pi * half * float(w @ (intensity * np.sin(theta)))
     check_sum(rays.weight.values, power, 0.06 * power)

@@ -1,7 +1,7 @@
-"""Silhouettes of concave, touching, crossing and surrounding bodies, and shadows behind shadows.
+"""Silhouettes of concave, touching, crossing and surrounding bodies, and sequential shadows.
 
-One body is compared with Kirchhoff's integral over the surfaces that the source sees, two bodies
-with sequential Kirchhoff; both are surface quadratures (oracles.shadow_quadrature).
+References are Kirchhoff's integral over visible surfaces for one body, and sequential Kirchhoff
+integrals for two bodies (oracles.shadow_quadrature).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from polywigner.geometry.silhouettes import hits, obstacles_of
 from polywigner.propagation.equivalent_points import RadiatingPoint
 from polywigner.propagation.shadows import diffracted
 
-# Edge waves by the rules of the default tolerance, and places beside points.
+# Error of edge waves at the default tolerance.
 EXACT = 1e-8
 
 
@@ -51,7 +51,7 @@ def plate(width: float, height: float, place: np.ndarray) -> Any:
 
 
 def ratio(source: Any, points: Any, bodies: Any) -> np.ndarray:
-    """The field over the free one, in the frame in which the wavelength is 1."""
+    """Return the field over the free field, in a frame with a wavelength of 1."""
     obstacles, place = obstacles_of(bodies, 1.0), np.array(source, float)
     seen = obstacles.silhouettes([place])
     point = RadiatingPoint(place, 0j, 1j)
@@ -95,7 +95,7 @@ def test_one_body_takes_away_kirchhoff_s_integral_over_what_the_source_sees(
     error = np.abs(
         ratio(source, points, BODIES[name]) - expected_ratio(source, points, BODIES[name])
     )
-    # coordinates are rounded to 1e-16 of the distance
+    # Coordinates are rounded to 1e-16 of the distance.
     assert error.max() < max(EXACT, -3e-12 * source[2])
 
 
@@ -103,12 +103,12 @@ def test_silhouettes_do_not_depend_on_the_distance_of_the_source_beyond_its_dire
     body, points = [prism(L_OUTLINE, 2, 3)], outside([prism(L_OUTLINE, 2, 3)], 6, 3)
     direction = np.array([0.3, 0.2, -1.0]) / math.sqrt(1.13)
     fields = [ratio(1e6 * scale * direction, points, body) for scale in (1.0, 10.0, 100.0)]
-    assert np.abs(fields[1] - fields[2]).max() < 1e-5  # the wave front is less bent
+    assert np.abs(fields[1] - fields[2]).max() < 1e-5  # the wave front is less curved
     assert np.abs(fields[0] - fields[1]).max() < 1e-4
 
 
 def test_edges_seen_from_within_a_convex_cone_are_those_of_the_mesh() -> None:
-    """The net contours of one convex body, by clipping and pairing, are its mesh's silhouette."""
+    """The silhouette of a convex body, by clipping and pairing, equals that of the mesh."""
     rng = np.random.default_rng(7)
     for _ in range(20):
         body = turned(box((-1, 1), (-0.7, 0.7), (-0.5, 0.5)), pose(rng.uniform(0, 6), 1, (0, 0, 4)))
@@ -124,7 +124,7 @@ def test_edges_seen_from_within_a_convex_cone_are_those_of_the_mesh() -> None:
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_corner_lines_of_plates_are_those_of_a_screen(scale: float) -> None:
-    """On the lines through the source and the corners the derivatives of two edges diverge."""
+    """On lines through the source and the corners, the derivatives of two edges diverge."""
     source = pw.PointSource((0.0, 0.0, -10.0 * scale))
     points = scale * np.array([(2, 2, 10), (2, 0.3, 10), (-2, 2, 10), (0.2, -2, 10)])
     outline = pw.shapes.square(2.0 * scale)
@@ -135,7 +135,8 @@ def test_corner_lines_of_plates_are_those_of_a_screen(scale: float) -> None:
 
 def test_apparent_crossing_of_two_edges_has_the_field_beside_it() -> None:
     bodies = [plate(2, 6, pose(shift=(0, 0, 4))), plate(9, 3, pose(shift=(0, 0, 8)))]
-    # seen from (0, 0, -1) the edge x = 1 of the first crosses the edge y = 1.5 of the second
+    # From (0, 0, -1), the edge x = 1 of the first plate crosses the edge y = 1.5 of the second
+    # plate.
     source, crossing = np.array([0.0, 0.0, -1.0]), np.array([1.8, 1.5, 8.0])
     point = source + 1.7 * (crossing - source)
     beside = point + 1e-6 * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
@@ -152,7 +153,7 @@ def test_surface_behind_the_source_changes_the_field_by_its_diffracted_part() ->
 
 
 def test_housing_around_a_source_leaves_its_opening() -> None:
-    """Five sides of a cube as plates: Kirchhoff's integral over all of them."""
+    """Five sides of a cube as plates, against Kirchhoff's integral over all of them."""
     source = np.array([0.1, 0.0, 0.2])
     sides = [plate(4, 4, pose(shift=(0, 0, -2)))]
     sides += [plate(4, 4, pose(math.pi / 2, 1, (x, 0, 0))) for x in (-2.0, 2.0)]
@@ -168,11 +169,8 @@ def test_plates_seen_edge_on_have_no_silhouette() -> None:
     assert len(edge_on.silhouette(np.array([5.0, 0.0, 0.0])).edges) == 0
 
 
-# --- A body behind another: the second takes away what the first has left ----------------------
-
-
 def crosses(bodies: list[Any], points: np.ndarray) -> np.ndarray:
-    """Which of the steps between points meets a surface."""
+    """Return which steps between points cross a surface."""
     obstacles = obstacles_of(bodies, 1.0)
     corners = np.concatenate([body.vertices[body.triangles] for body in obstacles.bodies])
     return np.array(
@@ -217,7 +215,7 @@ def test_field_is_continuous_in_free_space_around_bodies_behind_each_other(seed:
 
 
 def test_wall_behind_a_plate_is_as_dark_as_the_wall_alone_and_has_the_plate_s_fringes() -> None:
-    """Kirchhoff's wall alone has -36.3 dB here; full shadow lines would add 2.9 dB of light."""
+    """Kirchhoff's wall alone has -36.3 dB here; complete shadow boundaries would add 2.9 dB."""
     wall, source = plate(40, 40, pose(shift=(0, 0, 6))), (0.0, 0.0, -5.0)
     small = plate(2, 2, pose(shift=(0, 0, 2)))
     behind = [(0.0, 0.0, 8.0), (1.0, 2.0, 8.0), (-3.0, 0.5, 6.5)]
@@ -264,5 +262,5 @@ def test_plates_that_look_wider_than_a_half_space_throw_their_shadow(width):
     field = pw.amplitude(
         pw.PointSource((0.0, 0.0, 0.0)), point, 1.0, obstacles=plate.placed(to_world)
     )
-    # the straight edge at z = 4 alone, whose far ends change the field by less than 2 %
+    # The straight edge at z = 4 alone; its far ends change the field by less than 2 %.
     assert 20 * np.log10(np.abs(field[0]) * np.linalg.norm(point)) == pytest.approx(-20.4, abs=0.2)

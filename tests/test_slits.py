@@ -1,4 +1,4 @@
-"""Slits: the transforms in one dimension against closed forms, quadrature and identities."""
+"""Transforms of slits against closed forms, quadrature and identities."""
 
 import pickle
 
@@ -8,7 +8,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError
 
-ROUNDING = 4e-15  # times the total width; sums of a few terms of that size
+ROUNDING = 4e-15  # relative to the total width
 
 
 PAIR = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
@@ -34,7 +34,7 @@ def test_points_of_slits_have_one_component():
 
 @pytest.mark.llvm
 def test_a_grating_of_many_slits_is_summed_in_parts():
-    """More pairs than one kernel takes: compiled kernels and NumPy sum all of them."""
+    """More pairs than in one kernel."""
     grating = pw.Slits(np.arange(50)[:, None] + np.array([0.0, 0.3]))
     rng = np.random.default_rng(6)
     x, nu = rng.uniform(0, 50, (200, 1)), rng.uniform(-3, 3, (200, 1))

@@ -1,5 +1,4 @@
-"""Source files: a written source is read back equal, tables by hand mean what the page says, and
-errors name the file, the key and the value."""
+"""Source files: round trips, tables of docs/source_files.md, and errors."""
 
 from __future__ import annotations
 
@@ -81,7 +80,7 @@ def test_a_source_that_was_written_is_read_back_equal(
     pw.write_source(SOURCES[name], file)
     again = pw.read_source(file)
     assert again == SOURCES[name]
-    if isinstance(again, pw.Array | pw.Wavefront):  # phases of path lengths included
+    if isinstance(again, pw.Array | pw.Wavefront):  # with phases of path lengths
         assert again.at_wavelength(0.2) == SOURCES[name].at_wavelength(0.2)
     assert type(again) is type(SOURCES[name])
     written = file.read_text()
@@ -114,7 +113,7 @@ def illuminated(field: pw.Illumination) -> pw.Aperture:
     return WIDE.with_illumination(field)
 
 
-# Tables of a file, and the source that the functions of these names make.
+# Tables of a file, and the source that the functions of these names return.
 VALID = [
     ({"kind": "aperture", "polygons": TILES}, pw.Aperture([[0, 0], [2, 0], [2, 1], [0, 1]])),
     ({"kind": "aperture", "polygons": [[[[0, 0], [0, 1], [1, 1], ["0.5 m", 0], [0, 0]]]]},
@@ -192,7 +191,7 @@ def test_the_page_has_examples_that_are_sources_and_every_key(tmp_path: Path) ->
     for number, block in enumerate(blocks):
         (tmp_path / f"{number}.toml").write_text(block)
     array, horn = (pw.read_source(tmp_path / f"{number}.toml") for number in range(2))
-    # the beam points towards theta = 20 deg along y
+    # The beam points towards theta = 20 deg along y.
     nu = np.array([[0, 1], [0, -1], [1, 0]]) * np.sin(np.radians(20)) / WAVELENGTH
     beam = np.abs(pw.fourier(array, nu))
     assert beam[0] > 10 * beam[1:].max()
@@ -255,7 +254,7 @@ PHASED = repeated([[0, 0], [2, 0]])
 GRID_TABLE = {"kind": "grid", "nx": 2, "ny": 2, "pitch_x": 1}
 CROSSED = [[0, 0], [3, 0], [1, 1], [2, 2], [1, 0]]
 
-# Tables, and words of their errors: the path of the key, what is accepted, the value.
+# Tables, and parts of their errors: path of the key, accepted values, and value.
 BAD = [
     ([], "expected `object`, got `array`"),
     ({}, "missing required field `kind`"),

@@ -1,4 +1,4 @@
-"""Short texts of scenes and the command line: each does what functions of Python do."""
+"""Short texts of scenes and the command line, against functions of Python."""
 
 from __future__ import annotations
 

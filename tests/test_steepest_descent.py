@@ -1,6 +1,6 @@
 """Optical fields by steepest descent against integrals along edges with 25 digits.
 
-The reference (`oracles.edge_integrals`) shares no formula with the kernels but the phases.
+The reference (`oracles.edge_integrals`) shares only the phases with the kernels.
 """
 
 import math
@@ -34,7 +34,7 @@ def star_in(group):
 
 
 def allowed(points):
-    """Return the unit of the tolerance: the field of the source in phase, at most 1."""
+    """Return the unit of the tolerance: the largest possible field of the source, at most 1."""
     return np.minimum(1.0, STAR.area / (LIGHT * np.linalg.norm(points, axis=1)))
 
 
@@ -70,7 +70,7 @@ def test_errors_stay_within_the_tolerance(tolerance):
 
 
 def test_all_waves_of_an_illumination_add_up_at_points_of_both_methods():
-    """Travelling, grazing and evanescent waves, below and above the height of panels."""
+    """Propagating, grazing and evanescent waves, below and above the height of panels."""
     directions = [(0.0, 0.0), (0.3, -0.4), (0.95, 0.0), (0.9, 0.9)]
     weights = [1.0, 0.5j, -0.3, 0.2]
     square = pw.shapes.square(12.0)
@@ -85,7 +85,7 @@ def test_all_waves_of_an_illumination_add_up_at_points_of_both_methods():
 
 
 def test_the_height_where_panels_end_changes_nothing():
-    """The field changes by 2 pi times the step in wavelengths, here 2e-8 of a wavelength."""
+    """The field changes by 2 pi times the step in wavelengths, 2e-8 here."""
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.uniform(-30, 30, (200, 2)), np.full(200, 16.0)])
     step = np.array([0.0, 0.0, 1e-8])

@@ -1,7 +1,4 @@
-"""Stores of large results: the values of a direct computation, continued where a run has ended.
-
-The same values in NetCDF files.
-"""
+"""Stores of large results: values, continuation after interruptions, and NetCDF files."""
 
 import json
 import os
@@ -49,7 +46,7 @@ class Beam:
 
 
 def beam(block=None, name="power", waist=0.7, chunks=CHUNKS, y=Y, dtype="float64"):
-    """The arguments that describe the values of a block on a grid, and their chunks."""
+    """Return the arguments that describe the values of a block on a grid, and their chunks."""
     axes = {"x": labelled_array(X, ("x",), {"units": "m"}), "y": labelled_array(y, ("y",))}
     variables = {name: (block or Beam(), dtype, {"units": "W"})}
     return (variables, axes, {}, {"waist": waist}), {"chunks": chunks}
@@ -69,7 +66,7 @@ def evaluations(log):
 
 
 def chunk_files(store):
-    """When each chunk of the variables was written."""
+    """Return the time at which each chunk was written."""
     files = (p for name in open_store(store).data_vars for p in (store / name).glob("c/**/*"))
     return {p: p.stat().st_mtime_ns for p in files if p.is_file()}
 
@@ -112,7 +109,7 @@ if __name__ == "__main__":
 
 @contextmanager
 def other_process(store, log, *scheduler, seconds=0.05):
-    """A process that fills a store with slow regions. It is killed at the end of the block."""
+    """Fill a store in another process, which is killed at the end of the block."""
     words = [sys.executable, "-c", _RUN, str(store), str(log), str(seconds), *scheduler]
     folders = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     with subprocess.Popen(words, env={**os.environ, "PYTHONPATH": folders}) as run:
@@ -134,7 +131,7 @@ def test_a_run_that_was_killed_is_continued(tmp_path):
         wait_for(4, log, run)
     assert 3 <= len(chunk_files(store)) < REGIONS
     np.testing.assert_array_equal(written(store, beam(Beam(log)))["power"], DIRECT)
-    # the region that was being computed is the only one that is computed twice
+    # Only the region in progress is computed twice.
     assert len(set(evaluations(log))) == REGIONS
     assert len(evaluations(log)) <= REGIONS + 1
 
@@ -157,15 +154,15 @@ def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_only_their_own_re
         result = written(store, beam(Beam(log, 0.2)), scheduler=cluster)
         killer.join()
     np.testing.assert_array_equal(result["power"], DIRECT)
-    # Both workers computed a region when the writer was killed. Dask computes all regions of the
-    # killed worker again, also those that it had finished: at most all of the second run so far.
+    # Both workers were active when the writer was killed. Dask also recomputes all finished regions
+    # of the killed worker: at most all of the second run so far.
     again = 2 + begun[0] - done
     assert len(set(evaluations(log))) == REGIONS
     assert len(evaluations(log)) <= REGIONS + again
 
 
 def _kill_worker(cluster, log, count, begun):
-    """Kill a worker when so many regions have begun, and note how many had begun by then."""
+    """Kill a worker after a number of regions, and record the number of regions at that time."""
     while len(evaluations(log)) < count:
         time.sleep(0.005)
     os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
@@ -272,7 +269,7 @@ def test_another_source_engine_or_version_is_another_store(name, tmp_path, monke
 
 
 def _of_codec(path, codec):
-    """A store whose chunks another codec decodes."""
+    """Return a store whose chunks have another codec."""
     written(path)
     file = path / "power" / "zarr.json"
     table = json.loads(file.read_text())
@@ -374,15 +371,13 @@ def test_sources_go_to_other_processes_without_what_they_have_cached(source):
     np.testing.assert_array_equal(pw.wigner(pickle.loads(again), x, nu, engine="numpy"), values)
 
 
-# ---- NetCDF files ------------------------------------------------------------------------------
-
 SQUARE = pw.shapes.square(1.0)
 FREQUENCIES = np.linspace(-2.0, 2.0, 5)
 
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
-    """A W table on disk, in chunks that do not divide its axes."""
+    """Return a table of W on disk, in chunks that do not divide its axes."""
     store = tmp_path_factory.mktemp("table") / "w.zarr"
     x = np.linspace(-0.5, 0.5, 6)
     chunks = (4, 3, 2, 4)

@@ -11,16 +11,15 @@ from polywigner.errors import ArgumentError
 
 WAVELENGTH = 299_792_458 / 94e9
 
-# Of a sinc under a Kaiser window over 12 neighbours on either side, at twice Nyquist's rate:
-# exp(-12 pi/2) = 7e-9, here relative to the largest value.
+# Kaiser window over 12 neighbours on both sides at twice the Nyquist rate: exp(-12 pi/2) = 7e-9.
 TAPS = 12
 BAND_LIMITED = 1e-6
-# Fields have weak waves beyond their bands, from places that are not stationary.
+# Fields have weak waves beyond their bands, from points that are not stationary.
 ASYMPTOTIC = 3e-3
-# Beside a kink of W or A over x or xi, slope 4, half a step of 1/(8 N) away, against values of
-# about 1/(pi N): some tenths.
+# At a kink of W or A with slope 4, half a step of 1/(8 N) changes values of 1/(pi N) by some
+# tenths.
 BESIDE_KINKS = 0.2
-# Half again Nyquist's step: a third of the band is folded over.
+# 1.5 Nyquist steps: a third of the band is aliased.
 TOO_COARSE = 1.5 * 2
 MISSED = 5e-3
 
@@ -42,7 +41,7 @@ SLITS = pw.Slits([[-4e-3, -1e-3], [2e-3, 2.5e-3]])
 
 
 def between(f, points, steps):
-    """f at points (n, d) from its samples at multiples of the steps around them."""
+    """Interpolate f at points (n, d) from samples at multiples of the steps."""
     beta = np.pi * TAPS / 2
     rows, weights = [], []
     for k, step in enumerate(steps):
@@ -58,7 +57,7 @@ def between(f, points, steps):
 
 
 def worst(f, points, steps, coarser=1.0):
-    """Error of values between samples, relative to the largest of them."""
+    """Return the error between samples relative to the largest value."""
     values = f(points)
     result = between(f, points, [coarser * step for step in steps])
     return float(np.abs(result - values).max() / np.abs(values).max())
@@ -71,7 +70,7 @@ def box_of(source):
 
 
 def transform(source, quantity):
-    """A function that sampling theorems hold for, and the axes that it is sampled along."""
+    """Return a band-limited function and the name of its axes."""
     low, high = box_of(source)
     centre, lag = (low + high) / 2, (high - low) / 20
 
@@ -123,7 +122,7 @@ def test_fringes_over_position_and_lag_are_resolved(name):
         assert worst(f, points, steps, TOO_COARSE) > 2 * error
 
 
-# Far away phases turn fast at the rim of a plane only, and a coarse grid does in its middle.
+# The phase in the far field varies fast at the edge of a plane only.
 PLANES = [
     ("irradiance", "chevron", 2.0),
     ("irradiance", "array", 40.0),
@@ -141,7 +140,7 @@ def test_fields_between_follow_from_the_suggested_plane_and_not_from_a_coarser_o
     field, around = getattr(pw, quantity), max(5e-3, z)
     low, high = (np.append(corner, z) for corner in box_of(source))
     points = np.random.default_rng(6).uniform(low[:2] - 5e-3, high[:2] + 5e-3, (12, 2))
-    low[:2] -= around  # neighbours may lie that far outside
+    low[:2] -= around  # neighbours may be that far outside
     high[:2] += around
 
     def on_plane(places):

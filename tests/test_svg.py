@@ -1,4 +1,4 @@
-"""Apertures drawn in SVG: lengths, transforms, fill rules and curves are those of the picture."""
+"""SVG files: lengths, transforms, fill rules and curves."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from polywigner.geometry.io.outlines import DEFAULT_TOLERANCE
 
 MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
 
-# Coordinates pass through a few additions and products, each rounding by half an ulp.
+# Rounding of a few additions and products.
 ROUNDING = 1e-14
 
-# What a chord cuts off is less than its length times its largest distance from the curve.
+# The area between a chord and its curve is at most the length times the largest distance.
 SLACK = 1 + 1e-9
 
 Read = Callable[..., pw.Aperture]
@@ -40,7 +40,7 @@ def read(tmp_path: Path) -> Read:
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> pw.Aperture:
-    """In millimetres of the file, y down."""
+    """Return a rectangle in millimetres with y downwards."""
     return pw.Aperture(np.array([[x0, -y1], [x1, -y1], [x1, -y0], [x0, -y0]]) / 1000)
 
 
@@ -82,14 +82,14 @@ def test_a_circle_is_the_disc_of_the_same_area_and_transform(
     disc = pw.shapes.disc(radius, n=count)
     nu = np.random.default_rng(5).normal(0, 1 / radius, (40, 2))
     shift = np.exp(-2j * math.pi * nu @ (5e-3, -4e-3))
-    # disc() starts at the same corner, so the polygons are the same up to rounding.
+    # disc() has the same first vertex, so that the polygons agree up to rounding.
     assert np.abs(pw.fourier(drawn, nu) - shift * pw.fourier(disc, nu)).max() < 1e-13 * disc.area
     reach = tolerance or DEFAULT_TOLERANCE * math.sqrt(8) * radius
     distances = np.hypot(*(drawn.rings[0] - (5e-3, -4e-3)).T)
     apothem = distances * math.cos(math.pi / count)
     assert np.abs(distances - radius).max() <= reach
     assert np.abs(apothem - radius).max() <= reach
-    assert count <= 1.1 * math.pi * math.sqrt(radius / (3 * reach)) + 4  # no more than needed
+    assert count <= 1.1 * math.pi * math.sqrt(radius / (3 * reach)) + 4  # few vertices
 
 
 @pytest.mark.parametrize(
@@ -251,7 +251,8 @@ def test_a_drawing_by_matplotlib_reads_with_its_doctype(tmp_path: Path) -> None:
     path = tmp_path / "circle.svg"
     FigureCanvasSVG(figure).print_svg(path)
     assert "<!DOCTYPE" in path.read_text()
-    # matplotlib's circles are eight cubics, good to 4e-6, of which chords cut off up to 0.2 %.
+    # Matplotlib's circles consist of eight cubic curves with an error of 4e-6; chords remove up to
+    # 0.2 %.
     assert pw.read_aperture(path).area == pytest.approx(math.pi * (0.25 * 0.0254) ** 2, rel=2e-3)
 
 
@@ -324,7 +325,7 @@ TRANSFORMS = (
 
 @pytest.mark.parametrize("seed", range(3))
 def test_nested_transforms_agree_with_another_reader(read: Read, seed: int) -> None:
-    """svgelements walks the same document by itself."""
+    """svgelements reads the same document."""
     import io
 
     from svgelements import SVG, Path
@@ -350,7 +351,7 @@ def test_nested_transforms_agree_with_another_reader(read: Read, seed: int) -> N
     assert difference(read(body, root, unit="m"), pw.Aperture(shapes)) < ROUNDING
 
 
-# A union is taken on a grid of 2^-44 of the size.
+# The union has a grid of 2^-44 of the size.
 UNION = 1e-12
 
 BOARD = (

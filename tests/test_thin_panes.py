@@ -1,4 +1,4 @@
-"""Thin panes of glass: 2R/(1 + R) for each polarisation, and energy that adds up."""
+"""Thin panes of glass: 2R/(1 + R) for each polarisation, and energy balance."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-# Rays of an aperture meet a pane at angles that differ by some milliradians.
+# Rays of an aperture have angles of incidence that differ by some milliradians.
 RAYS = 2e-4
 
 
 def summed_pane(index: float, angle: float) -> tuple[list[float], list[float]]:
-    """Reflectance and transmittance for both polarisations, internal reflections one by one."""
+    """Sum internal reflections; return reflectance and transmittance for both polarisations."""
     cosine = math.cos(angle)
     root = np.sqrt(index**2 - math.sin(angle) ** 2 + 0j)
     faces = [
@@ -45,7 +45,7 @@ def summed_pane(index: float, angle: float) -> tuple[list[float], list[float]]:
 
 
 def powers(index: float, angle: float, polarisation: str, is_across: bool, **pane: Any) -> Any:
-    """A scene with a pane in z = 0, two ends a metre from it, on one side or across it."""
+    """Return powers with a pane in z = 0, for two ends at 1 m, on one side or on both sides."""
     s, c = math.sin(angle), math.cos(angle)
     other = looking((s, 0, -c), (-s, 0, c)) if is_across else looking((s, 0, c), (-s, 0, -c))
     own = {"polarisation": polarisation} if mi.is_polarized else {}
@@ -58,7 +58,7 @@ def powers(index: float, angle: float, polarisation: str, is_across: bool, **pan
 
 
 def free() -> float:
-    """Received power over two metres with nothing in between."""
+    """Return the received power over 2 m without a pane."""
     ends = looking((0, 0, 0), (1, 0, 0)), looking((2, 0, 0), (-1, 0, 0))
     return abs(coupled(SQUARE, ends[0], SQUARE, ends[1], WAVELENGTH)) ** 2
 
@@ -90,7 +90,7 @@ TINTED = {"specular_transmittance": 0.5, "specular_reflectance": 0.25}
 def test_a_pane_reflects_and_transmits_each_polarisation_by_itself(
     index: float, angle: float, tint: dict[str, float], opacity: float | None
 ) -> None:
-    """A mask leaves its part of the glass; tinted glass takes its share."""
+    """A mask leaves a fraction of the glass, and tinted glass absorbs."""
     mi.set_variant("llvm_ad_mono")
     pane: dict[str, Any] = {"type": "thindielectric", "int_ior": index, "ext_ior": 1.0, **tint}
     if opacity is not None:
@@ -121,7 +121,7 @@ def test_polarised_power_by_a_pane_is_that_of_its_channel() -> None:
 
 
 def test_two_panes_that_are_turned_pass_the_product_of_their_field_matrices() -> None:
-    """The planes of incidence are at right angles: each polarisation is once across, once in it."""
+    """The planes of incidence are perpendicular: each polarisation is once s and once p."""
     mi.set_variant("llvm_ad_mono")
     one, other = looking((0, 0, 0), (1, 0, 0)), looking((2, 0, 0), (-1, 0, 0))
     glass = {"type": "thindielectric", "int_ior": 3.0, "ext_ior": 1.0}
@@ -133,7 +133,7 @@ def test_two_panes_that_are_turned_pass_the_product_of_their_field_matrices() ->
     }
     _, first = summed_pane(3.0, math.radians(40))
     _, second = summed_pane(3.0, math.radians(60))
-    # a turns about z: E along z (y of both ends) is across; b turns about y
+    # Pane a is rotated about z, so that E along z is s; pane b is rotated about y.
     expected = {"y": first[0] * second[1], "x": first[1] * second[0]}
     scene = scene_of(
         tx=emitter(pose=one),

@@ -1,4 +1,4 @@
-"""Walls near either end of a long path, and surfaces that an end lies in."""
+"""Walls close to an end of a long path, and surfaces that contain an end."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
 WHITE = {"type": "twosided", "b": {"type": "diffuse", "reflectance": 0.5}}
-# Poses of a scene come in single precision.
+# Poses of a scene have single precision.
 SINGLE = 2e-6
 AHEAD = np.array([0.6, 0.2, 0.77]) / np.linalg.norm([0.6, 0.2, 0.77])
 
@@ -36,7 +36,7 @@ def looking(position: Any, direction: Any) -> np.ndarray:
 
 
 def plate(pose: np.ndarray, half: float, ahead: float = 0.0, bsdf: Any = BLACK) -> dict[str, Any]:
-    """A square in the plane of a pose, or so far in front of it."""
+    """Return a square in the plane of a pose, or at a distance in front of it."""
     moved = pose.copy()
     moved[:3, 3] += ahead * pose[:3, 2]
     to_world = mi.ScalarTransform4f(moved.tolist()) @ mi.ScalarTransform4f().scale(half)
@@ -50,9 +50,6 @@ def link(one: np.ndarray, other: np.ndarray, **parts: Any) -> Any:
 @pytest.fixture
 def compiled() -> None:
     mi.set_variant("llvm_ad_mono")
-
-
-# ---- links --------------------------------------------------------------------------------------
 
 
 def test_a_wall_close_to_either_end_blocks_a_link(
@@ -74,7 +71,7 @@ def test_a_wall_close_to_either_end_blocks_a_link(
 def test_a_wall_half_before_either_end_takes_half_of_the_power(
     plain: None, many_rays: None
 ) -> None:
-    """Both ends alike: exchange changes nothing."""
+    """Both ends give the same result by reciprocity."""
     one, other = looking((3, 2, 1), AHEAD), looking(np.add((3, 2, 1), 100.0 * AHEAD), -AHEAD)
     free = pm.received_power(link(one, other), spp=16).direct
     for end in (one, other):
@@ -88,7 +85,7 @@ def test_a_wall_half_before_either_end_takes_half_of_the_power(
 def test_a_plate_in_the_plane_of_an_end_blocks_nothing(
     plain: None, half: float, length: float
 ) -> None:
-    """Ends stand on walls, whose corners are rounded; also on two walls that Mitsuba merges."""
+    """Ends are on walls with rounded corners, also on two walls that Mitsuba merges."""
     rng = np.random.default_rng(3)
     for _ in range(2):
         start, towards = rng.normal(size=(2, 3)) * [[20.0], [1.0]]
@@ -108,13 +105,13 @@ def test_a_wall_close_to_an_end_blocks_the_path_by_a_mirror(plain: None) -> None
     for end in (one, other):
         walled = pm.received_power(link(one, other, floor=floor, wall=plate(end, 0.3, 0.05)), 16)
         assert ("floor",) not in {path.mirrors for path in walled.contributions[0].paths}
-    close = plate(looking((50, 0, 5e-3), (0, 0, 1)), 2.0)  # above the point of the reflection
+    close = plate(looking((50, 0, 5e-3), (0, 0, 1)), 2.0)  # above the point of reflection
     walled = pm.received_power(link(one, other, floor=floor, wall=close), 16)
     assert ("floor",) not in {path.mirrors for path in walled.contributions[0].paths}
 
 
 def test_both_sides_of_a_thin_plate_far_from_the_origin_are_told_apart(plain: None) -> None:
-    """A sheet of 5 mm, 90 m from the origin, has one image and not two."""
+    """A sheet of 5 mm, 90 m from the origin, has one image instead of two."""
     to_world = mi.ScalarTransform4f().translate([90, 0, 0]).scale([3.0, 3.0, 2.5e-3])
     sheet = {"type": "cube", "to_world": to_world, "bsdf": METAL}
     one, other = looking((89.5, 0, 1), (0.5, 0, -1)), looking((90.5, 0, 1), (-0.5, 0, -1))
@@ -122,11 +119,8 @@ def test_both_sides_of_a_thin_plate_far_from_the_origin_are_told_apart(plain: No
     assert len([path for path in result.contributions[0].paths if path.mirrors]) == 1
 
 
-# ---- scattered light ----------------------------------------------------------------------------
-
-
 def over_a_floor(distance: float, estimator: str, **parts: Any) -> tuple[Any, Any, Any]:
-    """A floor that a source lights from afar; the poses of both ends."""
+    """Return a floor that a distant source illuminates, and the poses of both ends."""
     one = looking([30, -distance, 20], [0, 1, 0.1])
     middle = [30, 0, 20 + 0.1 * distance]
     other = looking(np.add(middle, (1, -2, 0)), [-1, 2, 0])
@@ -189,7 +183,7 @@ def test_a_wall_close_to_a_source_darkens_the_image_of_a_camera(compiled: None) 
 
 @pytest.mark.llvm
 def test_a_wall_close_to_a_source_blocks_light_that_diffracts(compiled: None) -> None:
-    """Behind a wide plate at 2 mm on a path of 100 m little is left but the waves of its edges."""
+    """Behind a wide plate at 2 mm on a path of 100 m, edge waves dominate."""
     pose = np.eye(4)
     floor = plate(looking((0, 0, 100.0), (0, 0, -1)), 1.0, bsdf=WHITE)
     seen = camera((0, 0, 99), (0, 0, 100), 1, 1.0)

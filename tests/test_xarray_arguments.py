@@ -1,5 +1,4 @@
-"""Labelled arrays in, labelled arrays out: names, coordinates and laziness are kept, values are the
-same."""
+"""Labelled arrays: names, coordinates, laziness and values of results."""
 
 import pickle
 import subprocess
@@ -28,7 +27,7 @@ _RANDOM = np.random.default_rng(5)
 
 
 def _named(values, *dims):
-    """Labels along every dimension, along that of the components as well."""
+    """Return an array with labels along each dimension, including the components."""
     array = xarray.DataArray(values, dims=dims)
     labels = {d: (d, 10.0 + np.arange(n), {"units": "m"}) for d, n in array.sizes.items()}
     return array.assign_coords({**labels, "scalar": 7})
@@ -46,7 +45,7 @@ def _directions(*counts):
 X, NU = _points(2, 12e-3, 3), _points(2, 400.0, 4, 5)
 IN_FRONT = np.array([0.0, 0.0, 0.3]) + _points(3, 0.1, 3)
 
-# (function of its points, their values, unit of the result)
+# (function of its points, values of the points, unit of the result)
 Case = tuple[Callable[..., Any], tuple[Any, ...], str]
 CASES: dict[str, Case] = {
     "fourier": (lambda nu: pw.fourier(SQUARE, nu), (NU,), "m2"),
@@ -72,7 +71,7 @@ CASES: dict[str, Case] = {
 
 
 def _as_labelled(values):
-    """Each argument over dimensions of its own, and NumPy's for the same outer product."""
+    """Return labelled arguments over separate dimensions, and equivalent NumPy arrays."""
     names = iter(("time", "place", "shot", "run"))
     dims = [[next(names) for _ in range(v.ndim - 1)] for v in values]
     labelled = tuple(_named(v, *d, "component") for v, d in zip(values, dims, strict=True))
@@ -111,7 +110,7 @@ def test_a_lazy_argument_stays_lazy_and_computes_the_same(name):
     assert lazy.chunks is not None
     assert lazy.dtype == eager.dtype
     assert lazy.chunksizes[eager.dims[0]][0] == 2
-    # blocks may be summed in another order than the whole
+    # sums over blocks have another order
     np.testing.assert_allclose(lazy.values, eager.values, rtol=1e-12, atol=1e-12 * abs(eager).max())
     assert lazy.compute().attrs == eager.attrs
 

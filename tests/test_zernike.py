@@ -26,7 +26,7 @@ def test_values_are_jacobi_polynomials_times_waves_of_the_angle():
 
 
 def test_derivatives_are_the_limits_of_differences():
-    step = 1e-3  # of a formula of the eighth order
+    step = 1e-3  # step of an eighth-order formula
     weights = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
     orders = NOLL[:66]
     exact = aberrations.zernike_gradients(orders, X, Y)
@@ -70,7 +70,7 @@ def test_fringe_polynomials_are_one_at_the_rim():
 
 @pytest.mark.parametrize("pupil", [SEVEN, pw.shapes.ring(2.0, 0.6, 40)], ids=["segments", "ring"])
 def test_polynomials_on_a_pupil_are_orthonormal(pupil):
-    """By an independent rule that is exact for the products."""
+    """By an independent quadrature that is exact for the products."""
     modes = pw.zernike(dict.fromkeys(range(1, 37), 1.0), 2.0, orthogonal_on=pupil)
     nodes, weights = triangle_nodes(triangles_of(pupil.polygons), 16)
     table = modes.modes(*nodes.T)

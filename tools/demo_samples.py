@@ -14,7 +14,7 @@ import sys
 
 from polywigner.llvm import prepare
 
-# Samples per pixel of direct light with diffraction: a grid of 4 x 4 in each pixel.
+# Samples per pixel with diffraction: a grid of 4 x 4 in each pixel.
 _DIFFRACTING = "16"
 
 

@@ -1,4 +1,4 @@
-"""The shell blocks of README as one script: what a reader types.
+"""Print the shell blocks of README as one script.
 
 The block that clones the repository is omitted, the clone is installed instead of the published
 package, and renders take few samples. .ci/run runs the script in a new clone, in an environment
@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 def commands(readme: str) -> str:
-    """The lines of all shell blocks but the one that clones."""
+    """Return the lines of all shell blocks except the block that clones."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
     script = "".join(block for block in blocks if not block.startswith("git clone"))
     script = script.replace('pip install "polywigner', 'pip install ".')

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DIST = ROOT / "dist"
 RECIPE = ROOT / "packaging" / "conda" / "meta.yaml"
 PLACEHOLDER = "SHA256_OF_THE_SDIST"
-# In an environment of their own: cffconvert requires old versions of common libraries.
+# cffconvert requires a separate environment with old versions of common libraries.
 TOOLS = [
     "build>=1.2",
     "twine>=6",
@@ -58,7 +58,7 @@ def version() -> str:
 
 
 def copies(version: str, date: str) -> dict[Path, list[tuple[str, str]]]:
-    """The places that repeat the version or the date: patterns of lines, and the new lines."""
+    """Return the patterns of lines that contain the version or the date, and their new text."""
     citation, bibliography = ROOT / "CITATION.cff", ROOT / "src" / "polywigner" / "references.bib"
     year = date[:4]
     software = r"(@misc\{polywigner,\n(?:  .*\n)*?  version = \{).*(\},\n  year    = \{)\d+"
@@ -98,7 +98,7 @@ def run(*command: str | Path, **options: object) -> None:
 
 
 def environment(folder: Path, python: str = sys.executable) -> Path:
-    """Create an empty environment; its folder of programs."""
+    """Create an empty environment, and return its folder of programs."""
     run(python, "-m", "venv", folder)
     return folder / ("Scripts" if sys.platform == "win32" else "bin")
 
@@ -134,11 +134,11 @@ def fill_recipe(sdist: Path) -> None:
 
 
 def interpreters() -> Iterator[tuple[str, str]]:
-    """The Pythons of this machine, each with its version."""
+    """Yield the Pythons of this machine with their versions."""
     for name in PYTHONS:
         running = name == f"{sys.version_info.major}.{sys.version_info.minor}"
         path = sys.executable if running else shutil.which(f"python{name}")
-        # The shim of a version manager exists for versions that it does not run.
+        # Shims of version managers may exist without the version.
         if path is None or subprocess.run([path, "-c", ""], capture_output=True).returncode:
             print(f"- Python {name}: not on this machine, left to the jobs of tests.yml")
         else:

@@ -1,4 +1,4 @@
-"""Seed faults into the code, one at a time, and count those which the quick tests catch.
+"""Seed faults into the code, one at a time, and count the faults that quick tests detect.
 
     tools/seed_faults.py --area geometry --count 20
 
@@ -42,7 +42,7 @@ from xml.etree import ElementTree
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src/polywigner"
-AREAS = {  # subpackages of an area, and words in the names of its test files
+AREAS = {  # subpackages of an area, and parts of the names of its test files
     "geometry": (
         "geometry",
         "geometry automean readers shapes svg dxf gds gerber mesh set_op curves slits polyhedra "
@@ -71,7 +71,7 @@ AREAS = {  # subpackages of an area, and words in the names of its test files
     "llvm": ("llvm interruption", "llvm doctor interruptions"),
     "interface": ("cli figures quantities", "cli figures doctor quantities mistakes lenses"),
 }
-# Imported once, for all processes that are forked; not Dr.Jit, which has threads.
+# Imported once for all forked processes, except Dr.Jit, whose threads do not survive a fork.
 LIBRARIES = ("hypothesis", "matplotlib.pyplot", "mpmath", "pytest", "scipy", "shapely", "xarray")
 SHORTEST, SECONDS = 12, 30.0  # number of tests that run first; sum of the durations of all tests
 Table = dict[tuple[str, int], list[str]]
@@ -83,7 +83,7 @@ _SILENT = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert)
 
 
 def changes(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield what could stand in the place of an expression."""
+    """Yield faulty variants of an expression."""
     if isinstance(node, ast.Compare) and len(node.ops) == 1:
         if name := _COMPARED.get(type(node.ops[0]).__name__):
             yield ast.Compare(node.left, [getattr(ast, name)()], node.comparators)
@@ -107,7 +107,7 @@ def changes(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def expressions(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield the expressions that are computed: no annotations, messages or docstrings."""
+    """Yield the expressions that run, without annotations, messages and docstrings."""
     if isinstance(node, _SILENT):
         return
     if isinstance(node, ast.expr):
@@ -120,7 +120,7 @@ def expressions(node: ast.AST) -> Iterator[ast.expr]:
 
 
 def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
-    """Yield for each possible fault its line, the bytes in whose place it stands, and itself."""
+    """Yield line, byte range and changed expression of each possible fault."""
     starts = [0]
     for line in raw.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -203,11 +203,11 @@ def tests_of_lines(database: Path) -> Table:
 
 
 def apart(call: Callable[[], int], seconds: int) -> int:
-    """Return the exit status of a call in a forked process, of so many seconds of CPU time."""
+    """Return the exit status of a call in a forked process with a limit of CPU time."""
     child = os.fork()
     if child == 0:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-        signal.alarm(20 * seconds)  # of what waits for nothing
+        signal.alarm(20 * seconds)  # for processes that wait without CPU time
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1), os.dup2(null, 2)
         status = 1
@@ -219,13 +219,13 @@ def apart(call: Callable[[], int], seconds: int) -> int:
 
 
 def tried(module: Path, source: bytes, batches: list[list[str]], seconds: int) -> str:
-    """Say what tests make of a module with a fault; the module is as before afterwards."""
+    """Return the result of tests with a faulty module, and restore the module."""
     import pytest
 
     arguments = ["-xq", "-m", "not slow", "-p", "no:cacheprovider"]
     kept, compiled = module.read_bytes(), Path(cache_from_source(str(module)))
     module.write_bytes(source)
-    compiled.unlink(missing_ok=True)  # Python's check of times and sizes is too coarse here
+    compiled.unlink(missing_ok=True)  # Python compares times and sizes too coarsely here
     result = "not run"
     for tests in filter(None, batches):
         status = apart(lambda: int(pytest.main([*arguments, *tests])), seconds)  # noqa: B023
@@ -262,9 +262,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="append the faults and results to this list (CSV)")
     options = parser.parse_args()
     for library in LIBRARIES:
-        importlib.import_module(library)  # The import happens once, for all forked processes.
+        importlib.import_module(library)
     table = tests_of_lines(options.lines) if options.lines else None
     tests, again = options.tests.resolve(), options.again and options.again.resolve()
+    options.out = options.out and options.out.resolve()
     done = set()
     if options.out and options.out.exists():
         with options.out.open(newline="") as rows:

@@ -1,4 +1,4 @@
-"""W and the OTF as one writes them with shapely and NumPy: clip polygons, sum up over edges."""
+"""W and the OTF with shapely and NumPy: clipped polygons and sums over edges."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ __all__ = ["otf", "otf_one_by_one", "polygons_of", "wigner", "wigner_one_by_one"
 
 
 def polygons_of(rings: Any) -> Any:
-    """A (multi)polygon of rings without holes."""
+    """Return a (multi)polygon of rings without holes."""
     parts = [shapely.Polygon(ring) for ring in rings]
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
 
 def wigner_one_by_one(polygons: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """W sample by sample, as a renderer or an integrator asks for it."""
+    """Return W sample by sample, as in a renderer or an integrator."""
     return np.array([_wigner_at(polygons, p, q) for p, q in zip(x, nu, strict=True)])
 
 
@@ -27,7 +27,7 @@ def _wigner_at(polygons: Any, x: np.ndarray, nu: np.ndarray) -> float:
     total = 0.0
     for piece in shapely.get_parts(shapely.intersection(forward, mirrored)):
         if piece.geom_type != "Polygon":
-            continue  # touching in a point or a line has no area
+            continue  # contact in a point or a line has no area
         for ring in shapely.get_rings(shapely.orient_polygons(piece)):
             corner = shapely.get_coordinates(ring)
             edge, middle = np.diff(corner, axis=0), (corner[1:] + corner[:-1]) / 2
@@ -37,7 +37,7 @@ def _wigner_at(polygons: Any, x: np.ndarray, nu: np.ndarray) -> float:
 
 
 def wigner(polygons: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """W of all samples at once."""
+    """Return W of all samples at once."""
     parts = shapely.get_parts(polygons)
     coordinates, index = shapely.get_coordinates(parts, return_index=True)
     sizes = np.bincount(index)
@@ -55,7 +55,7 @@ def wigner(polygons: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 
 def _edge_sum(rings: np.ndarray, which: np.ndarray, nu: np.ndarray, count: int) -> np.ndarray:
-    """For oriented rings; ring k belongs to sample which[k]."""
+    """Return sums over oriented rings; ring k belongs to sample which[k]."""
     corner, ring = shapely.get_coordinates(rings, return_index=True)
     same = ring[1:] == ring[:-1]
     start, end, sample = corner[:-1][same], corner[1:][same], which[ring[:-1][same]]
@@ -68,7 +68,7 @@ def _edge_sum(rings: np.ndarray, which: np.ndarray, nu: np.ndarray, count: int) 
 
 
 def otf_one_by_one(polygons: Any, xi: np.ndarray) -> np.ndarray:
-    """The overlap of two shifted pupils over their area, lag by lag."""
+    """Return the overlap of two shifted pupils over their area, lag by lag."""
     overlaps = [
         shapely.intersection(polygons, shapely.transform(polygons, lambda c, at=at: c + at))
         for at in xi
@@ -77,7 +77,7 @@ def otf_one_by_one(polygons: Any, xi: np.ndarray) -> np.ndarray:
 
 
 def otf(polygons: Any, xi: np.ndarray) -> np.ndarray:
-    """The same of all lags at once."""
+    """Return the overlaps of all lags at once."""
     coordinates, index = shapely.get_coordinates(shapely.get_parts(polygons), return_index=True)
     moved = coordinates + xi[:, None]
     parts = np.split(moved, np.cumsum(np.bincount(index))[:-1], axis=1)

@@ -1,4 +1,4 @@
-"""Kernels written by hand in C++, compiled on the spot for this processor where a compiler is.
+"""Hand-written C++ kernels, compiled for this processor.
 
 The outline is a header of constants, so that the compiler has the same information as Dr.Jit.
 """
@@ -31,26 +31,26 @@ __all__ = [
 ]
 
 SOURCES = Path(__file__).resolve().parent.parent / "cpp"
-# Clips (edges times sides of pieces) up to which there is code for each: the chevrons have 192.
+# Largest number of clips (edges times sides of pieces) with unrolled code; the chevrons have 192.
 UNROLLED_CLIPS = 256
 PARALLEL = 1e-12
-ROUNDS = 2_000_000  # of the loop of multiply-adds: some hundredths of a second
+ROUNDS = 2_000_000  # iterations of the loop of multiply-adds, some hundredths of a second
 FLAGS = ["-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC"]
 
 
 @lru_cache(maxsize=1)
 def compiler() -> list[str] | None:
-    """The command of a C++ compiler that works: $CXX, or the first that is found; None without."""
+    """Return the command of a working C++ compiler, $CXX or the first that exists, or None."""
     try:
         named = shlex.split(os.environ.get("CXX", ""))
-    except ValueError:  # a quotation without an end
+    except ValueError:  # unbalanced quotes
         return None
     names = [named] if named else [["c++"], ["g++"], ["clang++"]]
     return next((name for name in names if shutil.which(name[0]) and _works(name)), None)
 
 
 def _works(command: Sequence[str]) -> bool:
-    """Whether it compiles anything, in the C++ that the kernels are written in."""
+    """Return whether a command compiles C++ of the required standard."""
     with tempfile.TemporaryDirectory() as folder:
         source, library = Path(folder, "any.cpp"), Path(folder, "any.so")
         source.write_text('extern "C" int any() { return 0; }\n')
@@ -61,7 +61,7 @@ def _works(command: Sequence[str]) -> bool:
 
 
 def compiler_version() -> str | None:
-    """Its first line about itself."""
+    """Return the first line of the compiler's version."""
     if (command := compiler()) is None:
         return None
     done = subprocess.run([*command, "--version"], capture_output=True, text=True)
@@ -69,7 +69,7 @@ def compiler_version() -> str | None:
 
 
 def compiled(source: str, precision: str, *options: str, header: str = "") -> ctypes.CDLL:
-    """A library of one source, for this processor; RuntimeError if the compiler refuses."""
+    """Compile a source for this processor; raise RuntimeError if this fails."""
     command = compiler()
     if command is None:
         raise RuntimeError("no C++ compiler")
@@ -103,7 +103,7 @@ class _Directions:
         self.units: list[np.ndarray] = []
 
     def of(self, vector: np.ndarray) -> tuple[int, float]:
-        """The number of a vector's direction, and its signed length along it."""
+        """Return the index of a vector's direction, and its signed length."""
         length = float(np.hypot(*vector))
         for number, unit in enumerate(self.units):
             if abs(unit[0] * vector[1] - unit[1] * vector[0]) < PARALLEL * length:
@@ -117,7 +117,7 @@ def _segments(ring: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def header_of(source: pw.Aperture) -> tuple[str, int]:
-    """The constants of an outline in its normalised unit and position, and the number of clips."""
+    """Return the constants of an outline in normalised units, and the number of clips."""
     directions = _Directions()
     edges, edge_directions = [], []
     for start, vector in (segment for ring in source.rings for segment in _segments(ring)):
@@ -147,7 +147,7 @@ def header_of(source: pw.Aperture) -> tuple[str, int]:
 
 @lru_cache(maxsize=8)
 def wigner_kernel(source: pw.Aperture, precision: str, threads: int = 1) -> Callable[..., Any]:
-    """(x, y, nu_x, nu_y, out), arrays of one length and the precision's type, for W."""
+    """Return a function of (x, y, nu_x, nu_y, out) for W, with arrays of one length and type."""
     header, clips = header_of(source)
     options = ["-DUNROLLED"] if clips <= UNROLLED_CLIPS else []
     function = compiled("wigner.cpp", precision, *options, header=header).wigner
@@ -159,7 +159,7 @@ def wigner_kernel(source: pw.Aperture, precision: str, threads: int = 1) -> Call
 
     def split(*arrays: np.ndarray) -> None:
         parts = zip(*(np.array_split(array, threads) for array in arrays), strict=True)
-        list(pool.map(lambda part: _call(function, part), parts))  # ctypes lets go of the lock
+        list(pool.map(lambda part: _call(function, part), parts))  # ctypes releases the lock
 
     return split
 
@@ -169,7 +169,7 @@ def _call(function: Any, arrays: Sequence[np.ndarray]) -> None:
 
 
 def multiply_adds(precision: str) -> Callable[[], float]:
-    """A loop of fused multiply-adds in registers, on one core; returns how many it did."""
+    """Return a loop of fused multiply-adds in registers on one core, which returns their number."""
     real = ctypes.c_float if precision == "single" else ctypes.c_double
     function = compiled("peak.cpp", precision).multiply_add
     function.argtypes = [ctypes.c_size_t, real, real, ctypes.POINTER(real)]

@@ -1,7 +1,4 @@
-"""Other ways to the Fourier transform of a pupil on a grid: finufft, coxeter, the paper's edge sum.
-
-They compete in ``questions/fourier.py``.
-"""
+"""Other methods for the Fourier transform of a pupil: finufft, coxeter and the paper's edge sum."""
 
 from __future__ import annotations
 
@@ -17,14 +14,14 @@ EQUAL_ACCURACY = 1e-12  # of the area
 
 
 def quadrilaterals(source: pw.Aperture) -> Iterator[np.ndarray]:
-    """(4, 2) corners of quadrilaterals that tile the convex parts of a pupil."""
+    """Yield corners (4, 2) of quadrilaterals that tile the convex parts of a pupil."""
     for ring in source.rings:
         for k in range(0, len(ring) - 2, 2):
             yield ring[[0, k + 1, k + 2, (k + 3) % len(ring)]]
 
 
 def gauss_points(source: pw.Aperture, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (n, 2) and weights of product rules, by the bilinear map of each quadrilateral."""
+    """Return nodes (n, 2) and weights of product rules on bilinear quadrilaterals."""
     t, w = np.polynomial.legendre.leggauss(order)
     s, t = np.meshgrid((t + 1) / 2, (t + 1) / 2)
     weight = np.outer(w, w) / 4
@@ -46,7 +43,7 @@ def gauss_points(source: pw.Aperture, order: int) -> tuple[np.ndarray, np.ndarra
 def by_finufft(
     source: pw.Aperture, axis: np.ndarray, order: int, eps: float, threads: int
 ) -> np.ndarray:
-    """The grid by one type-1 transform, all of its setup included."""
+    """Return the grid by a type-1 transform, including its setup."""
     plan, strengths = finufft_plan(source, axis, order, eps, threads)
     return plan.execute(strengths)
 
@@ -54,7 +51,7 @@ def by_finufft(
 def finufft_plan(
     source: pw.Aperture, axis: np.ndarray, order: int, eps: float, threads: int
 ) -> tuple[Any, Any]:
-    """A plan with its points set, and the strengths to transform."""
+    """Return a plan with its points, and the strengths."""
     import finufft
 
     nodes, weights = gauss_points(source, order)
@@ -67,7 +64,7 @@ def finufft_plan(
 def tuned(
     source: pw.Aperture, axis: np.ndarray, exact: np.ndarray, threads: int
 ) -> tuple[int, float]:
-    """The lowest order, then the loosest tolerance, with errors below EQUAL_ACCURACY."""
+    """Return the lowest order, then the loosest tolerance, with errors below EQUAL_ACCURACY."""
 
     def good(order: int, eps: float) -> bool:
         error = np.abs(by_finufft(source, axis, order, eps, threads) - exact).max()
@@ -80,7 +77,7 @@ def tuned(
 
 
 def by_coxeter(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
-    """Coxeter's form factor of every part, summed."""
+    """Return the sum of coxeter's form factors over the parts."""
     from coxeter.shapes import Polygon
 
     q = 2 * np.pi * np.concatenate([nu, np.zeros((*nu.shape[:-1], 1))], axis=-1).reshape(-1, 3)
@@ -90,7 +87,7 @@ def by_coxeter(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
 
 
 def by_edge_sum(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
-    """The paper's sum over edges, (F1), as published; wrong at nu = 0, inaccurate near it."""
+    """Return the paper's sum over edges (F1), which fails at nu = 0 and is inaccurate near it."""
     total = np.zeros(nu.shape[:-1], complex)
     for ring in source.rings:
         for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
@@ -103,7 +100,7 @@ def by_edge_sum(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
 
 
 def exact_value(source: pw.Aperture, nu: np.ndarray) -> complex:
-    """(F1) with 40 digits."""
+    """Return (F1) with 40 digits."""
     with mpmath.workdps(40):
         x, y = (mpmath.mpf(float(v)) for v in nu)
         total = mpmath.mpc(0)

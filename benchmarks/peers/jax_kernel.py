@@ -1,4 +1,4 @@
-"""The package's own kernel compiled by JAX (XLA) instead of Dr.Jit: it traces the same lines."""
+"""The kernels of the package compiled by JAX (XLA) instead of Dr.Jit."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ __all__ = ["available", "wigner_kernel"]
 
 
 def available() -> bool:
-    """Whether JAX is installed."""
     return find_spec("jax") is not None
 
 
 class _Operations(NumpyOperations):
-    """NumPy's functions, replaced if jax.numpy differs."""
+    """NumPy's functions, replaced by jax.numpy's if they differ."""
 
     target = "code"
 
@@ -45,7 +44,7 @@ class _Operations(NumpyOperations):
 
 
 def wigner_kernel(source: pw.Aperture, precision: str) -> Callable[..., Any]:
-    """(x, y, nu_x, nu_y) -> W, for NumPy or JAX arrays of the precision; compiled when called."""
+    """Return (x, y, nu_x, nu_y) -> W for NumPy or JAX arrays, compiled at the first call."""
     import jax
 
     jax.config.update("jax_enable_x64", True)

@@ -1,7 +1,7 @@
-"""Form factors of polyhedra by libformfactor, which BornAgain brings along.
+"""Form factors of polyhedra by libformfactor, a part of BornAgain.
 
-From Python it takes one frequency a call, of which the way through Python is a good part; so a loop
-in C++ calls the same function of the same library as well.
+The Python interface has one frequency per call, which dominates the time, so a loop in C++ calls
+the same library function as well.
 """
 
 from __future__ import annotations
@@ -19,24 +19,23 @@ from benchmarks.peers import cpp
 __all__ = ["available", "body", "from_cpp", "from_python"]
 
 LIBRARY = "libformfactor"
-# Complex ff::IBody::formfactor(const C3& q) const, as compilers of Linux and macOS name it.
+# ff::IBody::formfactor(const C3& q) const, as mangled by compilers of Linux and macOS.
 FUNCTION = "_ZNK2ff5IBody10formfactorERK4Vec3ISt7complexIdEE"
 
 
 def available() -> bool:
-    """Whether BornAgain is installed."""
     return find_spec("bornagain") is not None
 
 
 def body(kind: str, *sizes: float) -> Any:
-    """A body of BornAgain's, with its bottom at z = 0."""
+    """Return a body of BornAgain with its bottom at z = 0."""
     import bornagain
 
     return getattr(bornagain, kind)(*sizes)
 
 
 def from_python(shape: Any, nu: np.ndarray) -> np.ndarray:
-    """F at nu (n, 3), call by call; BornAgain has exp(+i q.r)."""
+    """Return F at nu (n, 3) by single calls; BornAgain has exp(+i q.r)."""
     from bornagain import C3
 
     form_factor = shape.formfactorAtBottom
@@ -44,18 +43,19 @@ def from_python(shape: Any, nu: np.ndarray) -> np.ndarray:
 
 
 def from_cpp(shape: Any, centre: float) -> Callable[[np.ndarray], np.ndarray]:
-    """F at nu (n, 3), by a loop in C++ that is compiled now; ``centre`` is that of mass, in z.
+    """Return a compiled loop for F at nu (n, 3); ``centre`` is the height of the centre of mass.
 
     Raises
     ------
-    RuntimeError without a compiler, or where the library has no such function.
+    RuntimeError
+        Without a compiler, or if the library lacks this function.
     """
     function = _function()
     loop = cpp.compiled("form_factor.cpp", "double").form_factor
     # SWIG's pointer to a std::shared_ptr, which begins with a pointer to the body.
     handle = shape.getPolyhedron()
     address = ctypes.c_void_p.from_address(int(handle)).value
-    handle.disown()  # it would complain when Python ends
+    handle.disown()  # prevents a warning at exit
 
     def form_factor(nu: np.ndarray) -> np.ndarray:
         nu, values = np.ascontiguousarray(nu), np.empty(len(nu), complex)
@@ -74,7 +74,7 @@ def from_cpp(shape: Any, centre: float) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _function() -> ctypes.c_void_p:
-    """The library's function."""
+    """Return the function of the library."""
     result = [file for file in files("bornagain") or () if file.name.startswith(LIBRARY)]
     try:
         library = ctypes.CDLL(str(result[0].locate()))

@@ -1,7 +1,7 @@
-"""Fields from rasters: the aperture as pixels, convolved with Rayleigh-Sommerfeld's kernel by FFT.
+"""Fields from rasters by FFT convolution with the Rayleigh-Sommerfeld kernel, with NumPy or
+diffractio.
 
-Once with NumPy alone, once by diffractio if it is installed. Pixels at the edges are weighted by
-their open share, and the raster is aligned with the origin.
+Pixels at the edges are weighted by their open fraction.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ __all__ = ["NumpyRaster", "PeerRaster", "Raster", "available"]
 
 
 def available() -> bool:
-    """Whether diffractio is installed."""
     return find_spec("diffractio") is not None
 
 
 class Raster:
-    """A window of pixels around source and plane; calling it computes the plane."""
+    """A window of pixels around source and plane; a call computes the plane."""
 
     def __init__(
         self, aperture: pw.Aperture, wavelength: float, height: float, half: float, pitch: float
@@ -37,7 +36,7 @@ class Raster:
 
 
 class NumpyRaster(Raster):
-    """By two FFTs of twice the width; the kernel's own transform is taken each time as well."""
+    """Two FFTs of twice the width, including the transform of the kernel."""
 
     def __call__(self) -> np.ndarray:
         count = len(self.x)
@@ -51,7 +50,7 @@ class NumpyRaster(Raster):
 
 
 class PeerRaster(Raster):
-    """diffractio's."""
+    """The raster of diffractio."""
 
     def __init__(
         self, aperture: pw.Aperture, wavelength: float, height: float, half: float, pitch: float
@@ -67,7 +66,7 @@ class PeerRaster(Raster):
 
 
 def _coverage(aperture: pw.Aperture, x: np.ndarray, pitch: float) -> np.ndarray:
-    """The open share of every pixel."""
+    """Return the open fraction of every pixel."""
     low, high = x - pitch / 2, x + pitch / 2
     share = np.zeros((len(x), len(x)))
     near = np.flatnonzero(np.abs(x) < max(abs(v) for v in aperture.bounds) + pitch)

@@ -1,7 +1,7 @@
 """The questions of the comparison, each a module.
 
-``QUESTION`` is its heading, ``CASES`` what it is asked of, ``THREADS`` with how many threads (None:
-all cores), and ``measure(case, threads, effort)`` gives the lines of one case.
+``QUESTION`` is the heading, ``CASES`` are the cases, ``THREADS`` the numbers of threads (None: all
+cores), and ``measure(case, threads, effort)`` returns the lines of a case.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 __all__ = ["NAMES", "Task", "module_of", "tasks"]
 
-# In the order of the report. The last case of a quick run is the first of a full one.
+# In the order of the report. A quick run measures the first case of a full run.
 NAMES = (
     "wigner", "peak", "fourier", "otf", "emitter", "near_field", "latency", "memory", "polyhedra",
 )  # fmt: skip
@@ -21,7 +21,7 @@ NAMES = (
 
 @dataclass(frozen=True)
 class Task:
-    """What one process measures."""
+    """The measurement of a process."""
 
     question: str
     case: str
@@ -30,12 +30,12 @@ class Task:
 
 
 def module_of(name: str) -> Any:
-    """The module of a question."""
+    """Return the module of a question."""
     return import_module(f"benchmarks.questions.{name}")
 
 
 def tasks(names: Iterable[str], cores: int, quick: bool = False) -> list[Task]:
-    """All there is to measure; of a quick run the first case of each question, on one core."""
+    """Return all measurements, or for a quick run the first case of each question on one core."""
     result = []
     for name in names:
         module = module_of(name)

@@ -1,6 +1,6 @@
-"""How much longer does a scene lit by the Wigner emitter take than one lit by Mitsuba's ``area``?
+"""How much longer does a scene with a Wigner emitter take than with Mitsuba's ``area`` emitter?
 
-The same floor, camera, integrator, sampler and samples; the same mesh with a null BSDF.
+The floor, camera, integrator, sampler, samples, mesh and null BSDF are equal.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SHAPES = {
 }
 CASES = list(SHAPES)
 THREADS = (1,)
-# Largest accepted time, relative to the area emitter.
+# Largest accepted time relative to the area emitter.
 TARGETS = {"square": 1 / 1.2, "chevron": 1 / 3}
 SIZE, SAMPLES = 256, 64
 SIZE_QUICK, SAMPLES_QUICK = 64, 4
@@ -36,7 +36,7 @@ FEWER_ROUNDS = 3  # a render takes about a second
 
 
 def area_light(aperture: pw.Aperture, folder: Path) -> dict[str, Any]:
-    """Mitsuba's area emitter on the mesh that a ``wigner`` shape would have."""
+    """Return Mitsuba's area emitter on the mesh of a ``wigner`` shape."""
     import mitsuba as mi
 
     vertices, triangles = pw.geometry.triangulate(pw.automean(aperture))
@@ -58,7 +58,7 @@ def area_light(aperture: pw.Aperture, folder: Path) -> dict[str, Any]:
 
 
 def floor_scene(light: dict[str, Any], size: int) -> Any:
-    """A floor 10 wavelengths below the light, 40 wavelengths wide in the image; metres."""
+    """Return a floor 10 wavelengths below the light, with an image of 40 wavelengths, in metres."""
     import mitsuba as mi
 
     transform = mi.ScalarTransform4f
@@ -86,7 +86,7 @@ def floor_scene(light: dict[str, Any], size: int) -> Any:
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """The area emitter in turns with ours."""
+    """Measure both emitters in turns."""
     count = threads or cores()
     labels = {"question": "emitter", "case": case, "precision": "single", "threads": count}
     labels |= {"unit": "s", "error_unit": "of the peak, rms noise"}
@@ -126,7 +126,7 @@ def _render(scene: Any, spp: int) -> Action:
 
 
 def _noise(render: Action) -> float:
-    """From two images of different seeds."""
+    """Return the noise from two images with different seeds."""
     one, other = render(), render()
     mean = (one + other) / 2
     return float(np.sqrt(np.mean((one - other) ** 2) / 2) / np.abs(mean).max())

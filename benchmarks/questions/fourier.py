@@ -1,7 +1,7 @@
 """What does the Fourier transform on a grid cost, and how accurate is it?
 
-finufft transforms Gauss points on quadrilaterals that tile the aperture: the fewest, and then the
-loosest tolerance, with which its error stays below 1e-12 of the area, found by search.
+finufft transforms Gauss points on quadrilaterals that tile the aperture, with the smallest number
+of points, and then the loosest tolerance, for an error below 1e-12 of the area.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PUPILS = {
     "square": lambda: pw.shapes.square(1.0),
     "18 hexagons": lambda: pw.shapes.hexagonal_segments(1.0, gap=0.02),
 }
-RANGES = (8, 32, 64)  # |nu_x| D, at most
+RANGES = (8, 32, 64)  # largest |nu_x| D
 CASES = [f"{pupil}, nu D = {largest}" for pupil in PUPILS for largest in RANGES]
 THREADS = (1,)
 SIDE, SIDE_QUICK = 256, 64
@@ -32,24 +32,23 @@ EDGE_SUM, SINGLE = "edge sum in NumPy", "our float32"
 
 
 def axis_of(source: pw.Aperture, largest: float, side: int) -> np.ndarray:
-    """Evenly spaced frequencies; the spacing is exact, as finufft has it."""
+    """Return evenly spaced frequencies with an exact spacing, as in finufft."""
     step = 2 * largest / source.diameter / side
     return step * np.arange(-side // 2, side // 2)
 
 
 def grid_of(axis: np.ndarray) -> np.ndarray:
-    """All pairs."""
     return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """All contenders on one grid, from and to NumPy, in double precision."""
+    """Measure all contenders on one grid, from and to NumPy, in double precision."""
     pupil, largest = case.split(", nu D = ")
     source, count = PUPILS[pupil](), threads or cores()
     side = SIDE_QUICK if effort.quick else SIDE
     axis = axis_of(source, float(largest), side)
     nu = grid_of(axis)
-    # point by point and by other formulas than the grid's; itself checked with 40 digits below
+    # Listed points use another formula, which is checked with 40 digits below.
     reference = pw.fourier(source, nu.reshape(-1, 2), engine="numpy").reshape(nu.shape[:-1])
     doubt = reference_error(source, nu, reference, effort.checked)
     actions: dict[str, Action] = {
@@ -87,7 +86,7 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
 def reference_error(
     source: pw.Aperture, nu: np.ndarray, reference: np.ndarray, count: int
 ) -> float:
-    """The reference against 40 digits, at some points; 0 without mpmath."""
+    """Return the error of the reference against 40 digits, or 0 without mpmath."""
     if not find_spec("mpmath"):
         return 0.0
     rng, side = np.random.default_rng(0), len(reference)

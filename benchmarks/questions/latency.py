@@ -1,7 +1,7 @@
-"""How long until the first answer: import, first call, next process, next call?
+"""How long do the import, the first call, the next process and the next call take?
 
-Separate processes. "First call" starts after ``import polywigner`` and includes loading Dr.Jit
-or JAX, compiling, and 1000 samples of W; Dr.Jit keeps its compiled kernels on disk for the next
+Separate processes. "First call" starts after ``import polywigner`` and includes loading of Dr.Jit
+or JAX, compilation, and 1000 samples of W; Dr.Jit stores its compiled kernels on disk for the next
 process. CPU time.
 """
 
@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """Processes in turns."""
+    """Measure processes in turns."""
     rounds = max(2, effort.rounds // FEWER_ROUNDS)
     return _imports(rounds) if case == IMPORT else _calls(case, rounds)
 
@@ -74,7 +74,7 @@ def _cpu_seconds(code: str) -> float:
 
 
 def _children() -> float:
-    """CPU seconds of the processes that have ended; time itself where the system does not tell."""
+    """Return CPU seconds of finished processes, or wall-clock time if the system has none."""
     try:
         import resource
     except ImportError:
@@ -109,7 +109,7 @@ def _calls(case: str, rounds: int) -> list[Line]:
 
 
 def _add(result: dict[str, list[float]], case: str, precision: str, who: str) -> None:
-    """Two processes with an empty folder for compiled kernels."""
+    """Add the results of two processes with an empty folder for compiled kernels."""
     with tempfile.TemporaryDirectory() as home:
         first, again = _process(case, precision, who, home)
         later, _ = _process(case, precision, who, home)
@@ -119,7 +119,7 @@ def _add(result: dict[str, list[float]], case: str, precision: str, who: str) ->
 
 def _process(case: str, precision: str, who: str, home: str) -> list[float]:
     command = [sys.executable, "-m", "benchmarks.questions.latency", case, precision, who]
-    places = dict.fromkeys(("HOME", "LOCALAPPDATA"), home)  # where Dr.Jit keeps its kernels
+    places = dict.fromkeys(("HOME", "LOCALAPPDATA"), home)  # Dr.Jit stores its kernels there
     environment = {**os.environ, **_verdict(), **places}
     done = subprocess.run(
         command, env=environment, cwd=ROOT, capture_output=True, text=True, check=True
@@ -128,13 +128,13 @@ def _process(case: str, precision: str, who: str, home: str) -> list[float]:
 
 
 def _verdict() -> dict[str, str]:
-    """Where polywigner remembers which LLVM works: not asked again in an empty home."""
+    """Return the folder of the cached LLVM test, so that an empty home does not repeat the test."""
     kept = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return {"XDG_CACHE_HOME": kept}
 
 
 def main() -> None:
-    """What one process does: prints the seconds of its first and of its second call."""
+    """Print the seconds of the first and of the second call of a process."""
     from benchmarks.questions import wigner
 
     case, precision, who = sys.argv[1:]

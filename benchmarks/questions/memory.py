@@ -1,6 +1,6 @@
-"""How high does memory rise for 1e8 samples of W, all pairs of 1e4 positions and frequencies?
+"""What is the peak memory for 1e8 samples of W, all pairs of 1e4 positions and frequencies?
 
-In a separate process, whose peak the system tells; Python, NumPy and LLVM count.
+In a separate process, including Python, NumPy and LLVM.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """Required: 2 GiB."""
+    """Measure the peak; the limit is 2 GiB."""
     side = SIDE_QUICK if effort.quick else SIDE
     labels: dict[str, Any] = {
         "question": "memory", "case": case, "precision": "single", "threads": 1, "unit": "MiB",
@@ -44,7 +44,7 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
 
 
 def main() -> None:
-    """What the process does: prints its peak in MiB."""
+    """Print the peak of this process in MiB."""
     import resource  # not on Windows
 
     import polywigner as pw

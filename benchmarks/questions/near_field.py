@@ -1,8 +1,8 @@
 """What do exact fields on a plane cost, against rasters convolved by FFT?
 
-A plane of 256 x 256 points that reaches 45 degrees beyond the source. Both have to be right within
-0.1 dB wherever the field is above -40 dB of its peak on the plane; the peers get the coarsest
-raster of a list that is.
+A plane of 256 x 256 points that extends 45 degrees beyond the source. Errors must be below 0.1 dB
+at levels above -40 dB of the peak on the plane; peers use the coarsest sufficient raster of a
+list.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ POINTS, POINTS_QUICK = 256, 64
 DECIBEL, FLOOR = 0.1, -40.0
 # Relative to the incident amplitude: 0.1 dB is a hundredth of the field at the floor.
 TOLERANCE = 1e-4
-# Pixels for a side of 10 mm; 3.1 wavelengths.
+# Pixels for a side of 10 mm, 3.1 wavelengths.
 RASTERS = (32, 48, 64, 96)
-# For one window; padded to twice its width, 0.8 GB for each array of complex numbers.
+# Largest window; padded to twice its width, complex arrays have 0.8 GB each.
 MOST_PIXELS = 3500
 SQUARE, CHEVRONS = "10 mm square", "two chevrons of 20 mm"
 SOURCES = {
@@ -53,7 +53,7 @@ def _points(half: float, z: float, count: int) -> np.ndarray:
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """Rasters in turns with the integral along the edges."""
+    """Measure rasters in turns with the integral along the edges."""
     name, height = case.split(", z = ")
     source, wavelengths, count = SOURCES[name](), float(height), threads or cores()
     z, half = wavelengths * WAVELENGTH, (wavelengths + 5) * WAVELENGTH
@@ -89,7 +89,7 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
 def _coarsest(
     kind: type[Raster], source: pw.Aperture, z: float, half: float
 ) -> tuple[Raster, float, int] | None:
-    """The coarsest raster that will do, the largest error in dB, and its pixels along a side."""
+    """Return the coarsest sufficient raster, its largest error in dB, and its size in pixels."""
     for pixels in RASTERS:
         if 2 * half * pixels / 10e-3 > MOST_PIXELS:
             return None
@@ -101,7 +101,7 @@ def _coarsest(
 
 
 def _miss(raster: Raster, source: pw.Aperture, half: float) -> float:
-    """The largest error in dB of some hundred pixels above the floor."""
+    """Return the largest error in dB of some hundred pixels above the floor."""
     field, x = raster(), raster.x
     inside = np.flatnonzero(np.abs(x) <= half)
     rows = np.random.default_rng(0).choice(inside, 400)
@@ -114,7 +114,7 @@ def _miss(raster: Raster, source: pw.Aperture, half: float) -> float:
 
 
 def _own_miss(source: pw.Aperture, half: float, z: float) -> float:
-    """Error relative to the requested tolerance, from a run with a thousandth of it."""
+    """Return the error relative to the tolerance, from a run with a thousandth of the tolerance."""
     points = _points(half, z, 41)
     result, exact = (
         np.abs(pw.amplitude(source, points, WAVELENGTH, tolerance=TOLERANCE * factor))

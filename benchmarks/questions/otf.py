@@ -29,7 +29,7 @@ BY_SHAPELY: dict[str, Callable[..., np.ndarray]] = {
 
 
 def lags(source: pw.Aperture, count: int) -> np.ndarray:
-    """Over a disc within which most of the OTF lies."""
+    """Return lags in a disc that contains most of the OTF."""
     rng = np.random.default_rng(0)
     angle, radius = 2 * np.pi * rng.random(1 << 14), 0.9 * np.sqrt(rng.random(1 << 14))
     xi = source.diameter * radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -37,7 +37,7 @@ def lags(source: pw.Aperture, count: int) -> np.ndarray:
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """Shapely in turns with us, for NumPy arrays in double precision."""
+    """Measure shapely in turns with polywigner, for NumPy arrays in double precision."""
     source = wigner.SOURCES[case]()
     polygons = by_shapely.polygons_of(source.rings)
     count = threads or cores()
@@ -72,7 +72,7 @@ def _method(function: Callable[..., np.ndarray], polygons: Any) -> Callable[[np.
 
 
 def exact_values(source: pw.Aperture, xi: np.ndarray) -> np.ndarray | None:
-    """Ratios of areas in rational arithmetic; None without the packages of the tests."""
+    """Return ratios of areas in rational arithmetic, or None without the packages of the tests."""
     exact = wigner.oracle()
     if exact is None:
         return None

@@ -1,7 +1,7 @@
 """Which fraction of the peak rate of one core does the kernel of W reach?
 
-Its arithmetic instructions (multiply-adds, products, sums, quotients, roundings; no comparisons, no
-choices) a second, against the multiply-adds of a loop that does nothing else.
+Arithmetic instructions per second (multiply-adds, products, sums, quotients and roundings, without
+comparisons and selections), against the multiply-adds of an empty loop.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _ARITHMETIC = re.compile(
 
 
 def arithmetic(action: Action) -> int:
-    """Instructions for one sample in the kernels that an action launches, from their LLVM code."""
+    """Return the instructions per sample of the kernels that an action launches, from LLVM code."""
     import drjit as dr
 
     action()
@@ -41,7 +41,7 @@ def arithmetic(action: Action) -> int:
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """In turns with the loop."""
+    """Measure the kernel in turns with the loop."""
     lines = []
     for precision in ("single", "double"):
         labels: dict[str, Any] = {"question": "peak", "case": case, "precision": precision}
@@ -73,7 +73,7 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
 
 
 def _loop(precision: str) -> tuple[Action, float, str]:
-    """What does multiply-adds, how many, and its name."""
+    """Return a call that does multiply-adds, their number, and its name."""
     if cpp.compiler():
         run: Callable[[], float] = cpp.multiply_adds(precision)
         return run, run(), "loop of multiply-adds, C++"

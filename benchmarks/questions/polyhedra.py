@@ -1,7 +1,7 @@
-"""F of polyhedra: how accurate, how fast, against libformfactor?
+"""How accurate and how fast is F of polyhedra, against libformfactor?
 
-20,000 frequencies, as a powder or a detector asks for them; and errors at hard ones of every size:
-|nu| D from 1e-15 to 1e3, along and across edges and faces, turned by 0, 1e-16, ... 1e-4 radians.
+20,000 frequencies, as for a powder or a detector; and errors at difficult frequencies with |nu| D
+from 1e-15 to 1e3, along and across edges and faces, rotated by 0, 1e-16, ... 1e-4 rad.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["BODIES", "CASES", "QUESTION", "THREADS", "centre", "hard_frequencies
 
 QUESTION = "Fourier transform of bodies at 20,000 frequencies"
 COUNT, COUNT_QUICK = 20_000, 1_000
-CYCLES = 10.0  # |nu| times the diameter, at most
+CYCLES = 10.0  # largest |nu| times diameter
 DECADES = range(-15, 4)
 PYTHON, CPP = "libformfactor, from Python", "libformfactor, from C++"
 OURS, LLVM, NUMPY = "ours", "llvm", "our NumPy engine"
@@ -34,7 +34,7 @@ Vectors = Sequence[Sequence[float]]
 
 
 class Body(NamedTuple):
-    """A convex body with its bottom at z = 0, and BornAgain's name and sizes for it."""
+    """A convex body with its bottom at z = 0, and BornAgain's name and sizes of it."""
 
     vertices: np.ndarray
     normals: np.ndarray
@@ -46,7 +46,7 @@ class Body(NamedTuple):
         return pw.Polyhedron(self.vertices, [self._face(normal) for normal in self.normals])
 
     def _face(self, normal: np.ndarray) -> list[int]:
-        """The vertices farthest along a normal, counter-clockwise around it."""
+        """Return the vertices farthest along a normal, counter-clockwise around it."""
         height = self.vertices @ normal
         on_face = np.flatnonzero(height > height.max() - 1e-9)
         arms = self.vertices[on_face] - self.vertices[on_face].mean(axis=0)
@@ -61,7 +61,7 @@ def _body(vertices: Any, normals: Any, name: str, *sizes: float) -> Body:
 
 
 def _signs(*values: float) -> list[tuple[float, ...]]:
-    """All points with these coordinates, up to sign."""
+    """Return all points with these coordinates, up to sign."""
     return list(product(*((value, -value) if value else (value,) for value in values)))
 
 
@@ -108,7 +108,7 @@ CASES = list(BODIES)
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """All contenders, from and to NumPy, in double precision."""
+    """Measure all contenders, from and to NumPy, in double precision."""
     body, count = BODIES[case](), threads or cores()
     source = body.source
     nu = _frequencies(source, COUNT_QUICK if effort.quick else COUNT)
@@ -151,7 +151,7 @@ def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
 
 
 def _frequencies(source: pw.Polyhedron, count: int) -> np.ndarray:
-    """For all directions, and all sizes up to CYCLES."""
+    """Return frequencies in all directions, of sizes up to CYCLES."""
     rng = np.random.default_rng(0)
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
@@ -164,14 +164,14 @@ def _diameter(source: pw.Polyhedron) -> float:
 
 
 def centre(source: pw.Polyhedron) -> float:
-    """The height of the centre of mass: over tetrahedra from the origin, by their volumes."""
+    """Return the height of the centre of mass, from tetrahedra with an apex at the origin."""
     corners = source.vertices[source.triangles]
     volumes = np.linalg.det(corners) / 6
     return float(volumes @ corners[..., 2].sum(axis=1) / 4 / volumes.sum())
 
 
 def hard_frequencies(source: pw.Polyhedron, count: int) -> np.ndarray:
-    """``count`` of each decade, those of the tests."""
+    """Return ``count`` difficult frequencies of each decade, as in the tests."""
     from oracles.sources import frequencies
 
     rng = np.random.default_rng(1)
@@ -181,7 +181,7 @@ def hard_frequencies(source: pw.Polyhedron, count: int) -> np.ndarray:
 def _errors(
     source: pw.Polyhedron, ways: dict[str, Callable[[np.ndarray], np.ndarray]], count: int
 ) -> dict[str, float]:
-    """Largest errors over the volume, against 60 digits; none without the packages of the tests."""
+    """Return largest errors over the volume against 60 digits, if the tests' packages exist."""
     if not find_spec("mpmath") or wigner.oracle() is None:
         return {}
     from oracles import simplices

@@ -31,7 +31,7 @@ __all__ = [
 
 QUESTION = "Samples of W per second"
 CHEVRON = np.array([[0, 0], [1, 0.5], [2, 0], [2, 0.6], [1, 1.1], [0, 0.6]])
-PITCH, SIDE = 1.4, 32  # of the array: 32 x 32 squares of side 1
+PITCH, SIDE = 1.4, 32  # for an array of 32 x 32 squares of side 1
 SOURCES: dict[str, Callable[[], Any]] = {
     "square": lambda: pw.shapes.square(1.0),
     "chevron": lambda: pw.Aperture(CHEVRON),
@@ -44,29 +44,29 @@ SOURCES: dict[str, Callable[[], Any]] = {
 }
 CASES = list(SOURCES)
 THREADS = (1, None)  # None: all cores
-CYCLES = 10.0  # |nu| times the diameter, at most
+CYCLES = 10.0  # largest |nu| times diameter
 
 SHAPELY, NUMPY, JAX, CPP = "shapely + NumPy per sample", "our NumPy engine", "JAX", "C++"
 CONVERTED, ONE_CORE = "our engine from and to NumPy", "our engine on one core"
 # (case, peer) -> error limits in single and in double precision
 Asked = dict[tuple[str, str], tuple[float | None, float | None]]
-TARGETS: Asked = {  # the least ratios
+TARGETS: Asked = {  # smallest ratios
     ("square", CPP): (0.85, 0.85),
     ("chevron", CPP): (0.85, 0.85),
     ("square", SHAPELY): (20_000, 8_000),
     ("64-gon", CPP): (10, None),
 }
-ENOUGH: Asked = {("64-gon", CPP): (20, None)}  # million samples a second that do as well
-SCALING_TARGET = 0.9  # of the number of cores, for as few as two
-# Largest fraction of busy cores: with more, wall-clock time does not show how kernels scale.
+ENOUGH: Asked = {("64-gon", CPP): (20, None)}  # sufficient million samples per second
+SCALING_TARGET = 0.9  # relative to the number of cores, at most two
+# Largest fraction of busy cores, above which wall-clock time is unreliable.
 QUIET = 0.75
 
-# (x, nu) -> what computes W there: its values, or what NumPy makes an array of them
+# (x, nu) -> a call that computes W, and returns its values.
 Method = Callable[[np.ndarray, np.ndarray], Action]
 
 
 def outline(source: Any) -> list[np.ndarray]:
-    """The rings of an aperture without holes, or of an array of one aperture."""
+    """Return the rings of an aperture without holes, or of an array of one aperture."""
     if isinstance(source, pw.Aperture):
         return list(source.rings)
     element, places = source.repeated
@@ -75,7 +75,7 @@ def outline(source: Any) -> list[np.ndarray]:
 
 @lru_cache(maxsize=8)
 def _places(source: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Some ten thousand positions where W is not zero, all over an array; frequencies in a disc."""
+    """Return positions at which W is not zero, all over an array, and frequencies in a disc."""
     rng = np.random.default_rng(0)
     rings = np.concatenate(outline(source))
     low, high = rings.min(axis=0), rings.max(axis=0)
@@ -88,7 +88,7 @@ def _places(source: Any) -> tuple[np.ndarray, np.ndarray]:
     nu = (CYCLES / _size(source) * radius)[:, None] * np.column_stack(
         [np.cos(angle), np.sin(angle)]
     )
-    return x.astype(np.float64), nu.astype(np.float32).astype(np.float64)  # float32 holds them
+    return x.astype(np.float64), nu.astype(np.float32).astype(np.float64)  # exact in float32
 
 
 def _size(source: Any) -> float:
@@ -97,27 +97,27 @@ def _size(source: Any) -> float:
 
 
 def points(source: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """So many positions and frequencies, the same again and again."""
+    """Return positions and frequencies, which repeat."""
     x, nu = (np.resize(values, (count, 2)) for values in _places(source))
     return x, nu
 
 
 def checked_points(source: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and frequencies from far below one over the size on; float32 holds them."""
+    """Return positions, and frequencies from far below one over the size; exact in float32."""
     x, nu = points(source, count)
     scale = np.geomspace(1e-3, 1.0, count)[:, None]
     return x, (nu * scale).astype(np.float32).astype(np.float64)
 
 
 def in_engine(source: Any, precision: str, threads: int) -> Method:
-    """Arrays that stay in the engine."""
+    """Return a method with arrays that stay in the engine."""
     import drjit as dr
     import drjit.llvm as backend
 
     vector = backend.Array2f if precision == "single" else backend.Array2f64
 
     def method(x: np.ndarray, nu: np.ndarray) -> Action:
-        # copies: memory of NumPy would be shared
+        # copies, because NumPy memory would be shared
         where = [vector(*(np.ascontiguousarray(c) for c in p.T)) + 0.0 for p in (x, nu)]
         dr.eval(where)
         dr.sync_thread()
@@ -136,7 +136,7 @@ def in_engine(source: Any, precision: str, threads: int) -> Method:
 
 
 def through_numpy(source: Any, precision: Any, engine: Any) -> Method:
-    """NumPy arrays in and out."""
+    """Return a method with NumPy arrays in and out."""
     return lambda x, nu: lambda: pw.wigner(source, x, nu, precision=precision, engine=engine)
 
 
@@ -146,7 +146,7 @@ def _columns(x: np.ndarray, nu: np.ndarray, precision: str) -> list[np.ndarray]:
 
 
 def in_cpp(source: pw.Aperture, precision: str, threads: int) -> Method:
-    """The kernel written by hand."""
+    """Return the hand-written kernel."""
     kernel = cpp.wigner_kernel(source, precision, threads)
 
     def method(x: np.ndarray, nu: np.ndarray) -> Action:
@@ -163,7 +163,7 @@ def in_cpp(source: pw.Aperture, precision: str, threads: int) -> Method:
 
 
 def in_jax(source: pw.Aperture, precision: str) -> Method:
-    """Arrays that stay in JAX."""
+    """Return a method with arrays that stay in JAX."""
     import jax.numpy as jnp
 
     kernel = jax_kernel.wigner_kernel(source, precision)
@@ -185,7 +185,7 @@ def _in_cpp_if_possible(source: pw.Aperture, precision: str, threads: int) -> Me
 
 
 def _peers(source: Any, precision: str, threads: int) -> dict[str, Method | str]:
-    """Peers by name, or why they are not there."""
+    """Return peers by name, or the reasons why they are missing."""
     result: dict[str, Method | str] = {}
     clips = cpp.header_of(source)[1] if isinstance(source, pw.Aperture) else None
     if clips is not None:
@@ -219,7 +219,7 @@ def _asked(table: Asked, case: str, peer: str, precision: str, threads: int) -> 
 
 
 def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
-    """All peers in turns with us, in both precisions."""
+    """Measure all peers in turns, in both precisions."""
     count = threads or cores()
     source = SOURCES[case]()
     exact = exact_values(source, *checked_points(source, effort.checked))
@@ -277,7 +277,7 @@ def _energy(source: Any) -> float:
 
 
 def oracle() -> Any:
-    """The tests' slices in rational arithmetic; None where mpmath or the tests are missing."""
+    """Return slices in rational arithmetic, or None without mpmath or the tests."""
     folder = str(Path(__file__).parents[2] / "tests")
     if folder not in sys.path:
         sys.path.append(folder)
@@ -289,7 +289,7 @@ def oracle() -> Any:
 
 
 def exact_values(source: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray | None:
-    """W to all digits of a float64; None without the :func:`oracle`."""
+    """Return W with all digits of a float64, or None without the :func:`oracle`."""
     if not isinstance(source, pw.Aperture):
         return _pair_sum(source, x, nu)
     exact = oracle()
@@ -300,7 +300,7 @@ def exact_values(source: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray | Non
 
 
 def _pair_sum(array: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """For unit squares with equal weights: over all pairs, each the square's W at the midpoint."""
+    """Return W of unit squares with equal weights as a sum over all pairs."""
     _, places = array.repeated
     apart = places[:, None] - places
     values = []

@@ -1,8 +1,8 @@
-"""A phased array sweeps its beam across the street, as an animated picture.
+"""A phased array sweeps its beam across the street, as an animation.
 
     python examples/beam_sweep/beam_sweep.py --out beam_sweep.gif
 
-Each frame is the scene of phased_array_77ghz with another steering, all in dB below one peak.
+Each frame is the scene of phased_array_77ghz with another steering, in dB below a common peak.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import polywigner.mitsuba  # first: chooses the LLVM library before Dr.Jit is loaded
+import polywigner.mitsuba  # before Dr.Jit: selects the LLVM library
 
 # isort: split
 import matplotlib as mpl
@@ -29,7 +29,7 @@ LEVELS, GREYS = 48, 12
 
 
 def frame(azimuth: float, size: tuple[int, int], spp: int) -> np.ndarray:
-    """Radiance (height, width) with the beam `azimuth` degrees to the right."""
+    """Return the radiance (height, width) with the beam `azimuth` degrees to the right."""
     scene = polywigner.mitsuba.load_scene(SCENE, steering=f"{azimuth:.3f} deg, 180 deg")
     parameters = mi.traverse(scene.sensors()[0])
     parameters["film.size"] = size
@@ -38,7 +38,7 @@ def frame(azimuth: float, size: tuple[int, int], spp: int) -> np.ndarray:
 
 
 def picture(radiance: np.ndarray, peak: float, azimuth: float) -> np.ndarray:
-    """One frame with its colour bar, RGB."""
+    """Return a frame with its colour bar as RGB."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -60,7 +60,7 @@ def picture(radiance: np.ndarray, peak: float, azimuth: float) -> np.ndarray:
 
 
 def reduced(image: np.ndarray) -> Any:
-    """An RGB picture in the colours that all frames share, as Pillow has it."""
+    """Return an RGB image in the colours that all frames share."""
     from PIL import Image
 
     colours = mpl.colormaps["inferno"](np.linspace(0, 1, LEVELS))[:, :3]

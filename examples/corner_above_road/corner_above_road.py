@@ -1,11 +1,11 @@
-"""A corner reflector above a road: the echo that a radar receives, over the distance.
+"""Echo of a corner reflector above a road over distance.
 
 python corner_above_road.py [FOLDER]
 
-The trihedral with legs of 100 mm looks at a 77 GHz radar that drives away from it, 0.6 m above
-concrete. The echo comes straight and by the road, there and back: four ways that interfere. Writes
-corner_above_road.png into the folder, with a point of the same cross section beside it: for a point
-all four ways count alike. A minute.
+A trihedral with legs of 100 mm faces a 77 GHz radar that drives away, 0.6 m above concrete. The
+echo has four interfering paths: direct or reflected at the road, in both directions. Writes
+corner_above_road.png, which also shows a point target of the same cross section, for which all four
+paths count alike. Takes a minute.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ import polywigner as pw
 import polywigner.mitsuba as pm
 from polywigner.geometry import PlacedAperture
 
-import mitsuba as mi  # isort: skip (after the package, which chooses the LLVM library)
+import mitsuba as mi  # isort: skip (after the package, which selects the LLVM library)
 
 WAVELENGTH = 299_792_458 / 77e9
 LEG = 0.1
 MESH = Path(__file__).parent.parent / "corner_reflector" / "trihedral.obj"
 HEIGHT, OF_CORNER = 0.6, 0.5
 PATCH = pw.shapes.square(2e-3)
-# Of dry concrete at 77 GHz, ITU-R P.2040
+# dry concrete at 77 GHz, ITU-R P.2040
 PERMITTIVITY = 5.24 + 0.2j
 DISTANCES = np.geomspace(20.0, 400.0, 161)
 
 
 def reflector() -> list[PlacedAperture]:
-    """The plates, with their axis along -x and their corner at the given height."""
+    """Return the plates, with their axis along -x and their corner at the height of the radar."""
     turn = np.eye(4)
     axis, across = np.ones(3) / math.sqrt(3), np.array([1.0, -1.0, 0.0]) / math.sqrt(2)
     turn[:3, :3] = np.stack([-axis, across, np.cross(-axis, across)])
@@ -46,7 +46,7 @@ def reflector() -> list[PlacedAperture]:
 
 
 def looking_ahead(x: float) -> np.ndarray:
-    """The radar's pose, along +x with its y axis upwards."""
+    """Return the pose of the radar, along +x with its y axis upwards."""
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([(0, 1, 0), (0, 0, 1), (1, 0, 0)])
     pose[:3, 3] = x, 0.0, HEIGHT
@@ -54,7 +54,7 @@ def looking_ahead(x: float) -> np.ndarray:
 
 
 def echoes(distance: float, body: list[PlacedAperture]) -> tuple[float, float]:
-    """Received over transmitted power of the echo alone, by all ways and straight."""
+    """Return the received over the transmitted power, by all paths and by the direct path."""
     index = complex(np.sqrt(PERMITTIVITY))
     road = {"type": "conductor", "eta": index.real, "k": index.imag}
     pose = looking_ahead(-distance)
@@ -76,10 +76,10 @@ def echoes(distance: float, body: list[PlacedAperture]) -> tuple[float, float]:
 
 
 def of_point(distances: np.ndarray, sigma: float) -> np.ndarray:
-    """Received over transmitted power by the radar equation with four rays, E upwards."""
+    """Return the power ratio by the radar equation with four paths, for E upwards."""
     pattern = pw.radiation_pattern(PATCH, WAVELENGTH, [0.0, 0.1], [0.0])
     gain = 10 ** (pattern.attrs["peak_directivity"] / 10)
-    # the apex, through which all ways by three reflections are equally long
+    # All paths by three reflections have the length of the path by the apex.
     straight = np.hypot(distances, HEIGHT - OF_CORNER)
     by_road = np.hypot(distances, HEIGHT + OF_CORNER)
     sine = (HEIGHT + OF_CORNER) / by_road

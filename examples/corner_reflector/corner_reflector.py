@@ -1,10 +1,10 @@
-"""A corner reflector by one, two and three reflections: its cross section over azimuth.
+"""Radar cross section of a corner reflector by one, two and three reflections.
 
 python corner_reflector.py [FOLDER]
 
-A triangular trihedral, an open mesh with legs of 100 mm, at 77 GHz, seen 35.26 degrees above one
-of its plates: through its axis at azimuth 45 degrees. Writes corner_reflector.png into the folder,
-and prints the values on the axis beside 4 pi a^4/(3 lambda^2). Half a minute.
+A triangular trihedral, an open mesh with legs of 100 mm, at 77 GHz over azimuth, at an elevation of
+35.26 degrees above one of its plates; azimuth 45 degrees is the axis. Writes corner_reflector.png,
+and prints the values on the axis and 4 pi a^4/(3 lambda^2). Takes half a minute.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
-"""The pattern of a pyramidal horn and its near field. Writes curved_horn.png into the current
-folder."""
+"""The pattern of a pyramidal horn and its near field.
+
+Writes curved_horn.png into the current folder.
+"""
 
 import matplotlib.pyplot as plt
 import numpy as np

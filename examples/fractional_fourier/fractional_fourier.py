@@ -1,9 +1,9 @@
-"""A hexagon on its way to its Fourier transform, in steps of a quarter.
+"""Fractional Fourier transforms of a hexagon.
 
-Run ``python fractional_fourier.py [FOLDER]``: it writes ``fractional_fourier.png`` there, in some
-seconds. Above, W over x and the direction: fractional Fourier transformers turn phase space, each
-by 22.5 degrees more. Below, the light in the plane behind each of them, from the aperture itself
-to the square of its transform.
+Run ``python fractional_fourier.py [FOLDER]``, which writes ``fractional_fourier.png`` in some
+seconds. Top: W over position and direction; each step rotates phase space by 22.5 degrees. Bottom:
+the irradiance in the plane behind each step, from the aperture to the square of its Fourier
+transform.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from polywigner.figures import level_db
 
 WAVELENGTH = 0.5e-6
 HEXAGON = pw.shapes.disc(1e-3, n=6)
-SCALE = 1.0  # in m: the focal length of the whole transformer
+SCALE = 1.0  # focal length of the complete transformer in m
 ORDERS = (0.0, 0.25, 0.5, 0.75, 1.0)
-REACH, SAMPLES = 1.4e-3, 121  # in m, and over the scale in radians
+REACH, SAMPLES = 1.4e-3, 121  # in m; divided by the scale, in radians
 
 
 def main(folder: Path) -> None:
@@ -35,7 +35,7 @@ def main(folder: Path) -> None:
         system = pw.FirstOrder.fractional(order, SCALE)
         w = pw.wigner(HEXAGON, x, nu / SCALE, through=system, wavelength=WAVELENGTH)
         light = pw.irradiance(HEXAGON, plane, WAVELENGTH, through=system)
-        largest = 4 * HEXAGON.area  # of |W|
+        largest = 4 * HEXAGON.area  # largest |W|
         shown = above.imshow(
             np.sign(w) * np.sqrt(abs(w) / largest), "RdBu_r", vmin=-1, vmax=1,
             origin="lower", extent=extent,

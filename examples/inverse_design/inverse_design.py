@@ -1,11 +1,10 @@
-"""An outline and an array's weights, found by gradient descent for low sidelobes.
+"""An outline and array weights with low sidelobes, by gradient descent.
 
-Run ``python inverse_design.py [FOLDER]``: it writes ``inverse_design.png`` there, in a few seconds.
+Run ``python inverse_design.py [FOLDER]``, which writes ``inverse_design.png`` in a few seconds.
 
-First, a uniformly lit aperture, a polygon of 96 vertices within a circle of 5 wavelengths. Along
-the horizon, and 10 degrees above and below it, it shall have low sidelobes. Second, 32 elements
-half a wavelength apart, steered to 20 degrees, whose complex weights shall keep sidelobes low, and
-20 dB lower where somebody else listens.
+First, a uniform aperture, a polygon of 96 vertices in a circle of 5 wavelengths, gets low sidelobes
+along the horizon and within 10 degrees of it. Second, the complex weights of 32 elements at half a
+wavelength, steered to 20 degrees, get low sidelobes, and 20 dB lower ones in one sector.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 import polywigner as pw
 from polywigner.llvm import require
 
-require()  # before Dr.Jit is imported: it opens its LLVM library once
+require()  # before Dr.Jit, which loads its LLVM library once
 
 import drjit as dr  # noqa: E402
 import matplotlib.pyplot as plt  # noqa: E402
@@ -33,12 +32,12 @@ ELEMENTS, STEERED, LISTENER = 32, np.radians(20.0), np.radians(-37.0)
 
 
 def decibel(power: Any) -> Any:
-    """10 log10, down to -80 dB."""
+    """Return 10 log10, limited to -80 dB."""
     return 10 * np.log10(np.maximum(power, 1e-8))
 
 
 def soft_maximum(power: Any, sharpness: float = 12.0) -> Any:
-    """Nearly the largest level in nepers: its gradient sees all lobes that are nearly as high."""
+    """Return approximately the largest level in nepers, with gradients at all high lobes."""
     level = dr.log(power + 1e-9)
     largest = dr.detach(dr.max(level))
     return largest + dr.log(dr.mean(dr.exp(sharpness * (level - largest)))) / sharpness
@@ -47,7 +46,7 @@ def soft_maximum(power: Any, sharpness: float = 12.0) -> Any:
 def descended(
     values: dict[str, Any], loss: Callable[[Adam], Any], steps: int, rate: float
 ) -> tuple[Adam, list[float]]:
-    """Adam's steps down a loss, and the loss at each."""
+    """Minimise a loss with Adam; return the losses of all steps."""
     optimiser = Adam(lr=rate, params=values)
     history = []
     for step in range(steps):
@@ -59,11 +58,8 @@ def descended(
     return optimiser, history
 
 
-# ---- an outline ---------------------------------------------------------------------------------
-
-
 def outline_of(shape: Any) -> Any:
-    """A ring within 1/3 to all of the radius, symmetric about both axes, as smooth as its waves."""
+    """Return a smooth ring between 1/3 of the radius and the radius, symmetric about both axes."""
     angle = 2 * np.pi * np.arange(VERTICES) / VERTICES
     level: Any = 0.0
     for k in range(WAVES):
@@ -76,7 +72,7 @@ def outline_of(shape: Any) -> Any:
 
 
 def wedge() -> Any:
-    """Directions beyond the main lobe, up to 10 degrees off the horizon."""
+    """Return directions beyond the main lobe, up to 10 degrees off the horizon."""
     azimuth = np.radians(np.linspace(9, 80, 120))
     elevation = np.radians(np.linspace(0, 10, 5))
     a, e = (grid.ravel() for grid in np.meshgrid(azimuth, elevation))
@@ -84,14 +80,14 @@ def wedge() -> Any:
 
 
 def relative_power(outline: Any, nu: Any) -> Any:
-    """|F|^2 relative to straight ahead."""
+    """Return |F|^2 relative to the normal direction."""
     source = pw.differentiable(vertices=outline)
     ahead = pw.fourier(source, Array2f64(0.0, 0.0))
     return dr.squared_norm(pw.fourier(source, nu)) / dr.squared_norm(ahead)
 
 
 def shaped_aperture(steps: int = 120) -> tuple[list[np.ndarray], list[float]]:
-    """The outline before and after, and the loss in dB."""
+    """Return the outline before and after, and the losses in dB."""
     sidelobes = wedge()
     start = Float64([1.0] + [0.0] * (WAVES - 1))
 
@@ -103,18 +99,15 @@ def shaped_aperture(steps: int = 120) -> tuple[list[np.ndarray], list[float]]:
     return rings, [10 / np.log(10) * value for value in history]
 
 
-# ---- an array -----------------------------------------------------------------------------------
-
-
 def elements() -> pw.Array:
-    """Patches in a row, half a wavelength apart."""
+    """Return patches in a row at half a wavelength."""
     places = (np.arange(ELEMENTS) - (ELEMENTS - 1) / 2) * WAVELENGTH / 2
     patch = pw.shapes.square(0.4 * WAVELENGTH)
     return pw.phased_array(patch, np.stack([places, 0 * places], axis=-1))
 
 
 def steered(amplitudes: Any, phases: Any) -> Any:
-    """Weights with the phase of a beam towards ``STEERED`` besides their own."""
+    """Return weights with a phase towards ``STEERED`` in addition to their phases."""
     turn = np.pi * np.sin(STEERED) * (np.arange(ELEMENTS) - (ELEMENTS - 1) / 2)
     phase = phases + Float64(turn.tolist())
     return Complex2f64(amplitudes * dr.cos(phase), amplitudes * dr.sin(phase))
@@ -126,7 +119,7 @@ def directions(angle: np.ndarray) -> Any:
 
 
 def designed_weights(steps: int = 200) -> tuple[list[np.ndarray], list[float]]:
-    """Weights before and after, and the loss in dB."""
+    """Return weights before and after, and the losses in dB."""
     array = elements()
     angle = np.radians(np.linspace(-90, 90, 721))
     outside = directions(angle[abs(np.sin(angle) - np.sin(STEERED)) > 0.1])
@@ -147,13 +140,11 @@ def designed_weights(steps: int = 200) -> tuple[list[np.ndarray], list[float]]:
     return numbers, [10 / np.log(10) * value for value in history]
 
 
-# ---- the picture --------------------------------------------------------------------------------
-
 COLOURS, NAMES = ("0.6", "tab:blue"), ("before", "after")
 
 
 def draw(folder: Path) -> Path:
-    """Both designs, before and after, and how the loss went down."""
+    """Draw both designs, before and after, and the losses."""
     figure, axes = plt.subplots(2, 3, figsize=(11, 6.4), layout="constrained")
     angle = np.radians(np.linspace(-90, 90, 1441))
     nu = np.stack([np.sin(angle), 0 * angle], axis=-1) / WAVELENGTH

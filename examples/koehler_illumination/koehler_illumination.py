@@ -2,9 +2,9 @@
 
 python koehler_illumination.py [FOLDER]
 
-An L of lines of 1 um, every 12 um, seen through a lens of numerical aperture 0.25 at 550 nm: lit by
-a point, by a disc of 0.6 of the pupil, and by one of 2. Writes koehler_illumination.png into the
-folder. Half a minute.
+An L of lines of 1 um with a period of 12 um, imaged by a lens of numerical aperture 0.25 at 550 nm:
+with a point source, and with discs of 0.6 and of 2 pupils. Writes koehler_illumination.png. Takes
+half a minute.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import polywigner as pw
 
 WAVELENGTH, FOCAL_LENGTH, RADIUS = 550e-9, 10e-3, 2.5e-3
 PERIOD = (12e-6, 12e-6)
-# two lines of 1 um, 1 um apart, around a corner
+# two lines of 1 um around a corner, 1 um apart
 CORNERS = (
     [(-3, -3), (3, -3), (3, -2), (-2, -2), (-2, 3), (-3, 3)],
     [(-1, -1), (3, -1), (3, 0), (0, 0), (0, 3), (-1, 3)],

@@ -1,10 +1,10 @@
-"""How good Wigner rays are near a square: the comparison of the paper, with what improves on it.
+"""Accuracy of Wigner rays close to a square: the comparison of the paper, and improvements.
 
 python near_field.py [--out FOLDER]
 
-A uniformly lit square of 10 mm at 94 GHz, on boresight from half a wavelength to fifty, and around
-it at 5, 10 and 30 wavelengths. Writes boresight.png and off_axis.png into the folder, and prints
-the differences from Kirchhoff's exact field in dB.
+A uniform square of 10 mm at 94 GHz, on boresight from half a wavelength to fifty, and around it at
+5, 10 and 30 wavelengths. Writes boresight.png and off_axis.png, and prints the differences from
+Kirchhoff's exact field in dB.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RAYS: dict[str, dict[str, Any]] = {
 
 
 def compared(place: Any, *others: str) -> Any:
-    """Fields at a place by rays, by other methods, and by Kirchhoff's integral, the last."""
+    """Return fields by rays, by other methods, and last by Kirchhoff's integral."""
     result = place(method=(*others, "kirchhoff"))
     for name, how in RAYS.items():
         result[name] = place(method="wigner", **how)["wigner"]
@@ -70,7 +70,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(), help="folder of the figures")
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
-    # The first wavelengths are there to show where rays cease to hold.
+    # The first wavelengths show where rays fail.
     warnings.simplefilter("ignore", PolywignerWarning)
 
     axis = boresight()

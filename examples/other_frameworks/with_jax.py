@@ -1,9 +1,9 @@
 """A loss written in JAX, and its gradient: ``python with_jax.py``, with JAX installed.
 
-`dr.wrap` makes a function of JAX arrays one of Dr.Jit's, its derivatives included. Here JAX
-compiles a loss of the Wigner function of a square, and Dr.Jit carries its gradient on to the
-vertices. (The other direction, `jax.grad` through Dr.Jit, is one that `dr.wrap` does not have yet.
-JAX computes in single precision unless told otherwise, and so does Dr.Jit with the arrays it gets.)
+`dr.wrap` converts a function of JAX arrays to a function of Dr.Jit arrays with derivatives. JAX
+compiles a loss of the Wigner function of a square, and Dr.Jit propagates its gradient to the
+vertices. (`dr.wrap` does not support the opposite direction, `jax.grad` through Dr.Jit. Both
+libraries compute in single precision here, the default of JAX.)
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import polywigner as pw
 from polywigner.llvm import require
 
-require()  # before Dr.Jit is imported: it opens its LLVM library once
+require()  # before Dr.Jit, which loads its LLVM library once
 
 import drjit as dr  # noqa: E402
 from drjit.llvm.ad import TensorXf  # noqa: E402
@@ -30,12 +30,12 @@ X = np.array([0.05, 0.1])
 @dr.wrap(source="drjit", target="jax")
 @jax.jit
 def mean_square(values: Any) -> Any:
-    """The mean of W^2."""
+    """Return the mean of W^2."""
     return jnp.mean(values**2)
 
 
 def loss_and_gradient(ring: np.ndarray = SQUARE) -> tuple[float, np.ndarray]:
-    """The mean of W^2 along a line of frequencies, and its derivatives in the vertices (n, 2)."""
+    """Return the mean of W^2 along a line of frequencies, and its derivatives (n, 2)."""
     vertices = TensorXf(ring.astype(np.float32))
     dr.enable_grad(vertices)
     loss = mean_square(pw.wigner(pw.differentiable(vertices=vertices), X, NU))

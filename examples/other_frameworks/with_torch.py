@@ -1,7 +1,7 @@
 """A polygon's vertices as a parameter of PyTorch: ``python with_torch.py``, with PyTorch installed.
 
-`dr.wrap` makes a function of Dr.Jit tensors one of PyTorch's, its gradients included. Here
-PyTorch's optimiser widens the main lobe of a hexagon at constant area.
+`dr.wrap` converts a function of Dr.Jit tensors to a function of PyTorch tensors with gradients. An
+optimiser of PyTorch widens the main lobe of a hexagon at constant area.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ import torch
 import polywigner as pw
 from polywigner.llvm import require
 
-require()  # before Dr.Jit is imported: it opens its LLVM library once
+require()  # before Dr.Jit, which loads its LLVM library once
 
 import drjit as dr  # noqa: E402
 
 
 @dr.wrap(source="torch", target="drjit")
 def far_field(vertices: Any, nu: Any) -> Any:
-    """|F|^2 at nu (m, 2) of the polygon with vertices (n, 2)."""
+    """Return |F|^2 at nu (m, 2) of the polygon with vertices (n, 2)."""
     value = pw.fourier(pw.differentiable(vertices=vertices), nu)
     return dr.square(value[:, 0]) + dr.square(value[:, 1])
 
 
 def widened(steps: int = 30) -> tuple[torch.Tensor, list[float]]:
-    """Vertices and the loss at each step."""
+    """Return the vertices and the losses of all steps."""
     angle = torch.arange(6, dtype=torch.float64) * torch.pi / 3
     vertices = torch.stack([torch.cos(angle), torch.sin(angle)], dim=-1).requires_grad_()
     nu = torch.tensor([[0.0, 0.0], [0.45, 0.0]], dtype=torch.float64)

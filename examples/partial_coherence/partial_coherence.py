@@ -1,10 +1,11 @@
-"""Fringes behind two slits fade as the light on them becomes incoherent.
+"""Fringes behind two slits decrease with the coherence width.
 
 python partial_coherence.py [FOLDER]
 
-Two slits of 2 mm, 12 mm apart, at 94 GHz, and a floor 0.3 m away. Writes partial_coherence.png:
-irradiance on the floor for several widths of coherence by exact fields, the same rendered with one
-random tilt for each sample, and the visibility against the degree of coherence. Prints the latter.
+Two slits of 2 mm, 12 mm apart, at 94 GHz, and a floor at 0.3 m. Writes partial_coherence.png:
+irradiance on the floor for several coherence widths by exact fields, the same rendered with a
+random tilt for each sample, and the visibility over the degree of coherence. Prints the
+visibility.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ PIXELS = 240
 
 
 def exact(source: Any, **how: Any) -> tuple[Any, Any]:
-    """Places along the floor in m, and the irradiance there by exact fields."""
+    """Return positions along the floor in m, and the irradiance by exact fields."""
     x = np.linspace(-HALF, HALF, 201)
     points = np.stack([x, 0 * x, np.full_like(x, HEIGHT)], axis=-1)
     return x, pw.irradiance(source, points, WAVELENGTH, "auto", **how)
 
 
 def rendered(source: Any) -> Any:
-    """The irradiance on the floor, (rows, columns), by Mitsuba."""
+    """Return the rendered irradiance on the floor (rows, columns)."""
     import mitsuba as mi
 
     from polywigner.mitsuba import aperture, choose_variant, render
@@ -68,7 +69,7 @@ def rendered(source: Any) -> Any:
 
 
 def visibility(width: float) -> float:
-    """Of the fringes of two narrow slits, far away and on the axis."""
+    """Return the visibility of the fringes of two narrow slits in the far field on the axis."""
     narrow = pw.shapes.double_slit(1e-6, 1e-6, (-APART / 2, APART / 2))
     light = narrow.partially_coherent(width)
     short = 1e-3 * APART  # far from grazing

@@ -1,9 +1,9 @@
-"""A plate moves through a link at 94 GHz, as an animated picture.
+"""A plate moves through a link at 94 GHz, as an animation.
 
     python examples/plate_in_a_link/plate_in_a_link.py --out plate_in_a_link.gif
 
-On the left the irradiance between transmitter and receiver, on the right the received power, with
-diffraction and by rays.
+Left: the irradiance between transmitter and receiver. Right: the received power, with diffraction
+and by rays.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import polywigner.mitsuba as pm  # first: chooses the LLVM library before Dr.Jit is loaded
+import polywigner.mitsuba as pm  # before Dr.Jit: selects the LLVM library
 
 # isort: split
 import matplotlib.pyplot as plt
@@ -32,7 +32,7 @@ FLOOR_DB = -40.0
 
 
 def received(x: float, diffraction: bool) -> float:
-    """Power in W of 1 W sent, with the plate's middle at x."""
+    """Return the power in W of 1 W transmitted, with the plate's centre at x."""
     transform = mi.ScalarTransform4f
     receiver = transform().translate([0, 0, DISTANCE]).rotate([1, 0, 0], 180)
     plate = transform().translate([x, 0, PLATE_AT]).scale([WIDTH / 2, HEIGHT / 2, 1])
@@ -61,7 +61,7 @@ def received(x: float, diffraction: bool) -> float:
 
 
 def field(x: float, points: np.ndarray) -> Any:
-    """Irradiance at points with the plate's middle at x."""
+    """Return the irradiance at points with the plate's centre at x."""
     pose = np.eye(4)
     pose[:3, 3] = x, 0.0, PLATE_AT
     plate = pw.shapes.rectangle(WIDTH, HEIGHT).placed(pose)
@@ -82,7 +82,7 @@ def main() -> None:
     x = np.linspace(-REACH, REACH, given.samples[0])
     z = np.linspace(0.01, DISTANCE, given.samples[1])
     points = np.stack(np.broadcast_arrays(x[:, None], 0.0, z), axis=-1)
-    peak = 1 / (WAVELENGTH * DISTANCE) ** 2 * ANTENNA.area**2  # far away on the axis
+    peak = 1 / (WAVELENGTH * DISTANCE) ** 2 * ANTENNA.area**2  # far field on the axis
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.6), layout="constrained")
     picture = left.imshow(

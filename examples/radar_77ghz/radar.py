@@ -1,9 +1,9 @@
-"""A radar at 77 GHz looks along a street: maps of range and angle, and of range and rate.
+"""Range-angle and range-rate maps of a 77 GHz radar in a street.
 
     python examples/radar_77ghz/radar.py --out radar_77ghz.png
 
-One call computes the samples that the 12 columns of the receiving array record in 64 chirps.
-Posts appear within one bin of their positions, and the car at its speed.
+One call computes the samples that the 12 columns of the receiving array record in 64 chirps. Posts
+appear within one bin of their positions, and the car at its speed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import polywigner.mitsuba  # first: chooses the LLVM library before Dr.Jit is loaded
+import polywigner.mitsuba  # before Dr.Jit: selects the LLVM library
 
 # isort: split
 import mitsuba as mi
@@ -38,7 +38,7 @@ FLOOR_DB = -50.0
 
 
 def data_cube(points: int = 20_000, draws: int = DRAWS) -> xarray.Dataset:
-    """The samples of all columns; many rays find the distant posts."""
+    """Return the samples of all columns; many rays are needed for the distant posts."""
     scene = polywigner.mitsuba.load_scene(HERE / "radar.xml")
     return polywigner.mitsuba.radar_cube(
         scene, WAVEFORM, velocities={"car": (CAR[1], 0.0, 0.0)}, elements=True, points=points,
@@ -47,7 +47,7 @@ def data_cube(points: int = 20_000, draws: int = DRAWS) -> xarray.Dataset:
 
 
 def position_of(post: str) -> tuple[float, float]:
-    """Range in m of a post's surface and its direction cosine along the array, by geometry."""
+    """Return the range in m of a post's surface and its direction cosine along the array."""
     x, y = POSTS[post]
     distance = float(np.hypot(x, y))
     return distance - RADIUS, y / distance

@@ -1,9 +1,9 @@
-"""What geometric shadows leave out: the field behind an opaque plate, exact and by rays.
+"""Errors of geometric shadows: the field behind an opaque plate, exact and by rays.
 
 python shadow_of_a_plate.py [FOLDER]
 
-A point source at 77 GHz stands 2 m before an L-shaped plate of 0.3 m. Writes shadow_of_a_plate.png
-into the folder: the irradiance 1 m behind the plate, as a renderer has it and by Kirchhoff's
+A point source at 77 GHz is 2 m in front of an L-shaped plate of 0.3 m. Writes
+shadow_of_a_plate.png: the irradiance 1 m behind the plate by ray tracing and by Kirchhoff's
 integral, and the difference.
 """
 
@@ -30,13 +30,13 @@ PLATE = pw.Aperture(
 
 
 def shadow(samples: int) -> tuple[Any, Any, Any]:
-    """Coordinates in m, and the irradiance over the free field behind the plate, by both models."""
+    """Return coordinates in m, and the relative irradiance behind the plate by both models."""
     x = np.linspace(-0.35, 0.35, samples)
     points = np.stack([*np.meshgrid(x, x), np.full((samples, samples), BEHIND)], axis=-1)
     screen = pw.Screen(PLATE, pw.PointSource(SOURCE))
     field = pw.amplitude(screen, points, WAVELENGTH, "kirchhoff", tolerance=1e-4)
     distance = np.linalg.norm(points - SOURCE, axis=-1)
-    # where the ray to a point goes through the plane of the plate
+    # Intersections of the rays to the points with the plane of the plate.
     crossing = points[..., :2] * (SOURCE[2] / (SOURCE[2] - BEHIND))
     outline = shapely.union_all([shapely.Polygon(ring) for ring in PLATE.rings])
     lit = ~shapely.contains_xy(outline, crossing[..., 0], crossing[..., 1])
@@ -44,7 +44,7 @@ def shadow(samples: int) -> tuple[Any, Any, Any]:
 
 
 def draw(x: Any, rays: Any, exact: Any) -> Any:
-    """Both in dB of the free field, and what the rays leave out, as a fraction of it."""
+    """Draw both in dB of the free field, and their difference as a fraction of it."""
     figure, axes = plt.subplots(1, 3, figsize=(12.5, 4.1), sharey=True, layout="constrained")
     ends = (1e3 * x[0], 1e3 * x[-1])
     how: dict[str, Any] = {"origin": "lower", "extent": (*ends, *ends)}

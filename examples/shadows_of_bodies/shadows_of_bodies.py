@@ -1,10 +1,10 @@
-"""Shadows that diffract: the floor under a patch antenna, with a box and a ball in the way.
+"""Diffracted shadows of a box and a ball on the floor below a patch antenna.
 
 python shadows_of_bodies.py [FOLDER]
 
-A square patch of 10 mm at 94 GHz hangs 0.3 m above a floor and radiates down. Writes
-shadows_of_bodies.png into the folder: the irradiance on the floor with geometric shadows, and with
-waves along the silhouettes of both bodies.
+A square patch of 10 mm at 94 GHz is 0.3 m above a floor and radiates downwards. Writes
+shadows_of_bodies.png: the irradiance on the floor with geometric shadows, and with edge waves of
+the silhouettes of both bodies.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FLOOR, LOWEST = 0.3, -40.0
 
 
 def box(centre: Any, half: Any, turn: float) -> pw.Polyhedron:
-    """A box turned about z by an angle in radians."""
+    """Return a box rotated about z by an angle in radians."""
     c, s = np.cos(turn), np.sin(turn)
     corners = np.array([[(-1, 1)[(n >> k) & 1] for k in range(3)] for n in range(8)]) * half
     corners[:, :2] = corners[:, :2] @ np.array([[c, s], [-s, c]])
@@ -35,7 +35,7 @@ def box(centre: Any, half: Any, turn: float) -> pw.Polyhedron:
 
 
 def ball(centre: Any, radius: float, steps: int = 24) -> pw.Polyhedron:
-    """A ball of triangles and quadrilaterals between circles of latitude."""
+    """Return a ball of triangles and quadrilaterals between circles of latitude."""
     theta = np.pi * np.arange(1, steps) / steps
     phi = np.pi * np.arange(2 * steps) / steps
     rings = [
@@ -61,7 +61,7 @@ BODIES = [
 
 
 def irradiances(samples: int) -> tuple[Any, Any, Any]:
-    """Coordinates in m, and the irradiance on the floor free and behind both bodies."""
+    """Return coordinates in m, and the irradiance on the floor without and with both bodies."""
     x = np.linspace(-0.15, 0.15, samples)
     points = np.stack([*np.meshgrid(x, x), np.full((samples, samples), FLOOR)], axis=-1)
     free = pw.irradiance(PATCH, points, WAVELENGTH, "auto")
@@ -70,7 +70,7 @@ def irradiances(samples: int) -> tuple[Any, Any, Any]:
 
 
 def draw(x: Any, free: Any, result: Any) -> Any:
-    """Both in dB of the largest free irradiance."""
+    """Draw both in dB of the largest free irradiance."""
     figure, axes = plt.subplots(1, 2, figsize=(10.5, 4.6), sharey=True, layout="constrained")
     ends = (1e3 * x[0], 1e3 * x[-1])
     for panel, values, name in zip(

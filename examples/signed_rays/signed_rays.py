@@ -1,4 +1,4 @@
-"""Diffraction from a ray trace: rays that carry W, through the lenses of optiland, to the focus.
+"""Diffraction by ray tracing: rays that carry W through lenses of optiland to the focus.
 
 Run:  python signed_rays.py [FOLDER]        (needs optiland 0.6; some minutes)
 """
@@ -23,9 +23,9 @@ SINGLET = [(51.68, 3.0, "N-BK7"), (np.inf, 0.0, "air")]
 DOUBLET = [(62.8, 4.0, "N-BK7"), (-45.7, 2.5, "SF5"), (-128.2, 0.0, "air")]
 LENSES = {"singlet, f/20": (5.0, SINGLET), "doublet, f/12.5": (8.0, DOUBLET)}
 RAYS = 1 << 22
-WIDER = (6.5, 8.0, 10.0, 12.0)  # mm, pupils before the singlet
+WIDER = (6.5, 8.0, 10.0, 12.0)  # mm, diameters of pupils in front of the singlet
 PIXELS = 48
-# Of the picture's half width, in wavelengths over the aperture's angle.
+# half width of the image, in wavelengths over the aperture's angle
 REACH = 5.0
 BLOCK = 1 << 20
 
@@ -33,12 +33,12 @@ Values = NDArray[np.float64]
 
 
 def hexagon(across: float) -> pw.Aperture:
-    """A hexagonal pupil, of a width in mm across its corners."""
+    """Return a hexagonal pupil with a width in mm across its corners."""
     return pw.shapes.regular_polygon(6, across * MM / 2)
 
 
 def lens_of(surfaces: list[Any], across: float) -> Any:
-    """The optical system: pupil, lens, and a screen in the paraxial focus; lengths in mm."""
+    """Return an optical system of pupil, lens and a screen in the paraxial focus, in mm."""
     from optiland.optic import Optic
 
     system = Optic()
@@ -56,7 +56,7 @@ def lens_of(surfaces: list[Any], across: float) -> Any:
 
 
 def traced(system: Any, position: Values, direction: Values, weight: Values) -> Any:
-    """Rays in m and W from the pupil to the screen, by optiland's exact trace."""
+    """Trace rays in m and W from the pupil to the screen by optiland."""
     from optiland.rays import RealRays
 
     wavelength = np.full(len(weight), WAVELENGTH * 1e6)
@@ -65,7 +65,7 @@ def traced(system: Any, position: Values, direction: Values, weight: Values) -> 
 
 
 def screen_of(system: Any, rays: Any) -> Any:
-    """All rays where they meet the screen, a million at a time."""
+    """Return all rays at the screen, traced in blocks of a million."""
     position, direction, weight = (
         np.array(rays[name].values) for name in ("position", "direction", "weight")
     )
@@ -79,7 +79,7 @@ def screen_of(system: Any, rays: Any) -> Any:
 
 
 def pixels(half: float) -> tuple[Values, Values]:
-    """Two Gauss points along each pixel of the screen, (2 n,), and the middles (n,)."""
+    """Return two Gauss points along each pixel of the screen (2 n,), and the centres (n,)."""
     edges = np.linspace(-half, half, PIXELS + 1)
     middles = (edges[1:] + edges[:-1]) / 2
     step = (edges[1] - edges[0]) / 2 / np.sqrt(3)
@@ -87,19 +87,19 @@ def pixels(half: float) -> tuple[Values, Values]:
 
 
 def mean_of(values: Values) -> Values:
-    """Means over pixels of values at their Gauss points."""
+    """Return means over pixels of values at their Gauss points."""
     return values.reshape(PIXELS, 2, PIXELS, 2).mean(axis=(1, 3))
 
 
 def collins(pupil: pw.Aperture, focal_length: float, half: float) -> Values:
-    """Irradiance in the focus of a perfect lens, |F|^2/(lambda f)^2: Collins' integral, A = 0."""
+    """Return the irradiance in the focus of a perfect lens, |F|^2/(lambda f)^2."""
     points = np.stack(np.meshgrid(*[pixels(half)[0]] * 2), axis=-1)
     field = pw.fourier(pupil, points / (WAVELENGTH * focal_length))
     return mean_of(np.abs(field / (WAVELENGTH * focal_length)) ** 2)
 
 
 class Wavefront:
-    """What the lens does to the wave from the pupil: a ray from each point, and its path."""
+    """The lens's wavefront: a ray and its path length for each point of the pupil."""
 
     def __init__(self, system: Any, pupil: pw.Aperture) -> None:
         places, self.shares = nodes_of(pupil)
@@ -107,17 +107,17 @@ class Wavefront:
         still = np.tile([0.0, 0.0, 1.0], (n, 1))
         out = traced(system, np.column_stack([places, np.zeros(n)]), still, np.ones(n))
         self.directions = out.L, out.M
-        # Each ray arrives as a small plane wave; here its phase in the middle of the screen.
+        # Each ray becomes a small plane wave; its phase is at the centre of the screen.
         self.path = (out.opd - out.opd.mean() - out.L * out.x - out.M * out.y) * MM
         self.spread = float(np.hypot(out.x, out.y).max()) * MM
 
     @property
     def waves(self) -> float:
-        """The wavefront's aberration, peak to valley, in wavelengths."""
+        """Aberration of the wavefront, peak to valley, in wavelengths."""
         return float(np.ptp(self.path)) / WAVELENGTH
 
     def irradiance(self, focal_length: float, half: float) -> Values:
-        """By Huygens' principle: the sum over the pupil of the waves that arrive."""
+        """Return the irradiance by Huygens' principle, a sum over the pupil."""
         k = 2 * np.pi / WAVELENGTH
         x, _ = pixels(half)
         along_x, along_y = (np.exp(1j * k * np.outer(x, d)) for d in self.directions)
@@ -126,11 +126,11 @@ class Wavefront:
 
 
 def nodes_of(pupil: pw.Aperture, order: int = 24) -> tuple[Values, Values]:
-    """Gauss points over the triangles about the middle, and their areas."""
+    """Return Gauss points on triangles about the centre, and their areas."""
     t, w = np.polynomial.legendre.leggauss(order)
     t, w = (t + 1) / 2, w / 2
     u, v = (a.ravel() for a in np.meshgrid(t, t))
-    share = np.outer(w, w).ravel() * v  # v: out from the middle, u: along the edge
+    share = np.outer(w, w).ravel() * v  # v: outwards from the centre, u: along the edge
     corners = pupil.rings[0]
     places, areas = [], []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -142,17 +142,17 @@ def nodes_of(pupil: pw.Aperture, order: int = 24) -> tuple[Values, Values]:
 def compared(
     across: float, surfaces: list[Any], count: int = RAYS, seed: int = 0
 ) -> dict[str, Any]:
-    """The focal spot by rays, by Collins' integral, and with the lens's real wavefront."""
+    """Compute the focal spot by rays, by Collins' integral, and with the lens's wavefront."""
     pupil, system = hexagon(across), lens_of(surfaces, across)
     focal_length = float(system.paraxial.f2()) * MM
     half = REACH * WAVELENGTH * focal_length / (across * MM)
     wavefront = Wavefront(system, pupil)
-    cone = 1.5 * (half + wavefront.spread) / focal_length  # what can reach the screen's corners
+    cone = 1.5 * (half + wavefront.spread) / focal_length  # reaches the corners of the screen
     rays = pw.sample_rays(pupil, WAVELENGTH, count, seed, sampling="quasi-random", cone=cone)
     arrived = screen_of(system, rays)
     z = float(arrived.position[0, 2])
     rebuilt = pw.rays.rebuild(arrived, z, (-half, -half, half, half), (PIXELS, PIXELS))
-    glass = float(arrived.weight.sum() / rays.weight.sum())  # what the glass lets through
+    glass = float(arrived.weight.sum() / rays.weight.sum())  # transmission of the glass
     return {
         "rays": rebuilt.irradiance.values / glass,
         "standard error": rebuilt.standard_error.values / glass,
@@ -164,12 +164,12 @@ def compared(
 
 
 def error(result: Values, reference: Values) -> float:
-    """The largest error, of the peak."""
+    """Return the largest error relative to the peak."""
     return float(np.abs(result - reference).max() / reference.max())
 
 
 def errors(result: dict[str, Any]) -> str:
-    """How far the rays are from either integral."""
+    """Return the differences of the rays from both integrals as text."""
     rays, peak = result["rays"], result["Huygens"].max()
     return (
         f"{result['waves']:.2f} waves of aberration: rays differ by "

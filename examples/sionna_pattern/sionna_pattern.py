@@ -1,13 +1,12 @@
 """A source of polywigner as the antenna of a transmitter in Sionna RT.
 
-Sionna RT asks an antenna pattern for its field at the angles of every path. Here it is computed at
-those angles, in closed form, inside Sionna's own kernel: no table, no interpolation, and gradients
-with respect to angles pass through.
+Sionna RT evaluates an antenna pattern at the angles of every path. This pattern is a closed form in
+Sionna's kernel, without tables and interpolation, and differentiable with respect to angles.
 
     pip install polywigner sionna-rt
-    python sionna_pattern.py [folder for the picture]
+    python sionna_pattern.py [folder of the figure]
 
-Tried with Sionna RT 2.2.
+Tested with Sionna RT 2.2.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ import numpy as np
 import polywigner as pw
 from polywigner import llvm
 
-llvm.prepare()  # before Dr.Jit is imported: it opens its LLVM library once, and a bad one is fatal
+llvm.prepare()  # before Dr.Jit, which loads its LLVM library once; a bad library is fatal
 
 import drjit as dr  # noqa: E402
 import mitsuba as mi  # noqa: E402
@@ -34,7 +33,7 @@ STEERED_BY = math.radians(20)
 
 
 def antenna() -> pw.Array:
-    """12 x 16 patches at half a wavelength, tapered, and steered to the side by 20 degrees."""
+    """Return 12 x 16 tapered patches at half a wavelength, steered by 20 degrees."""
     patch = pw.shapes.rectangle(3.4e-3, 3.2e-3)
     positions = pw.arrays.grid_positions(12, 16, WAVELENGTH / 2, WAVELENGTH / 2)
     beam = (math.sin(STEERED_BY), 0.0, math.cos(STEERED_BY))
@@ -44,12 +43,12 @@ def antenna() -> pw.Array:
 
 
 def vertical_pattern(source: Any, wavelength: float) -> Callable[[Any, Any], Any]:
-    """What Sionna RT calls a vertically polarised pattern: (theta, phi) to a complex field.
+    """Return a vertically polarised pattern of Sionna RT: (theta, phi) to a complex field.
 
-    Sionna's antennas look along their x axis, with z upwards: there go the z and y axes of the
-    source, and its x axis goes along y. |C|^2 is the directivity. Sionna's waves are
-    exp(j omega t - j k r), so that C is the conjugate of the far field cos(theta) F/(i lambda) that
-    pw.radiation_pattern has (obliquity of Rayleigh-Sommerfeld I).
+    Sionna's antennas point along x, with z upwards: these are the z and y axes of the source, whose
+    x axis is along y. |C|^2 is the directivity. Sionna's waves are exp(j omega t - j k r), so that
+    C is the conjugate of the far field cos(theta) F/(i lambda) of pw.radiation_pattern (obliquity
+    of Rayleigh-Sommerfeld I).
     """
     power = pw.radiation_pattern(source, wavelength, 0.0, 0.0).attrs["radiated_power"]
     scale = math.sqrt(4 * math.pi / power) / wavelength
@@ -65,7 +64,7 @@ def vertical_pattern(source: Any, wavelength: float) -> Callable[[Any, Any], Any
 
 
 def register(name: str, source: Any, wavelength: float) -> None:
-    """Make a source known to Sionna RT as an antenna pattern of this name."""
+    """Register a source with Sionna RT as an antenna pattern of this name."""
     pattern = vertical_pattern(source, wavelength)
 
     def factory(*, polarization: str, polarization_model: str = "tr38901_2") -> Any:
@@ -77,7 +76,7 @@ def register(name: str, source: Any, wavelength: float) -> None:
 
 
 def scene_with(pattern: str, file: str | None = None) -> Any:
-    """One of Sionna's scenes, or an empty one, whose transmitters have the pattern."""
+    """Return a scene of Sionna, or an empty scene, whose transmitters have the pattern."""
     scene = rt.load_scene(file)
     scene.frequency = 299792458 / WAVELENGTH
     one = {"num_rows": 1, "num_cols": 1, "polarization": "V"}
@@ -87,7 +86,7 @@ def scene_with(pattern: str, file: str | None = None) -> Any:
 
 
 def gain_of_paths(pattern: str, angles: Any, distance: float = 100.0) -> Any:
-    """Path gain (n,) times (4 pi distance/lambda)^2 from a transmitter in free space, by Sionna."""
+    """Return Sionna's path gain (n,) times (4 pi distance/lambda)^2 in free space."""
     scene = scene_with(pattern)
     scene.add(rt.Transmitter("tx", position=[0, 0, 0]))
     for k, angle in enumerate(angles):
@@ -100,7 +99,7 @@ def gain_of_paths(pattern: str, angles: Any, distance: float = 100.0) -> Any:
 
 
 def draw(path: Path) -> None:
-    """Two beams in a street canyon: Sionna's own patch, and the array, at the same place."""
+    """Draw the coverage of Sionna's patch and of the array in a street canyon."""
     import matplotlib.pyplot as plt
 
     register("polywigner", antenna(), WAVELENGTH)

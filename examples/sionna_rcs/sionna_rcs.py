@@ -1,13 +1,13 @@
 """A metal body of polywigner as a sensing target in Sionna RT.
 
-Sionna RT asks each scattering point of a target for its cross section at the directions of every
-path: there and back straight, or by way of walls. Here `pw.rcs` answers, shadows of the body on
-itself and all, at those directions: no table.
+Sionna RT evaluates the cross section of a target's scattering points at the directions of every
+path, direct or by walls. `pw.rcs` computes it, including shadows of the body on itself, without
+tables.
 
     pip install polywigner sionna-rt
-    python sionna_rcs.py [folder for the picture]
+    python sionna_rcs.py [folder of the figure]
 
-Tried with Sionna RT 2.2.
+Tested with Sionna RT 2.2.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 import polywigner as pw
 from polywigner import llvm
 
-llvm.prepare()  # before Dr.Jit is imported: it opens its LLVM library once, and a bad one is fatal
+llvm.prepare()  # before Dr.Jit, which loads its LLVM library once; a bad library is fatal
 
 try:
     import mitsuba as mi
@@ -38,7 +38,7 @@ PLACE = (-8.0, 0.0, 1.0)
 
 
 def body() -> pw.Polyhedron:
-    """A car of flat sheets, 4 m x 1.8 m x 1.4 m about the origin, bonnet towards +x."""
+    """Return a car of flat sheets, 4 m x 1.8 m x 1.4 m about the origin, pointing to +x."""
     profile = [(-2, -0.7), (2, -0.7), (2, 0.1), (0.9, 0.1), (0.4, 0.7), (-1.6, 0.7), (-2, 0.2)]
     count = len(profile)
     vertices = [(x, y, z) for y in (-0.9, 0.9) for x, z in profile]
@@ -48,9 +48,9 @@ def body() -> pw.Polyhedron:
 
 
 def cross_section(metal: Any, wavelength: float) -> Callable[[Any, Any, int], Any]:
-    """What Sionna RT calls the RCS of a scattering point: (k_i, k_s, seed) to m^2.
+    """Return the RCS function of a scattering point in Sionna RT: (k_i, k_s, seed) to m^2.
 
-    Both directions are those in which the waves travel, in the target's own frame.
+    Both directions are directions of propagation in the frame of the target.
     """
 
     def sigma(k_i: Any, k_s: Any, seed: int) -> Any:
@@ -60,7 +60,7 @@ def cross_section(metal: Any, wavelength: float) -> Callable[[Any, Any, int], An
 
 
 def target(metal: Any, wavelength: float, size: tuple[float, float, float]) -> Any:
-    """A sensing target with one scattering point in its middle, which does not depolarise."""
+    """Return a target with one scattering point in its centre, which does not depolarise."""
     model = targets.ScatteringModel(
         [0, 0, 0], rcs=cross_section(metal, wavelength), cpm=targets.ConstantCPM()
     )
@@ -71,7 +71,7 @@ def target(metal: Any, wavelength: float, size: tuple[float, float, float]) -> A
 
 
 def radar_scene(file: str | None = None) -> Any:
-    """A scene with a transmitter and a receiver of 0 dBi in one place."""
+    """Return a scene with a transmitter and a receiver of 0 dBi at the same position."""
     scene = rt.load_scene(file)
     scene.frequency = 299792458 / WAVELENGTH
     one = {"num_rows": 1, "num_cols": 1, "polarization": "V", "pattern": "iso"}
@@ -82,7 +82,7 @@ def radar_scene(file: str | None = None) -> Any:
 
 
 def echoes(scene: Any, yaws: Any, max_depth: int) -> Any:
-    """Received over transmitted power (n,) while the target turns about the vertical, by Sionna."""
+    """Return Sionna's power ratio (n,) for yaw angles of the target."""
     result = np.empty(len(yaws))
     solver = targets.RCSSolver()
     for k, yaw in enumerate(yaws):
@@ -94,7 +94,7 @@ def echoes(scene: Any, yaws: Any, max_depth: int) -> Any:
 
 
 def radar_equation(metal: Any, yaws: Any) -> Any:
-    """The same (n,), straight there and back: lambda^2 sigma/((4 pi)^3 R^4)."""
+    """Return the power ratio (n,) of the direct path, lambda^2 sigma/((4 pi)^3 R^4)."""
     way = np.subtract(RADAR, PLACE)
     distance = np.linalg.norm(way)
     x, y, z = way / distance
@@ -105,7 +105,7 @@ def radar_equation(metal: Any, yaws: Any) -> Any:
 
 
 def draw(path: Path) -> None:
-    """Echo of a car that turns in a street canyon."""
+    """Draw the echo of a car that rotates in a street canyon."""
     import matplotlib.pyplot as plt
 
     metal = body()

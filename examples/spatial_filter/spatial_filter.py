@@ -1,8 +1,8 @@
-"""Abbe's and Porter's experiment: stops in the focal plane decide what an image shows.
+"""Abbe's and Porter's experiment: stops in the focal plane change an image.
 
-Run ``python spatial_filter.py [FOLDER]``: it writes ``spatial_filter.png`` there, in some seconds.
-A mesh of square openings is imaged by two lenses of one focal length, with a stop half-way. Above,
-the light in the plane of the stop, with the stop's outline; below, the image.
+Run ``python spatial_filter.py [FOLDER]``, which writes ``spatial_filter.png`` in some seconds. Two
+lenses of equal focal length image a mesh of square openings, with a stop halfway. Top: the
+irradiance in the plane of the stop, with the outline of the stop. Bottom: the image.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Write the meshes of the street: a car, a facade, a kerb and a row of posts.
 
-The OBJ files it writes are committed, so that the scene renders without running it. Metres; x along
-the street, y to the left, z up. Faces run counter-clockwise seen from outside.
+The OBJ files are committed, so that the scene renders without this script. Metres; x along the
+street, y to the left, z up. Faces are counter-clockwise from outside.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ Point = tuple[float, float, float]
 Triangle = tuple[int, int, int]
 Mesh = tuple[list[Point], list[Triangle]]
 
-# Side views (x, z) of a small hatchback, counter-clockwise, nose at x = 0.
+# Side views (x, z) of a small hatchback, counter-clockwise, with the front at x = 0.
 BODY = (
     (0.10, 0.25),
     (4.00, 0.25),
@@ -27,7 +27,7 @@ CABIN = ((1.10, 0.97), (3.95, 0.95), (3.50, 1.44), (1.95, 1.44))
 
 
 def prism(outline: tuple[tuple[float, float], ...], near: list[float], far: list[float]) -> Mesh:
-    """A side view (x, z) drawn out along y, from ``near[i]`` to ``far[i]`` at its i-th corner."""
+    """Extrude a side view (x, z) along y, from ``near[i]`` to ``far[i]`` at its i-th corner."""
     count = len(outline)
     vertices = [(x, y, z) for ys in (near, far) for (x, z), y in zip(outline, ys, strict=True)]
     caps = [(0, i, i + 1) for i in range(1, count - 1)]
@@ -39,19 +39,19 @@ def prism(outline: tuple[tuple[float, float], ...], near: list[float], far: list
 
 
 def box(low: Point, high: Point) -> Mesh:
-    """An axis-aligned box from its lowest to its highest corner."""
+    """Return an axis-aligned box from its lowest to its highest corner."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     return prism(((x0, z0), (x1, z0), (x1, z1), (x0, z1)), [y0] * 4, [y1] * 4)
 
 
 def disc(radius: float, sides: int = 24) -> tuple[tuple[float, float], ...]:
-    """The corners of a regular polygon, counter-clockwise."""
+    """Return the corners of a regular polygon, counter-clockwise."""
     angles = (2 * math.pi * i / sides for i in range(sides))
     return tuple((radius * math.cos(a), radius * math.sin(a)) for a in angles)
 
 
 def upright(mesh: Mesh) -> Mesh:
-    """Turned so that y becomes z (a cyclic exchange of axes: faces keep facing outwards)."""
+    """Exchange the axes cyclically so that y becomes z; faces stay outward."""
     vertices, triangles = mesh
     return [(z, x, y) for x, y, z in vertices], triangles
 
@@ -72,7 +72,7 @@ def joined(*meshes: Mesh) -> Mesh:
 
 
 def car() -> Mesh:
-    """A body, a cabin narrower at the roof, four wheels."""
+    """Return a body, a cabin that is narrower at the roof, and four wheels."""
     waist, roof = 0.76, 0.58
     body = prism(BODY, [-0.82] * len(BODY), [0.82] * len(BODY))
     cabin = prism(CABIN, [-waist, -waist, -roof, -roof], [waist, waist, roof, roof])
@@ -82,7 +82,7 @@ def car() -> Mesh:
 
 
 def facade() -> Mesh:
-    """A wall along the street with pilasters and sills that stand out of it."""
+    """Return a wall along the street with protruding pilasters and sills."""
     wall = box((0, 0, 0), (18, 0.3, 5))
     pilasters = [box((x, -0.25, 0), (x + 0.5, 0, 5)) for x in (0.0, 3.5, 7.0, 10.5, 14.0, 17.5)]
     sills = [box((x + 1.1, -0.18, 1.0), (x + 2.9, 0, 1.15)) for x in (0.0, 3.5, 7.0, 10.5, 14.0)]
@@ -90,7 +90,7 @@ def facade() -> Mesh:
 
 
 def posts() -> Mesh:
-    """Bollards, 0.9 m high, along the kerb."""
+    """Return bollards of 0.9 m along the kerb."""
     post = upright(prism(disc(0.07), [0.0] * 24, [0.9] * 24))
     return joined(*(moved(post, x, 3.2, 0.12) for x in (2.0, 4.0, 6.0, 8.0, 10.0, 12.0)))
 

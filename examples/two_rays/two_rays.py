@@ -1,14 +1,14 @@
-"""Two rays over concrete, beside Sionna RT: the same fringes far away, the exact ones near by.
+"""Two rays over concrete, compared with Sionna RT in the far and in the near field.
 
-A transmitter and receivers stand above a floor of concrete at 28 GHz. `pm.channel` adds the direct
-way and the way by the floor as amplitudes, and so does Sionna RT. Of antennas that are small
-against the wavelength both say the same, in phase as well. Of an array of 0.34 m Sionna's synthetic
-arrays take the far pattern; polywigner couples the array itself and its image, near or far.
+A transmitter and receivers are above a floor of concrete at 28 GHz. `pm.channel` and Sionna RT add
+the amplitudes of the direct and the reflected path. For small antennas both agree, including
+phases. For an array of 0.34 m, Sionna's synthetic arrays use the far-field pattern; polywigner
+couples the array and its image at any distance.
 
     pip install polywigner sionna-rt
-    python two_rays.py [folder for the picture]
+    python two_rays.py [folder of the figure]
 
-Tried with Sionna RT 2.2.
+Tested with Sionna RT 2.2.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-import polywigner.mitsuba as pm  # before Dr.Jit: chooses its LLVM library
+import polywigner.mitsuba as pm  # before Dr.Jit: selects the LLVM library
 
 try:
     import mitsuba as mi
@@ -32,18 +32,18 @@ except ModuleNotFoundError:
 FREQUENCY = 28e9
 WAVELENGTH = pw.SPEED_OF_LIGHT / FREQUENCY
 HEIGHTS = (0.5, 0.3)
-# Of concrete by ITU-R P.2040-3 at 28 GHz: relative permittivity, and conductivity in S/m.
+# Concrete by ITU-R P.2040-3 at 28 GHz: relative permittivity, and conductivity in S/m.
 PERMITTIVITY = 5.24
 CONDUCTIVITY = 0.0462 * 28**0.7822
-# A hundredth of a wavelength, with this obliquity: the same to all sides in front.
+# A hundredth of a wavelength, which is isotropic in front with this obliquity.
 DOT = pw.shapes.square(WAVELENGTH / 100)
 ALL_SIDES: dict[str, Any] = {"obliquity": "rayleigh-sommerfeld-2"}
-# An upright column of 64 at half a wavelength, 0.34 m: its far field begins 21 m away.
+# A vertical column of 64 elements at half a wavelength, 0.34 m, with a far field from 21 m.
 COLUMN = pw.phased_array(DOT, pw.arrays.grid_positions(1, 64, WAVELENGTH, WAVELENGTH / 2))
 
 
 def looking(place: Any, ahead: float) -> Any:
-    """At a place, along +x or -x, with y upwards."""
+    """Return a pose along +x or -x with y upwards."""
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([(0, ahead, 0), (0, 0, 1), (ahead, 0, 0)])
     pose[:3, 3] = place
@@ -51,7 +51,7 @@ def looking(place: Any, ahead: float) -> Any:
 
 
 def channel_of(source: Any, distances: Any, **options: Any) -> Any:
-    """h (n,) of receivers at distances along x, by polywigner; both polarised upright."""
+    """Return h (n,) of receivers at distances along x by polywigner, with vertical polarisation."""
     index = np.sqrt(PERMITTIVITY + 1j * CONDUCTIVITY / (2 * math.pi * FREQUENCY * 8.8541878188e-12))
     concrete = {"type": "conductor", "eta": float(index.real), "k": float(index.imag)}
     size = mi.ScalarTransform4f().scale([400.0, 400.0, 1.0])
@@ -68,7 +68,7 @@ def channel_of(source: Any, distances: Any, **options: Any) -> Any:
 
 
 def sionna_channel_of(distances: Any, rows: int = 1) -> Any:
-    """h (n,) by Sionna RT, of antennas of 0 dBi, or of a column of them as seen far away."""
+    """Return h (n,) by Sionna RT, for antennas of 0 dBi or for a column of them."""
     scene = rt.load_scene()
     scene.frequency = FREQUENCY
     one = {"num_cols": 1, "polarization": "V", "pattern": "iso", "vertical_spacing": 0.5}
@@ -88,7 +88,7 @@ def sionna_channel_of(distances: Any, rows: int = 1) -> Any:
 
 
 def _mesh_of(rectangle: Any) -> Any:
-    """The two triangles of a rectangle: Sionna RT takes meshes."""
+    """Return the two triangles of a rectangle, because Sionna RT requires meshes."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 400.0
     mesh = mi.Mesh("floor", 4, 2)
     params = mi.traverse(mesh)
@@ -99,12 +99,12 @@ def _mesh_of(rectangle: Any) -> Any:
 
 
 def direct_phase(distances: Any) -> Any:
-    """exp(ikr) of the line of sight: Sionna RT counts delays from the first path."""
+    """Return exp(ikr) of the line of sight, because Sionna's delays start at the first path."""
     return np.exp(2j * math.pi * np.hypot(distances, HEIGHTS[0] - HEIGHTS[1]) / WAVELENGTH)
 
 
 def draw(path: Path) -> None:
-    """Fringes over distance, of a small antenna and of a column of 64 of them."""
+    """Draw fringes over distance for a small antenna and for a column of 64 elements."""
     import matplotlib.pyplot as plt
 
     fine, coarse = np.geomspace(2.0, 60.0, 150), np.geomspace(2.0, 60.0, 40)
@@ -112,7 +112,7 @@ def draw(path: Path) -> None:
     titles = {1: "a small antenna", 64: "an upright column of 64, 0.34 m: far field from 21 m on"}
     for axes, (rows, title) in zip(panels, titles.items(), strict=True):
         exact = channel_of(DOT if rows == 1 else COLUMN, fine, **ALL_SIDES)
-        far = 2 * sionna_channel_of(coarse, rows)  # 3 dBi of half a space at each end
+        far = 2 * sionna_channel_of(coarse, rows)  # 3 dBi of a half space at each end
         axes.semilogx(fine, 20 * np.log10(np.abs(exact)), lw=1.0, label="polywigner")
         axes.semilogx(coarse, 20 * np.log10(np.abs(far)), "o", ms=3.5, label="Sionna RT")
         axes.set_title(title, fontsize=9)

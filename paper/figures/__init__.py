@@ -1,8 +1,8 @@
 """The figures of the paper, computed with the public functions: ``make paper-figures``.
 
 A figure is a function ``draw_NAME(quality) -> Made`` in ``transforms``, ``fields``, ``scenes`` or
-``sampling``; ``sources`` has the apertures and the wavelength that they share. docs/figures.md
-says what each shows and how that compares with the paper's caption.
+``sampling``; ``sources`` contains their apertures and wavelength. docs/figures.md compares the
+figures with the captions of the paper.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "make_figure"]
 
 
 class Subject(NamedTuple):
-    """The module of a figure, its caption, and letters of its panels if it has several."""
+    """Module of a figure, its caption, and the letters of its panels."""
 
     module: str
     text: str
@@ -46,7 +46,7 @@ FIGURES = {
 
 
 def make_figure(name: str, quality: Quality = "draft") -> Made:
-    """One figure of the paper with the numbers behind it."""
+    """Return a figure of the paper with its values."""
     module = importlib.import_module(f"{__name__}.{FIGURES[name].module}")
     made: Made = getattr(module, f"draw_{name}")(quality)
     return made

@@ -15,7 +15,7 @@ _RESOLUTION = {"draft": 150, "print": 300}  # pixels per inch
 
 
 def main() -> None:
-    """Write NAME.png, NAME.pdf and the numbers behind them, NAME.npz, for each figure."""
+    """Write NAME.png, NAME.pdf and the values NAME.npz for each figure."""
     parser = argparse.ArgumentParser(prog="python -m paper.figures", description=main.__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(FIGURES))
     parser.add_argument("--quality", choices=QUALITIES, default="draft")
@@ -31,12 +31,12 @@ def main() -> None:
 
 
 def write(folder: Path, name: str, made: Made, resolution: int) -> None:
-    """Write the panels of one figure, and its numbers with their descriptions."""
+    """Write the panels of a figure, and its values with descriptions."""
     stems = [f"{name}_{part}" if part else name for part in FIGURES[name].parts]
-    with mpl.rc_context({"pdf.fonttype": 42}):  # letters stay text that can be searched
+    with mpl.rc_context({"pdf.fonttype": 42}):  # embeds fonts, so that text can be searched
         for stem, figure in zip(stems, made.figures.values(), strict=True):
             figure.savefig(folder / f"{stem}.png", dpi=resolution)
-            figure.set_layout_engine("none")  # panels keep their positions, in half the time
+            figure.set_layout_engine("none")  # keep the positions of panels, in half the time
             figure.savefig(folder / f"{stem}.pdf", dpi=resolution, metadata={"CreationDate": None})
     arrays = {name: values for name, (values, _) in made.values.items()}
     about = {name: text for name, (_, text) in made.values.items()}

@@ -1,4 +1,4 @@
-"""Figures of the paper about fields: compar, error, volrender, volrender_fdtd."""
+"""Figures of fields: compar, error, volrender, volrender_fdtd."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from polywigner.figures.levels import COMPARED_DB, summary
 
 
 def draw_compar(quality: Quality) -> Made:
-    """(a) Irradiance on boresight; (b) in the plane y = 0, which contains the axis."""
+    """Draw the irradiance (a) on boresight and (b) in the plane y = 0, which contains the axis."""
     axis = _boresight(number_samples(quality, 501, 1486))
     cut = _plane((number_samples(quality, 91, 301), number_samples(quality, 76, 251)))
     result = "10 mm × 10 mm, 94 GHz"
@@ -48,7 +48,7 @@ def draw_compar(quality: Quality) -> Made:
 
 
 def _boresight(samples: int) -> Any:
-    """From half a wavelength to fifty."""
+    """Return the field from half a wavelength to fifty wavelengths."""
     ends = [(0, 0, 0.5 * WAVELENGTH), (0, 0, 50 * WAVELENGTH)]
     place = partial(pw.line, square(), ends, samples, WAVELENGTH)
     return compared(place, tuple(RAYS), "fraunhofer")
@@ -77,7 +77,7 @@ _STYLES = (
 
 @style.typeset
 def draw_error(quality: Quality) -> Made:
-    """Differences from Kirchhoff's exact field, in dB, from one wavelength to a hundred."""
+    """Draw differences from Kirchhoff's exact field in dB, from one wavelength to a hundred."""
     near = np.geomspace(1, 100, number_samples(quality, 61, 401))
     radii = np.geomspace(1, 100, number_samples(quality, 13, 41))
     angles = np.linspace(-LARGEST_ANGLE, LARGEST_ANGLE, number_samples(quality, 61, 241))
@@ -134,7 +134,7 @@ def _by_method(points: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
 
 
 def _decibels(values: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Everywhere, unlike difference_db: boresight has no nulls far away, and falls by 40 dB."""
+    """Return levels at all points; boresight has no nulls far away, and decreases by 40 dB."""
     result = np.full(values.shape, np.nan)
     known = values > 0
     result[known] = 10 * np.log10(values[known] / reference[known])
@@ -153,11 +153,11 @@ def _draw(axes: Any, places: Any, errors: Any, label: str, title: str) -> None:
 _BOX = ((-36e-3, -36e-3, 2e-3), (36e-3, 36e-3, 120e-3))
 _SHAPES = {"draft": (41, 41, 51), "print": (97, 97, 119)}
 _METHOD = "rayleigh-sommerfeld-1"
-_TOLERANCE = 1e-3  # 0.004 dB: far less than a surface's thickness on the page
+_TOLERANCE = 1e-3  # 0.004 dB
 
 
 def draw_volrender(quality: Quality) -> Made:
-    """From 2 mm to 120 mm (38 wavelengths), exactly: rays take tens of times as long here."""
+    """Draw the exact field from 2 mm to 120 mm (38 wavelengths), because rays are slow here."""
     source = chevrons()
     result = pw.volume(
         source,
@@ -175,12 +175,12 @@ def draw_volrender(quality: Quality) -> Made:
     return Made({"": figure}, values)
 
 
-_NEAREST = 2.0  # wavelengths: nearer, rays do not describe the field
+_NEAREST = 2.0  # in wavelengths; rays are inaccurate at shorter distances
 _FILE = Path(__file__).with_name("volrender_fdtd.npz")
 
 
 def draw_volrender_fdtd(quality: Quality) -> Made:
-    """From 2 to 6 wavelengths behind a black screen, which Kirchhoff's rays are matched to."""
+    """Draw the field from 2 to 6 wavelengths behind a black screen and Kirchhoff's rays."""
     import xarray as xr
 
     with np.load(_FILE) as file:

@@ -1,4 +1,4 @@
-"""Planned in the paper's comments: how many samples a grid needs, and how exact they make it."""
+"""The figure sampling, planned in the comments of the paper: samples and errors of grids."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _BYTES = 8
 
 
 def dense_samples(width: float, wavelength: float, dimension: int) -> int:
-    """The paper's count for a dense grid over W's 2d coordinates: (2 ceil(width/wavelength))^2d."""
+    """Return the size of a dense grid for W, (2 ceil(width/wavelength))^2d as in the paper."""
     return int((2 * np.ceil(width / wavelength)) ** (2 * dimension))
 
 
 def grid_wigner(
     source: pw.Aperture, x: tuple[float, float], frequency: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """W(x, nu) as a sum over count x count lags, as a (zero padded) FFT computes it."""
+    """Return W(x, nu) as a sum over count x count lags, like a zero-padded FFT."""
     xmin, ymin, xmax, ymax = source.bounds
     sides = 2 * np.array([xmax - xmin, ymax - ymin])
     middles = (np.arange(count) + 0.5) / count - 0.5
@@ -46,10 +46,10 @@ def grid_wigner(
 
 @style.typeset
 def draw_sampling(quality: Quality) -> Made:
-    """(a) Samples of dense grids against the aperture's size; (b) the error of a grid."""
+    """Draw (a) the samples of dense grids, and (b) the error of a grid."""
     sizes = np.geomspace(1, 100, 400)
     counts = np.array([[dense_samples(size, 1.0, d) for size in sizes] for d in (1, 2)])
-    # Not powers of two alone: how edges fall between cells would go on from one to the next.
+    # Not only powers of two, for which edges fall equally between cells.
     halves = np.arange(number_samples(quality, 13, 17))
     cells = np.round(8 * 2 ** (halves / 2)).astype(np.int64)
     source = chevrons()
@@ -111,7 +111,7 @@ def _draw_errors(
 ) -> None:
     axes.loglog(cells, errors, "o-", color=style.RED, ms=4, lw=1.3, label="sum over a grid (FFT)")
     fine = len(cells) // 2
-    # Above all: where an edge along an axis falls between two rows of cells is a matter of luck.
+    # An edge along an axis between two rows of cells has a random error.
     guide = np.max((errors * cells)[fine:]) / cells
     axes.loglog(cells, guide, color="0.5", lw=0.9, ls=":", label="∝ 1/cells")
     xmin, _, xmax, _ = source.bounds

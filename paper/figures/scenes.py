@@ -1,4 +1,4 @@
-"""Figures of the paper with rendered rooms: render, emitters."""
+"""Figures of rendered rooms: render, emitters."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _ORIGIN = "0, -0.45, 0.16"
 
 _CELLS_PER_WAVELENGTH = 8
 _PADDED = 1024
-_TANGENT = 12.0  # of the largest angle of the projected pattern from its axis, 85 degrees
+_TANGENT = 12.0  # of the largest angle of the projected pattern, 85 degrees
 
 
 class Film(NamedTuple):
-    """Pixels of an image, and samples of each."""
+    """Pixels of an image, and samples per pixel."""
 
     width: int
     height: int
@@ -38,7 +38,7 @@ class Film(NamedTuple):
 def render_room(
     source: str, film: Film, images: Mapping[str, NDArray[np.float32]] | None = None
 ) -> NDArray[np.float64]:
-    """Radiance (height, width) in W m^-2 sr^-1 of the room with a source in it."""
+    """Return the radiance (height, width) in W m^-2 sr^-1 of the room with a source."""
     from polywigner.mitsuba import load_scene, render
     from polywigner.mitsuba.plugins.films import mean_of_colours, write_exr
 
@@ -55,7 +55,7 @@ def render_room(
 
 
 def wigner_source() -> str:
-    """The square as a coherent aperture: |u|^2 = 1 W/m^2, the paper's radiance W/wavelength^2."""
+    """Return the square as a coherent aperture: |u|^2 = 1 W/m^2, with the paper's radiance."""
     return f"""
     <shape type="wigner">
         <string name="aperture" value="square.wkt"/>
@@ -67,7 +67,7 @@ def wigner_source() -> str:
 
 
 def uniform_source(power: float) -> str:
-    """A point that radiates as much ahead as the square, the same into all directions."""
+    """Return an isotropic point source with the axial intensity of the square."""
     return f"""
     <emitter type="point">
         <point name="position" value="{_ORIGIN}"/>
@@ -76,7 +76,7 @@ def uniform_source(power: float) -> str:
 
 
 def cosine_source(power: float) -> str:
-    """The square as an incoherent surface of constant radiance."""
+    """Return the square as an incoherent surface of constant radiance."""
     half = float(np.sqrt(square().area)) / 2
     return f"""
     <shape type="rectangle">
@@ -89,7 +89,7 @@ def cosine_source(power: float) -> str:
 
 
 def intensity_by_fft(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiant intensity |F|^2 cos(theta) / wavelength^2 of the square by an FFT of its raster."""
+    """Return the radiant intensity |F|^2 cos(theta)/wavelength^2 of the square by an FFT."""
     cell = WAVELENGTH / _CELLS_PER_WAVELENGTH
     middles = (np.arange(_PADDED) - _PADDED // 2) * cell
     points = np.stack(np.meshgrid(middles, middles), axis=-1)
@@ -106,9 +106,9 @@ def intensity_by_fft(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def fft_source(quality: Quality) -> tuple[str, dict[str, NDArray[np.float32]]]:
-    """A point with the square's far-field pattern, as a projector with the pattern for a slide.
+    """Return a projector with the square's far-field pattern as its image.
 
-    The projector's irradiance E gives the intensity pi E / cos^3(theta).
+    The projector's irradiance E gives the intensity pi E/cos^3(theta).
     """
     count = 1025 if quality == "draft" else 2049
     tangents = ((np.arange(count) + 0.5) / count * 2 - 1) * _TANGENT
@@ -134,7 +134,7 @@ _FILMS = {"draft": Film(270, 225, 36), "print": Film(720, 600, 784)}
 
 
 def draw_render(quality: Quality) -> Made:
-    """The 10 mm square at 94 GHz, looking down at a floor, as Mitsuba renders it."""
+    """Draw the 10 mm square at 94 GHz above a floor."""
     radiance = render_room(wigner_source(), _FILMS[quality])
     figure = draw_scene(radiance, image_peak(radiance), _FLOOR_DB)
     about = "W m^-2 sr^-1 for |u|^2 = 1 W/m^2; rows from the top; signed"
@@ -142,13 +142,13 @@ def draw_render(quality: Quality) -> Made:
 
 
 _FILMS_OF_SOURCES = {"draft": Film(270, 225, 36), "print": Film(480, 400, 784)}
-_OTHERS = {"draft": 16, "print": 100}  # samples of sources that leave hardly any noise
+_OTHERS = {"draft": 16, "print": 100}  # samples of sources with little noise
 _UNIT = "W/(m² sr)"
 
 
 @style.typeset
 def draw_emitters(quality: Quality) -> Made:
-    """One scene with four sources of equal power; 0 dB is the peak of the Wigner source's."""
+    """Draw a scene with four sources of equal power; 0 dB is the peak for the Wigner source."""
     power = pw.power(square(), WAVELENGTH)
     film = _FILMS_OF_SOURCES[quality]
     quiet = film._replace(samples=_OTHERS[quality])

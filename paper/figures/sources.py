@@ -1,7 +1,7 @@
-"""The apertures of the paper's figures, and its wavelength.
+"""Apertures and wavelength of the paper's figures.
 
-The paper gives the sizes of one of them only, the square. Those of the others are chosen so that
-they show what its captions say, a few wavelengths across.
+The paper specifies the size of the square only. The sizes of the other apertures, a few
+wavelengths, show the effects that its captions describe.
 """
 
 from __future__ import annotations
@@ -33,20 +33,21 @@ Value = tuple[NDArray[Any], str]
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """The panels of a figure by their letters ("" of a single one), and the arrays behind them
-    by name, each with its unit and axes in words."""
+    """The panels of a figure by their letters ("" for a single panel), and arrays by name, each
+    with its unit and axes.
+    """
 
     figures: Mapping[str, Figure]
     values: Mapping[str, Value]
 
 
 def number_samples(quality: Quality, draft: int, final: int) -> int:
-    """Number of samples to take along an axis."""
+    """Return the number of samples along an axis."""
     return draft if quality == "draft" else final
 
 
 def geojson(shape: Any) -> Value:
-    """A shapely geometry as a text in an array, with all its digits."""
+    """Return a shapely geometry as an array that contains text with all digits."""
     import shapely
 
     return np.asarray(shapely.to_geojson(shape)), "GeoJSON, m"
@@ -59,24 +60,24 @@ _MM = 1e-3
 
 
 def square() -> pw.Aperture:
-    """The transmitter of the paper's comparison: 10 mm x 10 mm, about the origin."""
+    """Return the transmitter of the paper's comparison: 10 mm x 10 mm, about the origin."""
     return pw.shapes.square(10 * _MM)
 
 
 def chevrons() -> pw.Aperture:
-    """Two chevrons of 9 mm x 12 mm, back to back, 24 mm from tip to tip (examples/two_chevrons)."""
+    """Return two chevrons of 9 mm x 12 mm, 24 mm from tip to tip (examples/two_chevrons)."""
     left = np.array([(-12, 0), (-7, -6), (-3, -6), (-8, 0), (-3, 6), (-7, 6)])
     return pw.Aperture([left * _MM, -left * _MM])
 
 
 def triangle() -> pw.Aperture:
-    """A triangle without symmetry, so that its mirror image differs from it; centroid at 0."""
+    """Return a triangle without symmetry, with its centroid at the origin."""
     corners = np.array([(-5.0, -4.0), (6.0, -2.0), (-1.0, 6.0)])
     return pw.Aperture((corners - corners.mean(axis=0)) * _MM)
 
 
 def triangles() -> pw.Aperture:
-    """Two triangles, the second turned: convex elements whose automean is in three parts."""
+    """Return two triangles, of which one is rotated, whose automean has three parts."""
     one = triangle().rings[0] * 0.7
     other = one @ _turned(140.0).T
     return pw.Aperture([np.add(one, (-9 * _MM, 0)), np.add(other, (9 * _MM, 2 * _MM))])
@@ -89,7 +90,7 @@ def _turned(degrees: float) -> NDArray[np.float64]:
 
 @functools.cache
 def catalogue() -> dict[str, pw.Slits | pw.Aperture]:
-    """The nine apertures of the list in the paper's appendix, by their names there."""
+    """Return the nine apertures in the paper's appendix by name."""
     shapes = pw.shapes
     # Three unequal baselines in three directions.
     stations = np.array([(-7.0, -4.0), (7.0, -5.0), (-1.0, 7.0)]) * _MM
@@ -114,7 +115,7 @@ RAYS: Mapping[str, Mapping[str, Any]] = {
 
 
 def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> Any:
-    """Fields at a point by some of ``RAYS``, by other methods, and last by Kirchhoff's integral."""
+    """Return fields at a point by some of ``RAYS``, other methods and Kirchhoff's integral."""
     with limits_known():
         result = place(method=(*others, "kirchhoff"), progress=False)
         for name in rays:
@@ -124,16 +125,16 @@ def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> 
 
 @contextmanager
 def limits_known() -> Iterator[None]:
-    """No warnings of points too close for rays: figures show just where rays cease to hold."""
+    """Suppress warnings of points too close for rays, because figures show this limit."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PolywignerWarning)
         yield
 
 
 def number_panels(figure: Figure, letter: str) -> None:
-    """Write (a1), (a2), ... in the upper left corners of figure (a), colour bars excepted.
+    """Write (a1), (a2), ... in the upper left corners of the panels of figure (a).
 
-    The number precedes a title that is there.
+    The number precedes an existing title.
     """
     shown = [
         axes

@@ -1,4 +1,4 @@
-"""Figures of the paper about transforms: amp_spec, appendix, indmk, marginals, projs, xforms."""
+"""Figures of transforms: amp_spec, appendix, indmk, marginals, projs, xforms."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FLOOR_DB = -40.0
 
 
 def signed_db(values: NDArray[np.float64], peak: float, floor_db: float) -> NDArray[np.float64]:
-    """Decades above a floor with the sign of the values: 0 at the floor, +-1 at the peak."""
+    """Return decades above a floor with the sign of the values: 0 at the floor, +-1 at the peak."""
     levels = level_db(np.square(values), peak**2, floor_db)
     signed: NDArray[np.float64] = np.sign(values) * (1 - levels / floor_db)
     return signed
@@ -38,7 +38,7 @@ def signed_db(values: NDArray[np.float64], peak: float, floor_db: float) -> NDAr
 
 @style.typeset
 def draw_amp_spec(quality: Quality) -> Made:
-    """F(nu) on the square |nu_x|, |nu_y| <= 1/wavelength; drawn on a symmetric scale in dB."""
+    """Draw F(nu) for |nu_x|, |nu_y| <= 1/wavelength on a symmetric scale in dB."""
     source = chevrons()
     frequency = np.linspace(-1, 1, number_samples(quality, 257, 1025)) / WAVELENGTH
     nu = np.stack(np.meshgrid(frequency, frequency), axis=-1)
@@ -50,7 +50,8 @@ def draw_amp_spec(quality: Quality) -> Made:
     levels = signed_db(transform.real, source.area, _FLOOR_DB)
     shown = style.draw_signed(axes, levels, places, places, bound=1.0)
     area = source.area / unit.metres**2
-    # Above zero levels rise to the peak; below it those of negative values fall away from it.
+    # Levels of positive values increase above zero, and levels of negative values decrease below
+    # zero.
     marked = np.array([0, -10, -20, -30])
     ticks = 1 - marked / _FLOOR_DB
     bar = style.colour_bar(
@@ -80,7 +81,7 @@ def draw_amp_spec(quality: Quality) -> Made:
 
 @style.typeset
 def draw_appendix(quality: Quality) -> Made:
-    """|F|^2 relative to its peak for all |nu_x|, |nu_y| <= 1/wavelength, with the outlines."""
+    """Draw |F|^2 relative to its peak for |nu_x|, |nu_y| <= 1/wavelength, with the outlines."""
     along = np.linspace(-1, 1, number_samples(quality, 401, 1601)) / WAVELENGTH
     across = np.linspace(-1, 1, number_samples(quality, 161, 641)) / WAVELENGTH
     grid = np.stack(np.meshgrid(across, across), axis=-1)
@@ -131,7 +132,7 @@ def _draw_map(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -
 
 
 def _draw_outline(axes: Any, source: pw.Slits | pw.Aperture) -> None:
-    """Draws a source in the upper right corner, all figures to one scale: 20 mm wide."""
+    """Draw a source in the upper right corner, at a common scale of 20 mm."""
     inset = axes.inset_axes((0.72, 0.72, 0.27, 0.27))
     half = 10e-3 / _INVERSE_UNIT.metres
     if isinstance(source, pw.Slits):
@@ -142,7 +143,7 @@ def _draw_outline(axes: Any, source: pw.Slits | pw.Aperture) -> None:
         style.draw_polygons(
             inset, source.polygons, _INVERSE_UNIT, facecolor="white", edgecolor="none"
         )
-        inset.set_facecolor((0, 0, 0, 0.6))  # lobes may be as bright as the outline
+        inset.set_facecolor((0, 0, 0, 0.6))  # lobes can be as bright as the outline
     inset.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
     inset.spines[:].set_visible(False)
 
@@ -152,13 +153,13 @@ _ELEMENTS, _SUPPORT, _HULL = "#c8372d", "#9dbfe0", "0.45"  # red and blue, as in
 
 @style.typeset
 def draw_indmk(quality: Quality) -> Made:
-    """Elements (red), automean (red and blue) and its convex hull, with their areas."""
+    """Draw elements (red), automean (red and blue) and its convex hull, with their areas."""
     source = triangles()
     support = pw.automean(source)
     hull = source.polygons.convex_hull
     unit = length_unit(source.diameter)
     mm2 = unit.metres**2
-    figure = style.new_figure(6.2, 3.3)  # as wide as the legend
+    figure = style.new_figure(6.2, 3.3)  # width of the legend
     axes = figure.add_subplot()
     parts = (
         (hull, "none", _HULL, f"convex hull, {hull.area / mm2:.0f} mm²"),
@@ -183,12 +184,12 @@ def draw_indmk(quality: Quality) -> Made:
     return Made({"": figure}, values | {"areas": (areas, "m^2, of elements, automean and hull")})
 
 
-_MARGIN = 0.5e-3  # so that outlines do not lie on the frame
+_MARGIN = 0.5e-3  # keeps outlines off the frame
 
 
 @style.typeset
 def draw_marginals(quality: Quality) -> Made:
-    """R_x(x) with the automean's outline, and R_xi(xi): both areas of overlaps."""
+    """Draw R_x(x) with the automean's outline, and R_xi(xi)."""
     source = triangles()
     count = number_samples(quality, 241, 721)
     support = pw.automean(source)
@@ -237,7 +238,7 @@ KINDS: dict[str, PhaseSpaceFunction] = {"a": "autocorrelation", "b": "wigner", "
 
 
 def draw_projs(quality: Quality) -> Made:
-    """The four tiles of each grid of the paper, for two chevrons; the numbers have all six."""
+    """Draw the four tiles of each grid of the paper for two chevrons."""
     figures = {}
     values = {}
     for letter, kind in KINDS.items():
@@ -266,7 +267,7 @@ _ELEMENT, _FIRST, _SECOND, _SLICE = "0.82", style.INK, "#8a5a00", style.ACCENT
 
 @style.typeset
 def draw_xforms(quality: Quality) -> Made:
-    """(a) 2(G - x) & 2(x - G), over lags; (b) (G - xi/2) & (G + xi/2), over positions."""
+    """Draw (a) 2(G - x) & 2(x - G) over lags, and (b) (G - xi/2) & (G + xi/2) over positions."""
     from shapely.affinity import affine_transform, translate
 
     source = triangle()

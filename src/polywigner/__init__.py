@@ -9,7 +9,7 @@ import importlib
 
 __version__ = "0.1.0"
 
-# The function open is used because pathlib takes longer to import than this module.
+# pathlib would take longer to import than this module.
 with open(__file__.removesuffix("c") + "i", encoding="utf-8") as stub:  # noqa: PTH123
     _IMPORTS = [line.split() for line in stub if line.startswith("from ")]
 _HOMES = {name: home for _, home, _, name, *_ in _IMPORTS}

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-# Largest number of characters of a value in an error message.
+# Largest length of a value in an error message [characters].
 _LONGEST = 80
 
 
@@ -49,7 +49,7 @@ class PolywignerError(Exception):
 
 @contextmanager
 def at_key(key: str) -> Iterator[None]:
-    """Prefix the messages of PolywignerErrors raised in the block with a key, a name or a path."""
+    """Prefix the messages of PolywignerErrors in the block with a key, name or path."""
     try:
         yield
     except PolywignerError as error:

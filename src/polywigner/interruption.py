@@ -40,12 +40,11 @@ def temporary_folder() -> TemporaryDirectory[str]:
 
 
 def _replace_folder(scratch: Path, path: Path) -> None:
-    """Replace a folder by another folder; restore the old folder if that fails."""
     old = scratch.with_name(f"{scratch.name}.old")
     path.rename(old)
     try:
         scratch.rename(path)
-    # BaseException includes KeyboardInterrupt.
+    # Ctrl-C also restores the old folder.
     except BaseException:
         if not path.exists():
             old.rename(path)

@@ -1,12 +1,8 @@
 """Select a usable LLVM library before Dr.Jit is imported, and install one on Debian and Ubuntu.
 
-Dr.Jit does not contain LLVM. It opens a shared library of the system when it is imported for the
-first time. An unsuitable library ends the process without an exception, so each library is tested
-with kernels in a child process. The result of this probe is cached on disk. Every module of this
-package that imports ``drjit`` or ``mitsuba`` calls :func:`prepare` first.
-
-``tools/bootstrap`` imports this module before anything is installed, so it needs only the standard
-library.
+An unsuitable library ends the process without an exception, so kernels test each library in a child
+process, and the result is cached on disk. ``tools/bootstrap`` imports this module before anything
+is installed, so it needs only the standard library.
 """
 
 from __future__ import annotations
@@ -36,24 +32,22 @@ from polywigner.interruption import atomic_path, temporary_folder
 if TYPE_CHECKING:
     import subprocess
 
-# Environment variable from which Dr.Jit reads the path of the library at its first import.
+# Environment variable for the path of Dr.Jit's LLVM library.
 LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 
-# Environment variable that switches LLVM off: with the value 1, polywigner behaves as on a machine
-# without LLVM.
+# Environment variable that switches LLVM off if it is 1.
 OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
 
-# Value of LIBRARY_VARIABLE if no library is usable. If the variable were unset, Dr.Jit would open
-# any libLLVM of the system, and its first kernel could abort the process. Dr.Jit may print this
-# value.
+# Value of LIBRARY_VARIABLE without a usable library, because Dr.Jit would otherwise open any
+# libLLVM of the system. Dr.Jit may print this value.
 NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
 
-# Oldest usable version of LLVM. LLVM 15 and 16 abort when they compile a minimum or a maximum
-# ("Cannot select: fminimum"), and LLVM 14 lacks opaque pointers.
+# Oldest usable version. LLVM 15 and 16 abort on minima and maxima ("Cannot select: fminimum"), and
+# LLVM 14 lacks opaque pointers.
 OLDEST_VERSION = 17
 
-# Shared library that Dr.Jit's Linux wheels require. If it is missing, as on bare Debian, `import
-# drjit` raises a NameError that does not mention the library.
+# Library that Dr.Jit's Linux wheels require. Without it, as on bare Debian, the import raises an
+# obscure NameError.
 LIBATOMIC = "libatomic.so.1"
 
 _SYSTEM_LIBRARIES = (
@@ -70,10 +64,9 @@ _SYSTEM_LIBRARIES = (
 )
 _ENVIRONMENT_LIBRARIES = ("lib/libLLVM*.so*", "lib/libLLVM*.dylib", "Library/bin/LLVM-C.dll")
 
-# Time limit of a probe in seconds. The first import of Dr.Jit from a cold disk is slow.
+# Time limit of a probe [s]; the first import from a cold disk is slow.
 _TIME_LIMIT = 120.0
-# Return codes of child processes in which the library has crashed. Only these failures are cached;
-# Ctrl-C has a different return code.
+# Return codes of crashes, in contrast to Ctrl-C and temporary failures.
 _CRASHES = (-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGILL, -signal.SIGFPE)
 
 _KERNELS = """
@@ -107,10 +100,9 @@ class LLVMStatus:
     path: str | None = None
     version: str | None = None
     problem: str | None = None
-    remedy: str | None = None  # Remedy: one sentence with a command or a setting.
-    # Whether Dr.Jit, and therefore Mitsuba, can be imported.
+    remedy: str | None = None
     drjit_imports: bool = True
-    # Path of each unusable library, and the reason why it is not usable.
+    # Paths of unusable libraries, and reasons.
     refused: tuple[tuple[str, str], ...] = ()
 
 
@@ -126,23 +118,12 @@ _status: LLVMStatus | None = None
 def prepare(*, refresh: bool = False) -> LLVMStatus:
     """Select the LLVM library for Dr.Jit, before Dr.Jit is imported.
 
-    The candidates are the library in ``DRJIT_LIBLLVM_PATH``, then the libraries of the Python
-    environment and of the system, newest first. ``DRJIT_LIBLLVM_PATH`` is set to the first library
-    whose test kernels run in a child process. Without a usable library, and with
-    ``POLYWIGNER_NO_LLVM=1``, the variable is set to a path that does not exist, and Dr.Jit opens no
-    library.
+    ``DRJIT_LIBLLVM_PATH`` is set to the first usable library: its previous value, then the
+    libraries of the Python environment and of the system, newest first. Without a usable library,
+    and with ``POLYWIGNER_NO_LLVM=1``, it is set to a path that does not exist.
 
-    Parameters
-    ----------
-    refresh : bool, default False
-        Whether to search again after a library has been installed.
-
-    Returns
-    -------
-    LLVMStatus
-        The status, also without a usable library (see :func:`require`); the same object on every
-        call in one process. The first call takes some milliseconds if the results of the probes are
-        cached, and 0.2 s for each library that is tested.
+    The status is the same object on every call, unless ``refresh`` repeats the search. The first
+    call takes some milliseconds, and 0.2 s for each library that is not cached.
     """
     global _status
     with _lock:
@@ -156,13 +137,7 @@ def prepare(*, refresh: bool = False) -> LLVMStatus:
 
 
 def require() -> LLVMStatus:
-    """Return the status of a usable LLVM library, or raise an error.
-
-    Raises
-    ------
-    EngineError
-        If no library is usable; the message contains the remedy.
-    """
+    """Return the status of a usable LLVM library, or raise EngineError with the remedy."""
     status = prepare()
     if not status.usable:
         raise EngineError(f"{status.problem} {status.remedy}")
@@ -170,12 +145,9 @@ def require() -> LLVMStatus:
 
 
 def require_drjit() -> LLVMStatus:
-    """Import Dr.Jit, with or without an LLVM library, and return the status of :func:`prepare`.
+    """Import Dr.Jit, with or without an LLVM library, and return the status.
 
-    Raises
-    ------
-    EngineError
-        If the import would fail; the message contains the remedy.
+    Raises EngineError with the remedy if the import would fail.
     """
     status = prepare()
     if not status.drjit_imports:
@@ -187,7 +159,7 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Discard the lines that Dr.Jit's C++ code prints if there is no LLVM library."""
+    """Discard messages of Dr.Jit's C++ code."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
@@ -200,8 +172,7 @@ def _silent_stderr() -> Iterator[None]:
 
 
 def _select() -> LLVMStatus:
-    # The wheels for some processors do not need libatomic. Dr.Jit is therefore imported in a child
-    # process before libatomic is reported as missing.
+    # Some wheels do not need libatomic, so an import decides.
     if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
             False,
@@ -225,7 +196,6 @@ def _select() -> LLVMStatus:
 
 
 def is_switched_off() -> bool:
-    """Return whether the user has switched LLVM off."""
     return os.environ.get(OFF_VARIABLE, "") not in ("", "0")
 
 
@@ -240,7 +210,6 @@ def _has_libatomic() -> bool:
 
 
 def _status_of_loaded_drjit() -> LLVMStatus:
-    """Return the status if Dr.Jit has already been imported and its library cannot be changed."""
     if is_switched_off():
         return _OFF
     drjit: Any = sys.modules["drjit"]
@@ -268,7 +237,7 @@ def _remedy() -> str:
 
 
 def libraries() -> list[str]:
-    """Return the paths of all distinct LLVM libraries, in the order in which they are tested."""
+    """Return the paths of distinct LLVM libraries, in the order of their tests."""
     named = os.environ.get(LIBRARY_VARIABLE, "")
     environment = [f"{glob.escape(sys.prefix)}/{pattern}" for pattern in _ENVIRONMENT_LIBRARIES]
     paths = [
@@ -288,13 +257,12 @@ def _newest_first(patterns: Iterable[str]) -> list[str]:
 
 
 def version_of_name(path: str) -> tuple[int, ...] | None:
-    """Return the version in the name of a library, of its link's target, or of its folder.
+    """Return the version in the name of a library, of its link target, or of its folder.
 
-    ``libLLVM-15.so.1`` is version 15 (the last number is the ABI revision), ``libLLVM.so.19.1`` is
-    19.1, and ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
+    Examples: ``libLLVM-15.so.1`` is 15 (1 is the ABI revision), ``libLLVM.so.19.1`` is 19.1, and
+    ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18.
     """
     real = os.path.realpath(path)
-    # The version is searched in the name of the file first, then in the name of its folder.
     for pattern in (r"libLLVM(?:-|\.so\.|\.)(\d\d[\d.]*)[^/]*$", r"llvm[-@]?(\d\d)/"):
         match = re.search(pattern, real) or re.search(pattern, path)
         if match:
@@ -303,19 +271,11 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 
 
 def probe(path: str) -> tuple[str | None, str | None]:
-    """Return the version of a library, and why it is not usable.
+    """Return the version of a library, and the reason if it is not usable.
 
-    If the version in the name is too old, the library is not tested. Otherwise the result comes
-    from the cache, or from a test in a child process. The cache is a file in the user's cache
-    folder. Its name depends on the library, on Dr.Jit, on Python and on the machine, because
-    machines with different processors may share a home folder.
-
-    Returns
-    -------
-    version : str or None
-        Version of the library.
-    problem : str or None
-        Reason why the library is not usable, a clause for a message; None if it is usable.
+    The result comes from its name, from the cache, or from a test in a child process. The key of
+    the cache includes the machine, because machines with different processors may share a home
+    folder.
     """
     version = version_of_name(path)
     if version is not None and version[0] < OLDEST_VERSION:
@@ -330,8 +290,7 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _first_complaint(child)
     if is_usable or child.returncode in _CRASHES:
-        # Only crashes are cached, because other failures, such as a missing dependency, may be
-        # repaired later.
+        # Other failures, such as missing dependencies, may be repaired later.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))
@@ -353,28 +312,17 @@ def _cache_of(path: str) -> Path:
 
 
 def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.CompletedProcess[str]:
-    """Run Python code in a child process with the module path of this process.
+    """Run Python code in a child process, with an LLVM library or without one.
 
-    Parameters
-    ----------
-    script : str
-        The code.
-    library : str
-        Path of the LLVM library for Dr.Jit, default none.
-
-    Returns
-    -------
-    subprocess.CompletedProcess
-        The finished process, with its output as text. If it does not start, or runs longer than two
-        minutes, the return code is 1 and ``stderr`` contains the reason.
+    If the process does not start or runs longer than two minutes, the return code is 1 and
+    ``stderr`` contains the reason.
     """
-    # The import of subprocess takes 10 ms, and is not needed if the result of the probe is cached.
+    # Importing subprocess takes 10 ms and is rarely needed.
     import subprocess
 
     command = [sys.executable, "-P", "-c", script]
     try:
-        # The temporary folder receives core dumps and the kernel cache, so that no cached kernel is
-        # used.
+        # The folder receives core dumps, and a new kernel cache so that kernels are compiled.
         with temporary_folder() as folder:
             environment = {
                 **os.environ,
@@ -403,24 +351,15 @@ def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
     return f"{end}{text[:120].strip(' .!')}"
 
 
-# Alternative packages, the best one first. The tests run with LLVM 19. Names of packages on Ubuntu
-# may end with t64.
+# Alternatives in order of preference; packages of Ubuntu may end with t64.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 _LIBATOMIC = ["libatomic1"]
 
 
 def install_llvm() -> LLVMStatus:
-    """Install the packages that Dr.Jit needs to compile kernels with LLVM, if they are missing.
+    """Install missing packages that Dr.Jit needs for LLVM, and return the new status.
 
-    Returns
-    -------
-    LLVMStatus
-        The status after the installation: usable.
-
-    Raises
-    ------
-    EngineError
-        If the packages cannot be installed, or LLVM is not usable afterwards.
+    Raises EngineError if the packages cannot be installed, or LLVM is not usable afterwards.
     """
     status = prepare()
     packages = [] if status.drjit_imports else [_LIBATOMIC]
@@ -431,24 +370,14 @@ def install_llvm() -> LLVMStatus:
             install_packages(packages)
         except EngineError as error:
             raise EngineError(f"{status.problem} {error}") from error
-        status = prepare(refresh=True)
-    if not status.usable:
-        raise EngineError(f"{status.problem} {status.remedy}")
-    return status
+        prepare(refresh=True)
+    return require()
 
 
 def install_packages(packages: Sequence[Sequence[str]]) -> None:
-    """Install Debian packages with apt-get, as root.
+    """Install the first available alternative of each Debian package with apt-get, as root.
 
-    Parameters
-    ----------
-    packages : sequence of sequences of str
-        Alternatives for each package, best first. The first one that apt offers is installed.
-
-    Raises
-    ------
-    EngineError
-        If this user or this system cannot install packages; the message names the packages.
+    Raises EngineError with the names of the packages if this is not possible.
     """
     if not shutil.which("apt-get"):
         names = " and ".join(alternatives[0] for alternatives in packages)
@@ -458,7 +387,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
         raise EngineError(f"Run `apt-get install {names}` as root.")
     for alternatives in packages:
         problem = _install(alternatives)
-        # The installation may have failed because apt's package lists are missing or old.
+        # Package lists may be missing or old.
         if problem:
             _apt("apt-get", "update")
             problem = _install(alternatives)
@@ -467,7 +396,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
 
 
 def _install(alternatives: Sequence[str]) -> str:
-    """Install the first available alternative; return apt-get's error message, "" for success."""
+    """Install an available alternative; return apt-get's error message, empty on success."""
     name = _offered(alternatives)
     print(f"polywigner: installing {name} (apt-get install) ...", file=sys.stderr, flush=True)
     options = ["-o", "DPkg::Lock::Timeout=300", "-y", "--no-install-recommends"]
@@ -477,7 +406,6 @@ def _install(alternatives: Sequence[str]) -> str:
 
 
 def _offered(alternatives: Sequence[str]) -> str:
-    """Return the first alternative in apt's package lists, or the first one if none is listed."""
     listing = _apt("apt-cache", "madison", *alternatives).stdout
     offered = {line.split("|")[0].strip() for line in listing.splitlines()}
     return next((name for name in alternatives if name in offered), alternatives[0])
@@ -497,7 +425,7 @@ def _apt(tool: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-# The script tools/bootstrap runs this file as a script.
+# tools/bootstrap runs this file.
 if __name__ == "__main__":
     try:
         print(f"polywigner: LLVM {install_llvm().version} is usable.", file=sys.stderr)

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import checked_number, checked_vectors, finite_array
+from polywigner.geometry.arguments import Immutable, checked_number, checked_vectors, finite_array
 from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
 
-# Largest deviation of a ray matrix from the symplectic conditions, relative to the products in each
-# condition. A matrix typed to ten digits passes; a wrong sign or a missing element does not.
+# Largest relative violation of the symplectic conditions; matrices of ten digits pass.
 _SYMPLECTIC = 1e-9
-# Relative rounding error of matrix elements and of their products.
+# Relative rounding error of matrix elements.
 _ULP = 2.0**-52
 _ONE = np.eye(2)
-# Smallest magnitude of a focal length or a magnification. Its inverse is still finite.
+# Smallest focal length or magnification with a finite inverse.
 _LEAST = 2.0**-1023
 
 
@@ -54,8 +52,7 @@ def checked_pair(value: Any, expected: str) -> Matrix:
 
 
 @final
-@dataclass(frozen=True, init=False, eq=False, repr=False)
-class FirstOrder:
+class FirstOrder(Immutable):
     """A first-order optical system, described by its symplectic ray matrix [[A, B], [C, D]].
 
     A ray that enters the system at x (m) with the direction cosines s = lambda nu leaves it at A x
@@ -92,7 +89,7 @@ class FirstOrder:
         given = finite_array(matrix, expected, (2, 2), (4, 4))
         check_symplectic(given)
         full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
-        _set(self, full, _ULP * abs(full))
+        self._set(matrix=full, rounding=_ULP * abs(full))
 
     @classmethod
     def free_space(cls, z: float) -> FirstOrder:
@@ -151,7 +148,6 @@ class FirstOrder:
         """
         expected = "expected f as a focal length in m other than 0, or as a pair (f_x, f_y)"
         powers = -1.0 / checked_pair(f, f"{expected}; inf means no lens") + 0.0
-        # The rows of ``axes`` are the axes of a cylindrical lens.
         axes = turned_points(_ONE, angle)
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])
@@ -311,7 +307,7 @@ class FirstOrder:
         swap = np.array([2, 3, 0, 1])
         signs = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((2, 2)))
         matrix, rounding = (m.T[swap][:, swap] for m in (self.matrix, self.rounding))
-        return restored(signs * matrix + 0.0, rounding)
+        return FirstOrder._of(matrix=signs * matrix + 0.0, rounding=rounding)
 
     @property
     def is_symmetric(self) -> bool:
@@ -365,46 +361,21 @@ class FirstOrder:
         if not isinstance(other, FirstOrder):
             return NotImplemented
         with np.errstate(over="ignore", invalid="ignore"):
-            product = _product(self.matrix, other.matrix)
+            product = self.matrix @ other.matrix
         if not np.isfinite(product).all():
             raise ArgumentError(
                 "the matrix of the product of these two systems overflows; check the units of "
                 "the systems"
             )
         first, second = abs(self.matrix), abs(other.matrix)
-        rounding = _product(self.rounding + _ULP * first, second)
-        rounding += _product(first, other.rounding)
-        return restored(np.where(abs(product) <= rounding, 0.0, product), rounding)
+        rounding = (self.rounding + _ULP * first) @ second + first @ other.rounding
+        product[abs(product) <= rounding] = 0.0
+        return FirstOrder._of(matrix=product, rounding=rounding)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, FirstOrder):
-            return NotImplemented
-        return np.array_equal(self.matrix, other.matrix)
-
-    def __hash__(self) -> int:
-        return hash((self.matrix + 0.0).tobytes())
+    @property
+    def _key(self) -> bytes:
+        return (self.matrix + 0.0).tobytes()
 
     def __repr__(self) -> str:
         shown = self.matrix[::2, ::2] if self.is_symmetric else self.matrix
         return f"FirstOrder({(shown + 0.0).tolist()})"
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return restored, (np.array(self.matrix), np.array(self.rounding))
-
-
-def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:
-    """Return a system from a matrix (4, 4) that is symplectic up to rounding errors."""
-    system = FirstOrder.__new__(FirstOrder)
-    _set(system, matrix, rounding)
-    return system
-
-
-def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
-    for name, value in (("matrix", matrix), ("rounding", rounding)):
-        value.setflags(write=False)
-        object.__setattr__(system, name, value)
-
-
-def _product(first: Matrix, second: Matrix) -> Matrix:
-    """Return a matrix product without fused operations, whose rounding depends on the machine."""
-    return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)

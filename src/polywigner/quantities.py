@@ -18,8 +18,7 @@ from polywigner.errors import QuantityError, value_text
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 
-# Units are exact fractions, so that "3.1 mm" is the float nearest to 0.0031; 3.1 * 0.001 would be
-# off by one ulp.
+# Exact fractions, because 3.1 * 0.001 is not the float nearest to 0.0031.
 _LENGTHS = {
     "km": Fraction(1000), "m": Fraction(1), "dm": Fraction(1, 10), "cm": Fraction(1, 100),
     "mm": Fraction(1, 1000), "um": Fraction(1, 10**6), "µm": Fraction(1, 10**6),
@@ -47,10 +46,10 @@ _DURATIONS = {
 }  # fmt: skip
 
 _POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
-# Highest level in dB; the largest float is about 3080 dB.
+# Highest power level [dB]; the largest float is about 3080 dB.
 _HIGHEST_LEVEL = 3000.0
 
-# The exponent has at most three digits, because Fraction("1e999999999") would exhaust the memory.
+# At most three digits of exponent, because Fraction("1e999999999") would exhaust memory.
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s.,;+-]*)\s*"
 )
@@ -63,8 +62,7 @@ def _parse(
     example: str,
     positive: bool = False,
 ) -> float:
-    """Parse a string to SI units; numbers are returned unchanged."""
-    # The article is "a" before "unit".
+    """Convert a string such as "10 mm" to SI units; numbers are already in SI units."""
     article = "an" if kind[0] in "aeio" else "a"
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     match = _QUANTITY.fullmatch(str(text))

@@ -29,12 +29,11 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest number of samples in a repetition, and largest number of repetitions.
+# Largest numbers of samples and of repetitions.
 _MOST = 1 << 20
-# Largest relative rounding error of an interval or of a sample rate that a user specifies.
+# Relative tolerance of intervals and sample rates.
 _ROUNDING = 1e-9
-# Number of points at which a window over an array is computed. Values between these points are
-# interpolated.
+# Points at which windows over an array are computed before interpolation.
 _WINDOW_POINTS = 1025
 
 
@@ -236,18 +235,11 @@ def parse_waveform(text: str | FMCW) -> FMCW:
 
 
 def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
-    """Return the attributes of a data cube that describe its waveform."""
     return {"waveform": waveform.repetition, **asdict(waveform)}
 
 
 def waveform_of(cube: Any) -> FMCW:
-    """Return the waveform of a data cube from its attributes.
-
-    Raises
-    ------
-    ArgumentError
-        If the argument is not a dataset of :func:`polywigner.mitsuba.radar_cube`.
-    """
+    """Return the waveform of a data cube; raise ArgumentError for other arguments."""
     try:
         names = [field.name for field in fields(FMCW)]
         if tuple(cube["signal"].dims) == CUBE_DIMS:
@@ -262,7 +254,6 @@ def waveform_of(cube: Any) -> FMCW:
 
 
 CUBE_DIMS = ("draw", "receiver", "emitter", "chirp", "sample")
-"""Names of the dimensions of ``signal`` in a data cube."""
 
 
 def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataArray:
@@ -296,7 +287,7 @@ def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataA
     """
     spectra, rates, gain = _by_rate(cube, window, pad)
     values, ranges, of_range = _by_range(cube, spectra, window, pad)
-    floor = _noise_of(cube) * gain * of_range
+    floor = cube["noise_power"].values * gain * of_range
     dims = (*CUBE_DIMS[:3], "range_rate", "range")
     return _labelled(np.abs(values) ** 2, dims, {"range_rate": rates, "range": ranges}, cube, floor)
 
@@ -359,7 +350,7 @@ def range_angle(
             f"expected several array elements along {array_axis}, got positions "
             f"{positions.ravel()!r:.60}"
         )
-    # The window is wider than the array by one element spacing, so that no element has zero weight.
+    # One more element spacing prevents weights of zero at the ends.
     spacing = extent / (len(np.unique(positions.round(9))) - 1)
     across = (positions - positions.min() + spacing / 2) / (extent + spacing)
     shape = window_of(window, _WINDOW_POINTS)
@@ -367,15 +358,14 @@ def range_angle(
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
     image = np.zeros((len(values), len(cosines), len(ranges)))
-    # Beams are computed for one range rate at a time to limit the memory.
+    # One range rate at a time limits the memory.
     for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # The sum over range rates is larger than the power of a target by a factor equal to the noise
-    # bandwidth of the window in bins.
+    # The window spreads a target over several range rates, by its noise bandwidth in bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
-    floor = float((np.mean(_noise_of(cube)) * of_range) * (weights**2).sum())
+    floor = float(cube["noise_power"].values.mean() * of_range * (weights**2).sum())
     axes = {"direction_cosine": cosines, "range": ranges}
     result = _labelled(image, ("draw", *axes), axes, cube, floor)
     angles = ("direction_cosine", np.arcsin(cosines), {"units": "rad"})
@@ -444,9 +434,9 @@ def detections(
 
 
 def window_of(name: str, count: int) -> Floats:
-    """Return a symmetric window without zeros at its ends, shape (count,).
+    """Return a symmetric window (count,) without zeros at its ends.
 
-    Raises ArgumentError if scipy does not provide a window of this name.
+    Raises ArgumentError for unknown names.
     """
     signal = require("scipy.signal", "arrays", "windows are computed with")
     try:
@@ -461,9 +451,8 @@ def window_of(name: str, count: int) -> Floats:
 def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Transform a data cube from repetitions to range rates.
 
-    The spectra have the shape (draw, receiver, emitter, rate, frequency). The range rates in m/s,
-    and the factor by which noise power changes, are returned as well. Motion within each repetition
-    is compensated for the range rate of each bin.
+    Returns spectra (draw, receiver, emitter, rate, frequency), compensated for motion within
+    repetitions, range rates in m/s, and the gain of noise power.
     """
     waveform = waveform_of(cube)
     bins = waveform.chirps * checked_count(pad, "pad", 1, 64)
@@ -479,10 +468,7 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 
 
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Transform spectra from frequencies to ranges.
-
-    The ranges in m, and the factor by which noise power changes, are returned as well.
-    """
+    """Transform spectra to ranges; return values, ranges in m, and the gain of noise power."""
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)
@@ -490,10 +476,6 @@ def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Compl
     ranges = np.arange(bins) * waveform.range_step * waveform.samples / bins
     noise = waveform.noise_gain * float((weights**2).sum() / weights.sum() ** 2)
     return values, ranges, noise
-
-
-def _noise_of(cube: Any) -> Floats:
-    return np.asarray(cube["noise_power"].values)
 
 
 def _labelled(

@@ -18,14 +18,12 @@ from polywigner.source.normal_form import normal_form
 
 __all__ = ["check"]
 
-# Name of a law, its left side, its right side, the allowed difference, and the arguments by name.
+# Name, left side, right side, allowed difference, arguments by name.
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
-# Allowed difference, relative to the bound of each transform, for a source at the origin. The
-# allowed difference grows with the distance from the origin, because coordinates are rounded.
+# Allowed difference, relative to the largest possible value, for a source at the origin.
 _TOLERANCE = 1e-12
-# Number of lattice points for the integral of W over x, generator of the lattice, and relative
-# error of this lattice for the integral of |u|^2 of fields with edges.
+# Lattice for the integral of W over x: number of points, generator, relative error of int |u|^2.
 _LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
 
 
@@ -76,7 +74,6 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
 
 
 def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[Law]:
-    """Yield both sides of each law, at random points of the source and its spectrum."""
     form = normal_form(source)
     low, high = np.reshape(form.bounds, (2, -1))
     size = float(np.linalg.norm(high - low))
@@ -89,7 +86,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     energy = float(np.real(transforms.lag_marginal(source, zero)))
     field = sum(abs(e.weight) * float(np.abs(e.amplitudes).sum()) for e in form.elements)
     bound = math.prod((high - low).tolist()) * field**2
-    # Positions away from 0 have larger rounding errors.
+    # Coordinates far from the origin have larger rounding errors.
     far = 1.0 + float(np.abs([low, high]).max()) / size
     allowed = _TOLERANCE * far * max(bound, energy)
 
@@ -108,7 +105,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
     yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
 
-    # Only the low frequencies in ``few`` are resolved by the lattice.
+    # The lattice resolves only low frequencies.
     few = nu[: max(1, points // 25)] / 8.0
     lattice, cell = _lattice(low, high)
     integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)
@@ -141,7 +138,6 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
 
 
 def _lattice(low: Floats, high: Floats) -> tuple[Floats, float]:
-    """Return the points of a rank-1 lattice in a box, and the area per point."""
     k = np.arange(_LATTICE)
     unit = np.column_stack([k + 0.5, (k * _STEP) % _LATTICE + 0.5])[:, : len(low)] / _LATTICE
     return low + unit * (high - low), math.prod((high - low).tolist()) / _LATTICE

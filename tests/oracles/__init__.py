@@ -1,10 +1,10 @@
-"""Independent oracles: slow, exact routes to the values that polywigner computes fast.
+"""Independent references: slow, exact values of the transforms.
 
-Nothing here imports polywigner's kernels, and no formula is shared with them:
+This folder imports no kernel of polywigner and shares no formula with the kernels:
 
 - :mod:`oracles.exact` cuts the slices of the autocorrelation into trapezoids in rational
-  arithmetic and transforms them by divided differences of exp at 50 digits or more;
-- :mod:`oracles.short_program` runs the program that opens docs/theory;
-- :mod:`oracles.shapes` and :mod:`oracles.positions` are the apertures and the awkward positions
-  on which edges coincide; :mod:`oracles.drawn` draws random apertures for hypothesis.
+  arithmetic and transforms them by divided differences of exp with 50 digits or more;
+- :mod:`oracles.short_program` runs the program of docs/theory;
+- :mod:`oracles.positions` has positions and lags at which edges coincide; :mod:`oracles.drawn`
+  has random apertures for hypothesis.
 """

@@ -1,4 +1,4 @@
-"""Physical optics by rays of a raster, each with its field, path and area, reflected or not."""
+"""Physical optics by ray tracing from a raster."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def scattered_field(
     across: int,
     meet: Callable[..., Any] | None = None,
 ) -> tuple[np.ndarray, float]:
-    """Sum of n x (k x E) exp(-2 pi i s.x/wavelength) dA (3,), and the area that rays meet.
+    """Return the sum of n x (k x E) exp(-2 pi i s.x/wavelength) dA (3,), and the area hit by rays.
 
-    Rays start in a raster across the direction t to the transmitter, with the field p. Each lit
-    place counts where the receiver at s sees it; those of the first reflection that look away from
-    there count too. ``corners`` of triangles (n, 3, 3); ``meet``: as :func:`first_met`.
+    Rays start in a raster across the direction t to the transmitter, with the field p. Each hit
+    counts if the receiver at s sees it. ``corners`` of triangles (n, 3, 3); ``meet``: as
+    :func:`first_met`.
     """
     meet = meet or partial(first_met, corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -55,8 +55,8 @@ def scattered_field(
 
 
 def _raster(points: np.ndarray, t: Any, across: int) -> tuple[np.ndarray, float]:
-    """Starts (n, 3) of rays across the direction t around points, and the area of each."""
-    # off the directions of edges, along which all rays would miss by the same
+    """Return starts (n, 3) of rays across the direction t around points, and the area per ray."""
+    # Not along edges, which all rays would miss by the same distance.
     turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
     axes = turn @ np.linalg.svd(np.asarray(t)[None])[2][1:]
     flat = points @ axes.T
@@ -67,9 +67,9 @@ def _raster(points: np.ndarray, t: Any, across: int) -> tuple[np.ndarray, float]
 
 
 def first_met(corners: np.ndarray, start: np.ndarray, along: np.ndarray, last: Any) -> Any:
-    """Numbers of the triangles that rays (n, 3) meet first, -1 for none, and how far away.
+    """Return the first triangles hit by rays (n, 3), -1 for none, and their distances.
 
-    ``last``: the triangles that they leave, whose planes they do not meet again.
+    Rays do not hit the planes of the triangles ``last`` from which they start.
     """
     nearest, number = np.full(len(start), np.inf), np.full(len(start), -1)
     for j, (a, b, c) in enumerate(corners):
@@ -89,7 +89,7 @@ def first_met(corners: np.ndarray, start: np.ndarray, along: np.ndarray, last: A
 
 
 def triangles_of(body: list[Any]) -> np.ndarray:
-    """Triangles (n, 3, 3) of polyhedra whose fans cover their faces once, and of plates."""
+    """Return triangles (n, 3, 3) of plates, and of polyhedra with star-shaped faces."""
     return np.concatenate([_triangles(part) for part in body])
 
 

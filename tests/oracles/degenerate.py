@@ -33,7 +33,7 @@ def _star(rng: np.random.Generator) -> Rings:
 
 
 def _tiles(rng: np.random.Generator) -> Rings:
-    """Some squares of a checkerboard: edges in line, corners that touch, holes."""
+    """Return squares of a checkerboard, with collinear edges, touching corners and holes."""
     chosen = rng.choice(12, size=rng.integers(1, 10), replace=False)
     boxes = [shapely.box(k % 4, k // 4, k % 4 + 1, k // 4 + 1) for k in chosen.tolist()]
     joined = shapely.union_all(boxes)
@@ -42,13 +42,13 @@ def _tiles(rng: np.random.Generator) -> Rings:
 
 
 def _frame(rng: np.random.Generator) -> Rings:
-    """A polygon with a hole of the same form, in the middle or not."""
+    """Return a polygon with a similar hole."""
     (ring,) = _regular(rng) if rng.random() < 0.5 else _star(rng)
     return [ring, ring[::-1] * rng.choice([0.5, 0.25 + 0.5 * rng.random()])]
 
 
 def _lattice(rng: np.random.Generator) -> Rings:
-    """A star-shaped polygon with corners on a 6 x 6 lattice."""
+    """Return a star-shaped polygon with corners on a 6 x 6 lattice."""
     points = np.unique(rng.integers(0, 6, (rng.integers(4, 10), 2)), axis=0) - [2.4, 2.37]
     return [points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))] / 5]
 
@@ -57,7 +57,7 @@ KINDS: list[Callable[[np.random.Generator], Rings]] = [_regular, _star, _tiles, 
 
 
 def _posed(rng: np.random.Generator, rings: Rings) -> Rings:
-    """Squeezed, turned, shaken, rounded to the grid, scaled and moved, each of them or not."""
+    """Squeeze, rotate, jitter, round, scale and move rings at random."""
 
     def sometimes() -> bool:
         return bool(rng.random() < 0.4)
@@ -84,12 +84,12 @@ def _posed(rng: np.random.Generator, rings: Rings) -> Rings:
 
 
 def outlines(rng: np.random.Generator) -> Iterator[tuple[pw.Aperture, Rings]]:
-    """Apertures, and their rings: outer ones counter-clockwise, holes clockwise."""
+    """Yield apertures and their rings; outer rings are counter-clockwise."""
     while True:
         rings = _posed(rng, KINDS[rng.integers(len(KINDS))](rng))
         try:
             aperture = _aperture(rings)
-        except (GeometryError, ValueError):  # crossed, or of no area
+        except (GeometryError, ValueError):  # self-intersecting, or without area
             continue
         yield aperture, [np.array(ring) for ring in aperture.rings]
 

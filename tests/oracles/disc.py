@@ -1,7 +1,7 @@
-"""The transforms of a disc, and polygons that approach it.
+"""Transforms of a disc, and polygons that converge to the disc.
 
-F and W at the centre are Bessel functions. Elsewhere slices are lenses, intersections of two discs,
-whose transform is one smooth integral; their area has a closed form.
+F and W at the centre are Bessel functions. Elsewhere slices are intersections of two discs, whose
+transform is one smooth integral.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import polywigner as pw
 ANGLES = 0.15 + 2 * np.pi * np.arange(5) / 5
 CYCLES = (0.2, 0.7, 1.9)  # |nu| R, and |upsilon| R
 OFFSETS = (0.2, 0.5, 0.8)  # |x|/R, and |xi|/(2 R)
-NODES = 120  # of a smooth integrand that turns at most 16 times
+NODES = 120  # of a smooth integrand with at most 16 cycles
 
 Array = np.ndarray
 
@@ -29,12 +29,13 @@ def _directions(sizes: Any, turn: float = 0.0) -> Array:
 
 
 def _jinc(z: Array) -> Array:
-    """2 J1(z)/z."""
+    """Return 2 J1(z)/z."""
     return np.array([float(2 * mpmath.besselj(1, t) / t) for t in np.ravel(z)]).reshape(z.shape)
 
 
 def lens(radius: float, offset: Array, nu: Array) -> Array:
-    """Transform (n,) of the intersection of discs around +offset and -offset (n, 2), at nu (n, 2).
+    """Return the transform (n,) at nu of the intersection of discs around +offset and -offset (n,
+    2).
 
     Chords along the offset have half-length sqrt(R^2 - t^2) - |offset|; with t = T sin(phi) the
     integrand is smooth.
@@ -61,9 +62,8 @@ def _inscribed(polygon: pw.Aperture) -> pw.Aperture:
     return pw.shapes.regular_polygon(len(polygon.rings[0]), 1.0)
 
 
-# Name -> the polygon's values, the unit disc's, and the order at which the first approach them:
-# fourth where all sides take part alike, third where a slice cuts through some of them, and
-# second where the area itself is not the disc's.
+# Name -> value of the polygon, value of the unit disc, and order of convergence: fourth if all
+# sides contribute alike, third if a slice cuts some sides, and second if the area differs.
 QUANTITIES: dict[str, tuple[Callable[[pw.Aperture], Array], Array, int]] = {
     "F": (lambda g: pw.fourier(g, NU), np.pi * _jinc(2 * np.pi * np.hypot(*NU.T)), 4),
     "W at the centre": (
@@ -87,12 +87,12 @@ QUANTITIES: dict[str, tuple[Callable[[pw.Aperture], Array], Array, int]] = {
 
 
 def errors(name: str, sides: tuple[int, ...]) -> Array:
-    """Largest errors (len(sides),) of n-gons of the unit disc's area, in units of it."""
+    """Return the errors (len(sides),) of n-gons with the area of the unit disc."""
     of_polygon, exact, _ = QUANTITIES[name]
     result = [np.abs(of_polygon(pw.shapes.disc(1.0, n)) - exact).max() / np.pi for n in sides]
     return np.array(result)
 
 
 def orders(error: Array) -> Array:
-    """log2 of the ratio of neighbours: the order of convergence when n doubles."""
+    """Return the orders of convergence, log2 of the ratio of successive errors."""
     return np.log2(error[:-1] / error[1:])

@@ -1,4 +1,4 @@
-"""Fields of rectangles with 40 digits: points, wavelengths and frequencies are exact floats."""
+"""Fields of rectangles with 40 digits; points, wavelengths and frequencies are exact floats."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import polywigner as pw
 from oracles.exact import mpmath
 
 _DIGITS = 40
-# Nodes along a side; openings have up to about two wavelengths.
+# Nodes along a side of up to two wavelengths.
 _NODES = 12
 
 
 def distant_fields(source: Any, point: Any, wavelength: float) -> dict[str, complex]:
-    """U at a point (3,) by each method, "fraunhofer" with the obliquity of each exact one.
+    """Return U at a point (3,) by each method, and "fraunhofer" with each exact obliquity.
 
-    ``source``: a rectangle along the axes with any field, or an Array of such.
+    ``source``: a rectangle along the axes with any field, or an Array of rectangles.
     """
     with mpmath.workdps(_DIGITS):
         result = {name: mpmath.mpc(0) for name in _names()}
@@ -66,7 +66,7 @@ def _names() -> tuple[str, ...]:
 
 
 def _kernels(x: Any, y: Any, centre: Any, place: Any, wavelength: float, pz: Any) -> dict[str, Any]:
-    """What one unit of the field at (x, y) adds, by each method."""
+    """Return the contribution of a unit field at (x, y) by each method."""
     size = mpmath.mpf(wavelength)
     dx, dy, z = place[0] - x, place[1] - y, place[2]
     r = mpmath.sqrt(dx * dx + dy * dy + z * z)

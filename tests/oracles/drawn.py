@@ -1,8 +1,7 @@
-"""Apertures drawn by hypothesis: convex, concave, holed, disjoint, slivers, coincident edges.
+"""Random apertures for hypothesis: convex, concave, holed, disjoint, thin, with coincident edges.
 
-Tiles and lattice polygons have many parallel, collinear and coincident edges; half of them are
-turned, which makes those relations true up to rounding only, and some are shaken by 1e-16 to
-1e-4, which makes them nearly true.
+Tiles and lattice polygons have many parallel, collinear and coincident edges. Half of them are
+rotated, and some are jittered by 1e-16 to 1e-4.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from hypothesis import strategies as st
 
 from oracles.references import Polygons
 
-LEAST_CLEARANCE = 1e-2  # far more than the shaking: a ring may not touch itself
+LEAST_CLEARANCE = 1e-2  # larger than the jitter, so that rings do not touch themselves
 
 _angles = st.floats(0, 2 * math.pi)
 _sizes = st.floats(0.2, 1.0)
@@ -25,9 +24,9 @@ _sizes = st.floats(0.2, 1.0)
 
 @st.composite
 def _round_ring(draw: st.DrawFn, convex: bool) -> np.ndarray:
-    """A ring around the origin, star-shaped; on an ellipse if convex."""
+    """Draw a star-shaped ring around the origin, on an ellipse if ``convex``."""
     count = draw(st.integers(3, 9))
-    # 1 against two of 0.6: no gap reaches half a turn, the origin stays inside
+    # Relative steps from 0.6 to 1 leave no gap of half a circle, so that the origin is inside.
     gaps = np.array(draw(st.lists(st.floats(0.6, 1), min_size=count, max_size=count)))
     angle = 2 * math.pi * np.cumsum(gaps / gaps.sum())
     radius = np.ones(count)
@@ -45,7 +44,7 @@ def _apply(polygons: Polygons, matrix: np.ndarray, shift: np.ndarray) -> Polygon
 
 @st.composite
 def _posed(draw: st.DrawFn, polygons: Polygons, squeeze: float = 1.0) -> Polygons:
-    """Squeezed along y, turned, shifted; half of them left along the axes."""
+    """Draw polygons squeezed along y, rotated and shifted; half of them stay along the axes."""
     angle = draw(st.sampled_from([0.0, draw(_angles)]))
     shift = np.array([draw(st.floats(-2, 2)), draw(st.floats(-2, 2))])
     c, s = math.cos(angle), math.sin(angle)
@@ -79,14 +78,14 @@ def _sliver(draw: st.DrawFn) -> Polygons:
 
 @st.composite
 def _tiles(draw: st.DrawFn) -> Polygons:
-    """Tiles of one grid: they share edges and corners, and mirror onto one another."""
+    """Draw tiles of a grid, which share edges and corners."""
     columns = np.cumsum([0.0, *draw(st.lists(st.sampled_from([0.5, 1.0]), min_size=3, max_size=3))])
     rows = np.cumsum([0.0, *draw(st.lists(st.sampled_from([0.3, 0.6]), min_size=2, max_size=2))])
     cells = draw(st.sets(st.integers(0, 5), min_size=1))
     angle = draw(st.sampled_from([0.0, draw(_angles)]))
     c, s = math.cos(angle), math.sin(angle)
 
-    def corner(i: int, j: int) -> list[float]:  # the same floats from every tile
+    def corner(i: int, j: int) -> list[float]:  # equal floats for all tiles
         return [c * columns[i] - s * rows[j], s * columns[i] + c * rows[j]]
 
     def tile(cell: int) -> np.ndarray:
@@ -97,7 +96,7 @@ def _tiles(draw: st.DrawFn) -> Polygons:
 
 
 def _clearance(ring: np.ndarray) -> float:
-    """Smallest distance between a vertex and an edge that does not end there."""
+    """Return the smallest distance between a vertex and an edge that does not end there."""
     edges = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
     distance = shapely.distance(shapely.points(ring)[:, None], edges)
     own = np.arange(len(ring))
@@ -107,7 +106,7 @@ def _clearance(ring: np.ndarray) -> float:
 
 @st.composite
 def _lattice(draw: st.DrawFn) -> Polygons:
-    """A concave polygon with corners on a 6 x 6 lattice, star-shaped, turned and shaken."""
+    """Draw a concave star-shaped polygon with corners on a 6 x 6 lattice, rotated and jittered."""
     points = draw(st.sets(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=4, max_size=9))
     away = np.array(sorted(points), float) - 2.4 + np.array([0.0, 0.03])
     ring = away[np.argsort(np.arctan2(away[:, 1], away[:, 0]))] / 5
@@ -118,6 +117,5 @@ def _lattice(draw: st.DrawFn) -> Polygons:
 
 
 def polygons() -> st.SearchStrategy[Polygons]:
-    """Any of the kinds."""
     kinds = [_plain(), _holed(), _disjoint(), _sliver(), _tiles(), _lattice()]
     return reduce(lambda a, b: a | b, kinds)

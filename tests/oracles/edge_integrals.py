@@ -37,7 +37,7 @@ def rule() -> list[tuple[Any, Any]]:
 def fields(
     rings: Sequence[np.ndarray], point: Sequence[float], wavelength: float, p: Sequence[float]
 ) -> list[complex]:
-    """Return the fields of METHODS at a point, of the wave with direction cosines p (2,)."""
+    """Return the fields of METHODS at a point for the wave with direction cosines p (2,)."""
     with mp.workdps(DIGITS):
         x, y, z = position = in_wavelengths(point, wavelength)
         px, py = (mp.mpf(float(v)) for v in p)
@@ -89,7 +89,7 @@ def direction(start: Any, end: Any) -> tuple[tuple[Any, Any], Any]:
 
 
 def nodes_along(length: Any, rate: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield positions and weights along an edge, whose phase has at most ``rate`` cycles a unit."""
+    """Yield positions and weights along an edge for at most ``rate`` cycles of phase per unit."""
     pieces = int(mp.ceil(length * rate / CYCLES)) + 1
     for k in range(pieces):
         for node, weight in rule():
@@ -108,7 +108,7 @@ def integrals_along(start: Any, end: Any, point: Any, p: Vector) -> tuple[Any, A
         )
     above, below, lift = mp.mpc(0), mp.mpc(0), 2 * pz * z
     mirrored = mp.expjpi(2 * lift)
-    # e.(p x (P - Q)) is lean + turn at the point, and lean - turn at the mirror point
+    # e.(p x (P - Q)) is lean + turn at the point, and lean - turn at the mirror point.
     turn = z * (ex * py - ey * px)
     for t, weight in nodes_along(length, max(rates)):
         rx, ry = x - start[0] - t * ex, y - start[1] - t * ey

@@ -1,9 +1,9 @@
-"""Slices of the autocorrelation in rational arithmetic, and their transforms at many digits.
+"""Slices of the autocorrelation in rational arithmetic, and their transforms with many digits.
 
-Every float is taken as the rational number that it is. A slice is cut by horizontal lines through
-all vertices and all crossings of edges; between two neighbouring lines no edges cross, so each
-strip is a row of trapezoids, whichever edges coincide, touch or are nearly parallel. Nothing is
-rounded until the phases 2 pi nu.V go to mpmath.
+Every float is an exact rational number. A slice is cut by horizontal lines through all vertices and
+all crossings of edges. Between two neighbouring lines no edges cross, so each strip is a row of
+trapezoids, even if edges coincide, touch or are nearly parallel. Nothing is rounded until mpmath
+evaluates the phases 2 pi nu.V.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from typing import Any
 import mpmath
 import numpy as np
 
-try:  # ten times faster; used when the reference data are made, never required
+try:  # optional, ten times faster for the generation of reference data
     from gmpy2 import mpq
 except ImportError:
     mpq = Fraction
 
 
 Node = tuple[Any, Any]
-Rings = Sequence[Any]  # oriented (n, 2) rings: outer boundaries CCW, holes CW
+Rings = Sequence[Any]  # oriented (n, 2) rings: outer rings CCW, holes CW
 
 DIGITS = 50
 
 
 def rational(value: float) -> Any:
-    """The rational number that a float is."""
+    """Return the exact rational value of a float."""
     return mpq(*float(value).as_integer_ratio())
 
 
@@ -44,7 +44,7 @@ class Region:
 
     @property
     def area(self) -> Any:
-        """Area as an exact rational number."""
+        """Return the area as an exact rational number."""
         total = rational(0.0)
         for y0, y1, l0, r0, l1, r1, weight in self.trapezoids:
             total += weight * (y1 - y0) * ((r0 - l0) + (r1 - l1)) / 2
@@ -57,15 +57,15 @@ def _exact_rings(rings: Rings) -> list[list[tuple[Any, Any]]]:
 
 @dataclass(frozen=True)
 class _Edge:
-    """A non-horizontal edge, from its lower end (xa, ya) to its upper end (xb, yb)."""
+    """Non-horizontal edge from its lower end (xa, ya) to its upper end (xb, yb)."""
 
     xa: Any
     ya: Any
     xb: Any
     yb: Any
     slope: Any  # dx/dy
-    copy: int  # which of the two copies it bounds
-    winding: int  # added to that copy's winding number on passing the edge towards +x
+    copy: int  # number of the copy that the edge bounds
+    winding: int  # change of the winding number across the edge towards +x
 
     def x_at(self, y: Any) -> Any:
         return self.xa + self.slope * (y - self.ya)
@@ -75,7 +75,7 @@ def _edges(rings: list[list[tuple[Any, Any]]], copy: int) -> list[_Edge]:
     edges = []
     for ring in rings:
         for (xa, ya), (xb, yb) in zip(ring, ring[1:] + ring[:1], strict=True):
-            if ya < yb:  # upwards: the inside of a CCW ring lies on its left, at smaller x
+            if ya < yb:  # upwards: the inside of a CCW ring is on the left, at smaller x
                 edges.append(_Edge(xa, ya, xb, yb, (xb - xa) / (yb - ya), copy, -1))
             elif ya > yb:
                 edges.append(_Edge(xb, yb, xa, ya, (xa - xb) / (ya - yb), copy, +1))
@@ -83,7 +83,7 @@ def _edges(rings: list[list[tuple[Any, Any]]], copy: int) -> list[_Edge]:
 
 
 def _near_pairs(edges: list[_Edge]) -> Iterable[tuple[int, int]]:
-    """Pairs whose bounding boxes meet, found in floats with slack far above rounding."""
+    """Yield pairs of edges with overlapping bounds, by floats with a margin above rounding."""
     ends = np.array([[float(e.xa), float(e.ya), float(e.xb), float(e.yb)] for e in edges])
     slack = 1e-9 * (np.abs(ends).max() + 1e-300)
     x0, x1 = np.minimum(ends[:, 0], ends[:, 2]) - slack, np.maximum(ends[:, 0], ends[:, 2]) + slack
@@ -106,7 +106,7 @@ def _crossing_heights(edges: list[_Edge]) -> set[Any]:
 
 
 def _row(active: list[_Edge], y0: Any, y1: Any, copies: int) -> dict[tuple[int, int], int]:
-    """Pairs of edges (by identity) that bound the region between y0 and y1, with its weight."""
+    """Return pairs of edges that bound the region between y0 and y1, with its weight."""
     middle = (y0 + y1) / 2
     order = sorted(((e.x_at(middle), k) for k, e in enumerate(active)), key=lambda item: item[0])
     winding = [0] * copies
@@ -151,7 +151,7 @@ def _turns_clockwise(ring: list[tuple[Any, Any]]) -> bool:
 
 
 def oriented(polygons: Iterable[tuple[Any, Iterable[Any]]]) -> list[np.ndarray]:
-    """Rings of (outer, holes) polygons with outer boundaries CCW and holes CW."""
+    """Return rings of (outer, holes) polygons with outer rings CCW and holes CW."""
     rings = []
     for outer, holes in polygons:
         for ring, is_hole in [(outer, False), *((hole, True) for hole in holes)]:
@@ -162,13 +162,13 @@ def oriented(polygons: Iterable[tuple[Any, Iterable[Any]]]) -> list[np.ndarray]:
 
 
 def _region(*copies: list[list[tuple[Any, Any]]]) -> Region:
-    """Product of the winding numbers of one or more copies, each given by its exact rings."""
+    """Return the product of the winding numbers of one or more copies with exact rings."""
     edges = [e for k, rings in enumerate(copies) for e in _edges(rings, k)]
     return Region(_trapezoids(edges, len(copies)) if edges else ())
 
 
 def lag_region(rings: Rings, x: Sequence[float], other: Rings | None = None) -> Region:
-    """2 (G - x) intersected with 2 (x - H); H is G itself unless ``other`` is given."""
+    """Return 2 (G - x) intersected with 2 (x - H); H is G unless ``other`` is given."""
     px, py = map(rational, x)
     forward, backward = (
         [[(s * 2 * (a - px), s * 2 * (b - py)) for a, b in ring] for ring in _exact_rings(copy)]
@@ -178,7 +178,7 @@ def lag_region(rings: Rings, x: Sequence[float], other: Rings | None = None) -> 
 
 
 def position_region(rings: Rings, xi: Sequence[float], other: Rings | None = None) -> Region:
-    """(G - xi/2) intersected with (H + xi/2); H is G itself unless ``other`` is given."""
+    """Return (G - xi/2) intersected with (H + xi/2); H is G unless ``other`` is given."""
     hx, hy = (rational(c) / 2 for c in xi)
     behind, ahead = (
         [[(a + s * hx, b + s * hy) for a, b in ring] for ring in _exact_rings(copy)]
@@ -188,7 +188,7 @@ def position_region(rings: Rings, xi: Sequence[float], other: Rings | None = Non
 
 
 def _triangles(shape: Region) -> list[tuple[Any, tuple[Node, ...]]]:
-    """Triangles as (twice the signed area, corners)."""
+    """Return triangles as (twice the signed area, corners)."""
     triangles: list[tuple[Any, tuple[Node, ...]]] = []
     for y0, y1, l0, r0, l1, r1, weight in shape.trapezoids:
         height = weight * (y1 - y0)
@@ -204,7 +204,7 @@ def _to_mpf(value: Any) -> Any:
 
 
 def nodes_at(nu: Sequence[complex], corners: Iterable[Sequence[Any]]) -> tuple[Node, ...]:
-    """nu.corner in turns, (Re, Im), as exact rational numbers."""
+    """Return nu.corner in cycles, (Re, Im), as exact rational numbers."""
     parts = [(rational(complex(c).real), rational(complex(c).imag)) for c in nu]
     return tuple(
         (
@@ -216,7 +216,7 @@ def nodes_at(nu: Sequence[complex], corners: Iterable[Sequence[Any]]) -> tuple[N
 
 
 class _Exponential:
-    """Divided differences of q -> exp(-2 pi i q) for exactly known q = (Re q, Im q)."""
+    """Divided differences of q -> exp(-2 pi i q) for exact q = (Re q, Im q)."""
 
     def __init__(self) -> None:
         self._known: dict[Node, Any] = {}
@@ -226,7 +226,7 @@ class _Exponential:
         return self._slope * mpmath.mpc(_to_mpf(re), _to_mpf(im))
 
     def __call__(self, nodes: tuple[Node, ...]) -> Any:
-        """Divides by the largest of all differences."""
+        """Return the divided difference over nodes, dividing by the largest node difference."""
         order = len(nodes) - 1
         if not order:
             if nodes[0] not in self._known:
@@ -245,13 +245,13 @@ def _gap(nodes: Sequence[Node], i: int, j: int) -> Any:
 
 
 def _log10(value: Any) -> float:
-    """Of a positive rational number, which may be too small for a float."""
+    """Return log10 of a positive rational number that may be too small for a float."""
     bits = int(value.numerator).bit_length() - int(value.denominator).bit_length()
     return bits * math.log10(2)
 
 
 def sum_over_simplices(terms: Sequence[tuple[Any, tuple[Node, ...]]], digits: int) -> Any:
-    """The sum of weights times divided differences, as an mpmath number of so many digits.
+    """Return the sum of weights times divided differences, as an mpmath number.
 
     A difference of order d loses up to d digits per decade of its smallest distance.
     """
@@ -266,7 +266,7 @@ def sum_over_simplices(terms: Sequence[tuple[Any, tuple[Node, ...]]], digits: in
 
 
 def transform(shape: Region, nu: Sequence[complex], digits: int = DIGITS) -> Any:
-    """Integral of exp(-2 pi i nu.r) over a region, as an mpmath complex number."""
+    """Return the integral of exp(-2 pi i nu.r) over a region, as an mpmath complex number."""
     terms = [(twice, nodes_at(nu, corners)) for twice, corners in _triangles(shape)]
     return mpmath.mpc(sum_over_simplices(terms, digits))
 
@@ -277,25 +277,24 @@ def _region_of(key: tuple[tuple[tuple[float, float], ...], ...]) -> Region:
 
 
 def plain_region(rings: Rings) -> Region:
-    """G itself."""
     return _region_of(tuple(tuple(map(tuple, np.asarray(r, float).tolist())) for r in rings))
 
 
 def area(rings: Rings) -> float:
-    """Area of G, rounded once."""
+    """Return the area, rounded once."""
     return float(plain_region(rings).area)
 
 
 def fourier(rings: Rings, nu: Sequence[complex]) -> complex:
-    """F(nu), rounded once; nu may be complex."""
+    """Return F(nu), rounded once; nu may be complex."""
     return complex(transform(plain_region(rings), nu))
 
 
 def wigner(rings: Rings, x: Sequence[float], nu: Sequence[float]) -> float:
-    """W(x, nu), rounded once."""
+    """Return W(x, nu), rounded once."""
     return float(transform(lag_region(rings, x), nu).real)
 
 
 def ambiguity(rings: Rings, upsilon: Sequence[float], xi: Sequence[float]) -> complex:
-    """A(upsilon, xi), rounded once."""
+    """Return A(upsilon, xi), rounded once."""
     return complex(transform(position_region(rings, xi), upsilon))

@@ -1,4 +1,4 @@
-"""Make reference data of tests/data: ``PYTHONPATH=src:tests python -m oracles.generate NAME``.
+"""Generate reference data in tests/data: ``PYTHONPATH=src:tests python -m oracles.generate NAME``.
 
 NAME is one of the functions at the end of this module.
 """
@@ -20,18 +20,17 @@ from oracles.references import DATA, Reference, awkward, awkward_names, read_jso
 from oracles.shadow_quadrature import aperture_radiators, lit_regions, shadowed_field, surface_of
 
 COINCIDENT, STABILITY, STEEPEST = 20220205, 20220206, 20220207  # seeds
-# Frequencies, positions and lags of one shape.
+# Numbers of frequencies, positions and lags of a shape.
 FREQUENCIES, POSITIONS, LAGS = 128, 500, 300
-# Frequencies of one source in each decade.
+# Number of frequencies of a source in each decade.
 REAL = 5
 
 
 def coincident_edges() -> None:
     """Write W and A by :mod:`oracles.exact` of the outlines in the file, at hard points.
 
-    Takes a minute on one core with gmpy2 installed, a few without. An outline is stored as
-    rings (stacked, with their lengths and roles), positions and lags with the index of their
-    frequency.
+    Takes a minute on one core with gmpy2, and a few minutes without. An outline is stored as rings
+    (stacked, with lengths and roles), positions and lags with the index of their frequency.
     """
     arrays = {}
     for number, name in enumerate(awkward_names()):
@@ -42,7 +41,7 @@ def coincident_edges() -> None:
 
 
 def of_outline(stored: Reference, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """All arrays of one shape."""
+    """Return all arrays of a shape."""
     rings, shape = stored.rings, positions.outline(stored.rings)
     rows = [(ring, k) for outer, holes in stored.polygons for k, ring in enumerate([outer, *holes])]
     nu = positions.frequencies(rng, shape, FREQUENCIES)
@@ -77,7 +76,7 @@ def fourier_stability() -> None:
 
 
 def of_source(source: Any, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """All arrays of one source; its vertices show whether it is still the same."""
+    """Return all arrays of a source, including its vertices."""
 
     drawn = [sources.frequencies(rng, source, d, REAL) for d in sources.DECADES]
     nu = np.concatenate(drawn)
@@ -110,7 +109,7 @@ def shadows() -> None:
         ("plate", plate),
         ("box", pw.Polyhedron(vertices, reference["box_faces"])),
     ):
-        # all points of the square see the same faces
+        # All points of the square see the same faces.
         counts = {len(lit_regions([surface_of(body)], p)[0]) for p in source.positions}
         assert len(counts) == 1
         points = np.array(reference[name]["points"]) / wavelength
@@ -120,7 +119,8 @@ def shadows() -> None:
     (DATA / "shadows.json").write_text(json.dumps(reference, indent=1) + "\n", "utf-8")
 
 
-# 20 points of each group on the star of 1 mm at 550 nm: distances in wavelengths or Fresnel zones.
+# 20 points of each group for a star of 1 mm at 550 nm, at distances in wavelengths or Fresnel
+# zones.
 STAR, LIGHT, TILTED = (5, 0.5e-3, 0.2e-3), 550e-9, (0.3, -0.2)
 
 
@@ -141,7 +141,7 @@ def edge_integrals() -> None:
 
 
 def star_points(ring: np.ndarray) -> Iterator[tuple[str, tuple[float, float], np.ndarray]]:
-    """Yield a name, the direction cosines of a wave, and 20 points of each group."""
+    """Yield a name, the direction cosines of a wave, and 20 points for each group."""
     rng, radius = np.random.default_rng(STEEPEST), STAR[1]
     heights = {
         "20 wavelengths": 20 * LIGHT,
@@ -156,7 +156,7 @@ def star_points(ring: np.ndarray) -> Iterator[tuple[str, tuple[float, float], np
     share = rng.uniform(size=(10, 1))
     shadow = np.concatenate([ring, ring + share * (np.roll(ring, -1, axis=0) - ring)])
     yield "boundary of the shadow", normal, np.column_stack([shadow, np.full(20, z)])
-    # the lines of edges, beyond their ends, and lines through corners across the edges
+    # Extensions of edges, and lines through corners across the edges.
     along = ring - np.roll(ring, -1, axis=0)
     beyond = np.concatenate([ring + 0.4 * along, ring + 0.4 * along[:, ::-1] * [-1.0, 1.0]])
     yield "lines through corners", normal, np.column_stack([beyond, np.full(20, z)])

@@ -18,7 +18,7 @@ from scipy.special import hankel1e
 Array = np.ndarray
 
 K = 2 * np.pi
-# Gauss nodes on a path on which exp(is^2) decays, up to exp(-49).
+# Gauss nodes on a path along which exp(is^2) decays to exp(-49).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(240)
 _NODES, _WEIGHTS = 3.5 * (1 + _NODES), 3.5 * _WEIGHTS
 _TURN = np.exp(0.25j * np.pi)
@@ -37,7 +37,7 @@ def field_of_half_plane(kind: str, source: Array, points: Array) -> Array:
 
 
 def incident_shadow(source: Array, points: Array) -> Array:
-    """The first of both waves, over exp(ikR)/R."""
+    """Return the first of both waves over exp(ikR)/R."""
     (radius, angle), (from_edge, start) = (_polar(p) for p in (points, source))
     along, difference = points[..., 1] - source[..., 1], angle - start
     distance = np.linalg.norm(points - source, axis=-1)
@@ -46,7 +46,7 @@ def incident_shadow(source: Array, points: Array) -> Array:
 
 
 def _polar(points: Array) -> tuple[Array, Array]:
-    """Distance from the edge, and angle from the side of the half-plane that faces -z."""
+    """Return the distance from the edge, and the angle from the side that faces -z."""
     x, _, z = np.moveaxis(points, -1, 0)
     # adding 0 turns the angle of points on the half-plane, where z = 0, into 0
     return np.hypot(x, z), np.mod(np.arctan2(-z + 0.0, -x), 2 * np.pi)

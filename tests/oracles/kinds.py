@@ -1,4 +1,4 @@
-"""Sources, one of each kind that takes a way of its own through kernels."""
+"""One source for each code path of the kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies for tests: prisms, spheres and tori of facets."""
+"""Bodies for tests: prisms, spheres, tori and others."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import polywigner as pw
 
 
 def prism(ring: Any, low: float, high: float) -> pw.Polyhedron:
-    """A prism over a counter-clockwise ring (n, 2), with the ring as bottom and top faces.
+    """Return a prism over a counter-clockwise ring (n, 2), with the ring as bottom and top faces.
 
-    Fans from the first vertex cover these once if the ring is seen from there.
+    The ring must be star-shaped about its first vertex.
     """
     points, n = np.asarray(ring, dtype=float), len(ring)
     levels = [np.column_stack([points, np.full(n, z)]) for z in (low, high)]
@@ -23,18 +23,18 @@ def prism(ring: Any, low: float, high: float) -> pw.Polyhedron:
 
 
 def extruded(ring: Any, height: float) -> pw.Polyhedron:
-    """A prism that stands on the plane z = 0."""
+    """Return a prism on the plane z = 0."""
     return prism(ring, 0.0, height)
 
 
 def box(low: Any, high: Any) -> pw.Polyhedron:
-    """A box between two corners, with its sides along the axes."""
+    """Return a box between two corners, with its sides along the axes."""
     (a, b, c), (d, e, f) = low, high
     return prism([(a, b), (d, b), (d, e), (a, e)], c, f)
 
 
 def sphere(splits: int) -> pw.Polyhedron:
-    """20 4^splits facets, all corners at a distance of 1: an icosahedron with edges halved."""
+    """Return 20 4^splits facets of a unit sphere: an icosahedron with halved edges."""
     g = (1 + 5**0.5) / 2
     rows = [(s * 1.0, t * g, 0.0) for s in (-1, 1) for t in (-1, 1)]
     points = np.array([np.roll(row, k) for k in range(3) for row in rows])
@@ -61,7 +61,7 @@ def sphere(splits: int) -> pw.Polyhedron:
 
 
 def ball(radius: float, steps: int) -> pw.Polyhedron:
-    """Ball of 2 * steps meridians, with its equator in the plane z = 0."""
+    """Return a ball with 2 * steps meridians and its equator in the plane z = 0."""
     from scipy.spatial import ConvexHull
 
     theta = np.pi * np.arange(1, steps) / steps
@@ -79,7 +79,7 @@ def ball(radius: float, steps: int) -> pw.Polyhedron:
 
 
 def torus(count: int, around: int) -> pw.Polyhedron:
-    """2 count around facets; radii 1 and 0.4."""
+    """Return a torus of 2 count around facets with radii 1 and 0.4."""
     i, j = (k.ravel() for k in np.meshgrid(np.arange(count), np.arange(around), indexing="ij"))
     a, b = 2 * np.pi * i / count, 2 * np.pi * j / around
     out = 1 + 0.4 * np.cos(b)
@@ -95,7 +95,7 @@ def torus(count: int, around: int) -> pw.Polyhedron:
 
 
 def joined(parts: Any) -> pw.Polyhedron:
-    """One body with the triangles of several closed ones."""
+    """Return a body with the triangles of several closed bodies."""
     points, faces, count = [], [], 0
     for part in parts:
         points.append(part.vertices)
@@ -105,23 +105,22 @@ def joined(parts: Any) -> pw.Polyhedron:
 
 
 def hollow(body: pw.Polyhedron, inner: Any) -> pw.Polyhedron:
-    """A body with a cavity, whose corners are those of the body moved inwards."""
+    """Return a body with a cavity, whose corners are the corners of the body moved inwards."""
     inwards = [[k + len(inner) for k in face[::-1]] for face in body.faces]
     return pw.Polyhedron(np.concatenate([body.vertices, inner]), [*body.faces, *inwards])
 
 
 def moved(body: pw.Polyhedron, x: float, y: float, z: float) -> pw.Polyhedron:
-    """A body with all vertices shifted."""
     return pw.Polyhedron(body.vertices + np.array([x, y, z]), body.faces)
 
 
 def block(x: float, y: float, z: float) -> pw.Polyhedron:
-    """A box of these sides that stands on the plane z = 0, about the z axis."""
+    """Return a box on the plane z = 0 about the z axis."""
     return extruded([(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)], z)
 
 
 def drone(sides: int) -> pw.Polyhedron:
-    """A box of 0.2 m with four arms that begin inside it, and a prism at the end of each arm."""
+    """Return a box of 0.2 m with four arms, and a prism at the end of each arm."""
     parts = [moved(block(0.2, 0.2, 0.06), 0, 0, -0.03)]
     angles = 2 * np.pi * np.arange(sides) / sides
     prism = 0.03 * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -134,26 +133,26 @@ def drone(sides: int) -> pw.Polyhedron:
 
 
 def towards(polar: float, azimuth: float) -> np.ndarray:
-    """Unit vector, from degrees."""
+    """Return a unit vector from angles in degrees."""
     a, b = math.radians(polar), math.radians(azimuth)
     return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
 
 
 def across(direction: np.ndarray) -> np.ndarray:
-    """A unit vector across a direction."""
+    """Return a unit vector perpendicular to a direction."""
     vector = np.cross(direction, (0.0, 0.6, 0.8))
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    """The pose that moves a body."""
+    """Return the pose of a translation."""
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
     return pose
 
 
 def section_root(area: float, wavelength: float) -> float:
-    """Square root of the cross section of a plate seen at right angles."""
+    """Return the square root of the cross section of a plate at normal incidence."""
     return math.sqrt(4 * math.pi) * area / wavelength
 
 

@@ -1,4 +1,4 @@
-"""The far field of a few multipoles, whose power is known by a Gauss rule on the sphere."""
+"""Far field of a few multipoles, whose power a Gauss rule on the sphere gives exactly."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ FREE_SPACE = 376.730313412  # ohm
 
 
 def field(theta: Any, phi: Any) -> tuple[Any, Any]:
-    """rE_theta and rE_phi in V of two electric dipoles, a magnetic one, and a quadrupole.
+    """Return rE_theta and rE_phi in V of two electric dipoles, a magnetic dipole and a quadrupole.
 
-    With exp(+j omega t). The directions may have negative theta: the unit vectors of (-theta, phi)
-    are minus those of (theta, phi + pi).
+    With exp(+j omega t). For negative theta, the unit vectors of (-theta, phi) are minus those of
+    (theta, phi + pi).
     """
     polar = np.cos(theta) * np.cos(phi) + 0.5j * np.sin(phi) + 0.3 * np.sin(2 * theta)
     azimuthal = -np.sin(phi) + 0.5j * np.cos(theta) * np.cos(phi) + 0.2 * np.sin(theta)
@@ -21,7 +21,7 @@ def field(theta: Any, phi: Any) -> tuple[Any, Any]:
 
 
 def intensity(theta: Any, phi: Any) -> Any:
-    """Radiant intensity in W/sr."""
+    """Return the radiant intensity in W/sr."""
     return sum(np.abs(part) ** 2 for part in field(theta, phi)) / (2 * FREE_SPACE)
 
 

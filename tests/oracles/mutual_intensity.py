@@ -1,7 +1,6 @@
-"""Irradiance of partly coherent light as a double integral of the mutual intensity, by quadrature.
+"""Irradiance of partially coherent light as a double integral of the mutual intensity.
 
-Nothing of the package is used: nodes that the caller gives, every pair of nodes, and
-the degree of coherence exp(-xi^2/(2 width^2)) of each pair.
+The quadrature sums over all pairs of nodes with the degree of coherence exp(-xi^2/(2 width^2)).
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ Kernel = Callable[[Any, Any, float], Any]
 
 
 def first_integral(x: Any, points: Any, wavelength: float) -> Any:
-    """Rayleigh and Sommerfeld's first kernel, of a field in the opening."""
+    """Return the first Rayleigh-Sommerfeld kernel, for a field in the opening."""
     k = 2 * np.pi / wavelength
     away = points[:, None, :2] - x
     height = points[:, 2, None]
@@ -25,14 +24,14 @@ def first_integral(x: Any, points: Any, wavelength: float) -> Any:
 
 
 def second_integral(x: Any, points: Any, wavelength: float) -> Any:
-    """Rayleigh and Sommerfeld's second kernel, of a normal derivative over ik."""
+    """Return the second Rayleigh-Sommerfeld kernel, for a normal derivative over ik."""
     away = points[:, None, :2] - x
     reach = np.sqrt((away**2).sum(axis=-1) + points[:, 2, None] ** 2)
     return np.exp(2j * np.pi * reach / wavelength) / (1j * wavelength * reach)
 
 
 def parabolic(x: Any, points: Any, wavelength: float) -> Any:
-    """Fresnel's kernel, without exp(ikz)."""
+    """Return Fresnel's kernel without exp(ikz)."""
     away = points[:, None, :2] - x
     spread = wavelength * points[:, 2, None]
     return np.exp(1j * np.pi * (away**2).sum(axis=-1) / spread) / (1j * spread)
@@ -41,7 +40,7 @@ def parabolic(x: Any, points: Any, wavelength: float) -> Any:
 def irradiance(
     x: Any, weights: Any, points: Any, wavelength: float, width: float, kernel: Kernel
 ) -> Any:
-    """Irradiance (m,) at points (m, 3) of nodes (n, 2) with weights (n,) times their field."""
+    """Return the irradiance (m,) at points (m, 3) from nodes (n, 2) with weighted fields (n,)."""
     distance2 = ((x[:, None] - x) ** 2).sum(axis=-1)
     degree = np.exp(-distance2 / (2 * width**2))
     waves = kernel(x, np.asarray(points, dtype=np.float64), wavelength) * weights
@@ -57,10 +56,11 @@ def irradiance_of_tilts(
     a: float,
     b: float,
 ) -> Any:
-    """The same with a times the first and b times the second kernel, by tilts on a dense grid.
+    """Return the irradiance by a sum over tilts on a dense grid.
 
-    ``waves``: weights (n,) times the field of each plane wave, and its spatial frequency (2,).
-    The normal derivative of a wave of frequency t is ik p_z(t) times its field.
+    The kernel is a times the first plus b times the second kernel. ``waves``: weights (n,) times
+    the field of each plane wave, and its spatial frequency (2,). The normal derivative of a wave of
+    frequency t is ik p_z(t) times its field.
     """
     reach = 6.5 / (2 * np.pi * width)
     t = np.linspace(-reach, reach, 81)

@@ -1,8 +1,8 @@
 """Positions and lags at which edges of the two copies coincide, with jitter of a few ulps.
 
-Mirroring at x carries an edge onto its own line when x lies on that line, onto a parallel edge
-when x lies midway between the two lines, and a vertex onto an edge when x is midway between
-them; shifting by xi does so for xi along an edge or joining two such points.
+A reflection at x maps an edge onto its line if x is on that line, and onto a parallel edge if x is
+midway between both lines. A shift by xi does so for xi along an edge, or between two such
+points.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-PARALLEL = 2e-2  # sine below which two edges count as (nearly) parallel here
+PARALLEL = 2e-2  # sine of the angle below which two edges count as parallel
 ULPS = 4
-OFFSETS = (1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # of the diameter
+OFFSETS = (1e-15, 1e-14, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9)  # relative to the diameter
 SMALLEST, LARGEST = 1e-12, 1e3  # |nu| D
 
 
 @dataclass(frozen=True)
 class Outline:
-    """Vertices, edges, and the parallel pairs of edges of an aperture."""
+    """Vertices, edges, and parallel pairs of edges of an aperture."""
 
     starts: np.ndarray
     edges: np.ndarray
@@ -30,7 +30,7 @@ class Outline:
 
 
 def outline(rings: list[np.ndarray]) -> Outline:
-    """The outline of oriented rings."""
+    """Return the outline of oriented rings."""
     starts = np.concatenate(rings)
     edges = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
     length = np.hypot(*edges.T)
@@ -53,7 +53,7 @@ def _on_edge(rng: np.random.Generator, shape: Outline, k: int) -> np.ndarray:
 
 
 def _position(rng: np.random.Generator, shape: Outline) -> np.ndarray:
-    """One special position, without jitter."""
+    """Return a special position without jitter."""
     count = len(shape.starts)
     kind = rng.integers(9)
     if kind == 0:
@@ -61,7 +61,7 @@ def _position(rng: np.random.Generator, shape: Outline) -> np.ndarray:
     if kind == 1:  # edge midpoint
         k = rng.integers(count)
         return shape.starts[k] + shape.edges[k] / 2
-    if kind == 2:  # a centre: of the box, of a part's box, of a part's vertices
+    if kind == 2:  # a centre: of the bounds, of the bounds of a part, of the vertices of a part
         part = shape.parts[rng.integers(len(shape.parts))]
         box = shape.starts if rng.random() < 0.5 else part
         return _choose(rng, np.array([(box.min(0) + box.max(0)) / 2, part.mean(0)]))
@@ -77,7 +77,7 @@ def _position(rng: np.random.Generator, shape: Outline) -> np.ndarray:
 
 
 def _lag(rng: np.random.Generator, shape: Outline) -> np.ndarray:
-    """One special lag, without jitter."""
+    """Return a special lag without jitter."""
     count = len(shape.starts)
     kind = rng.integers(8)
     if kind == 0:
@@ -88,14 +88,14 @@ def _lag(rng: np.random.Generator, shape: Outline) -> np.ndarray:
         return shape.edges[rng.integers(count)] * (2 * rng.random() - 1)
     if kind in (4, 5):
         return _choose(rng, shape.starts) - _choose(rng, shape.starts)
-    if kind == 6:  # carries an edge onto the line of a parallel one
+    if kind == 6:  # maps an edge onto the line of a parallel edge
         e, f = _choose(rng, shape.parallel)
         return _on_edge(rng, shape, e) - _on_edge(rng, shape, f)
     return _choose(rng, shape.starts) - _on_edge(rng, shape, rng.integers(count))
 
 
 def _jittered(rng: np.random.Generator, point: np.ndarray, diameter: float) -> np.ndarray:
-    """The point itself, a few ulps beside it, or 1e-15 to 1e-9 diameters beside it."""
+    """Return the point, or a point a few ulps or 1e-15 to 1e-9 diameters away."""
     kind = rng.integers(3)
     if kind == 0:
         return point
@@ -107,17 +107,17 @@ def _jittered(rng: np.random.Generator, point: np.ndarray, diameter: float) -> n
 
 
 def positions(rng: np.random.Generator, shape: Outline, count: int) -> np.ndarray:
-    """(count, 2) special positions x."""
+    """Return special positions x (count, 2)."""
     return np.array([_jittered(rng, _position(rng, shape), shape.diameter) for _ in range(count)])
 
 
 def lags(rng: np.random.Generator, shape: Outline, count: int) -> np.ndarray:
-    """(count, 2) special lags xi."""
+    """Return special lags xi (count, 2)."""
     return np.array([_jittered(rng, _lag(rng, shape), shape.diameter) for _ in range(count)])
 
 
 def _direction(rng: np.random.Generator, shape: Outline) -> Any:
-    """A unit vector: any, along an axis, or along or across an edge up to 0 or 1e-16 to 1e-3."""
+    """Return a random unit vector, or one along or across an edge up to 0 or 1e-16 to 1e-3."""
     kind = rng.integers(6)
     angle = 2 * np.pi * rng.random()
     if kind <= 1:
@@ -131,10 +131,10 @@ def _direction(rng: np.random.Generator, shape: Outline) -> Any:
 
 
 def frequencies(rng: np.random.Generator, shape: Outline, count: int) -> np.ndarray:
-    """(count, 2) spatial frequencies: zero, and |nu| D from 1e-12 to 1e3."""
+    """Return spatial frequencies (count, 2): zero, and |nu| D from 1e-12 to 1e3."""
     result = [np.zeros(2)]
     while len(result) < count:
-        if rng.random() < 0.7:  # the range in which the transforms have their content
+        if rng.random() < 0.7:  # range of large values of the transforms
             size = 10 ** rng.uniform(-1, 1.7)
         else:
             size = 10 ** rng.uniform(np.log10(SMALLEST), np.log10(LARGEST))

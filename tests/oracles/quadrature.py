@@ -1,4 +1,4 @@
-"""Gauss-Legendre nodes on triangles, which converge spectrally where a function has no kinks."""
+"""Gauss-Legendre nodes on triangles, with spectral convergence for smooth functions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shapely
 
 
 def triangle_nodes(triangles: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (n, 2) and weights (n,) on triangles (m, 3, 2), by collapsing the square."""
+    """Return nodes (n, 2) and weights (n,) on triangles (m, 3, 2), by collapsed squares."""
     node, weight = np.polynomial.legendre.leggauss(order)
     node, weight = (node + 1) / 2, weight / 2
     s, t = (grid.ravel() for grid in np.meshgrid(node, node))
@@ -23,16 +23,17 @@ def triangle_nodes(triangles: np.ndarray, order: int) -> tuple[np.ndarray, np.nd
 
 
 def triangles_of(polygons: Any) -> np.ndarray:
-    """Triangles (n, 3, 2) that cover polygons once."""
+    """Return triangles (n, 3, 2) that cover polygons once."""
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons))
     return shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
 
 
 def graded(triangles: np.ndarray, near: Any, longest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles (n, 3, 3) halved until each is small, and the number of the original of each.
+    """Halve triangles until all are small; return triangles (n, 3, 3) and the index of each
+    original.
 
-    Small: no corner is more than ``longest`` from the centroid, nor more than 0.6 of the
-    distance between the centroid and any of the points ``near`` (m, 3).
+    Small: no corner is more than ``longest`` from the centroid, nor more than 0.6 of the distance
+    between the centroid and any of the points ``near`` (m, 3).
     """
     done, origins = [triangles[:0]], [np.arange(0)]
     todo, origin = triangles, np.arange(len(triangles))
@@ -54,14 +55,14 @@ def graded(triangles: np.ndarray, near: Any, longest: float) -> tuple[np.ndarray
 
 
 def graded_in_plane(outline: Any, near: Any, longest: float) -> np.ndarray:
-    """Triangles (n, 3, 2) of an aperture in the plane z = 0, graded towards points."""
+    """Return triangles (n, 3, 2) of an aperture in the plane z = 0, graded towards points."""
     flat = triangles_of(outline.polygons)
     corners = np.concatenate([flat, np.zeros((len(flat), 3, 1))], axis=2)
     return graded(corners, near, longest)[0][..., :2]
 
 
 def nodes_on(source: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 2) on a source of the plane, and its field there times the area of each."""
+    """Return points (n, 2) on a plane source, and its field there times the area per point."""
     parts = []
     for element, weight in zip(
         source.elements_in_plane, getattr(source, "weights", [1.0]), strict=True

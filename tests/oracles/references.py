@@ -1,4 +1,4 @@
-"""The reference data as apertures and arrays, and the engines that tests run over."""
+"""Reference data as apertures and arrays, and the engines of parametrised tests."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import shapely
 import polywigner as pw
 from oracles import exact
 
-# (outer, holes) of each part
+# (outer, holes) of each part.
 Polygons = list[tuple[np.ndarray, list[np.ndarray]]]
 
 DATA = Path(__file__).parents[1] / "data"
@@ -27,7 +27,7 @@ ENGINES = [
     pytest.param("cuda", marks=pytest.mark.cuda),
 ]
 
-# Of the awkward shapes: coincident edges, holes, small angles, far from the unit size.
+# Shapes with coincident edges, holes or small angles, or far from unit size.
 FEW = (
     "two touching squares, rotated",
     "square annulus",
@@ -39,13 +39,11 @@ FEW = (
 def numpy_and_few(
     all_cases: Iterable[Any], few: Iterable[Any], rest: Any = (), slow: Iterable[Any] = ()
 ) -> list[Any]:
-    """Cases with an engine at their end: all of them on NumPy, a few on each other engine.
+    """Append an engine to each case: NumPy to all cases, the other engines to a few cases.
 
-    ``rest``: a mark for those on NumPy that are not among the few. ``slow``: cases for the other
-    engines as well, in the slow tests.
-
-    Compiled engines run the operations of NumPy, but there each case may be a kernel of its own,
-    which takes half a second to compile.
+    ``rest``: a mark for the other cases on NumPy. ``slow``: further cases for the other engines in
+    the slow tests. Compiled engines run the operations of NumPy, but a kernel takes half a second
+    to compile.
     """
     every, some, late = (
         [c if isinstance(c, tuple) else (c,) for c in of] for of in (all_cases, few, slow)
@@ -61,12 +59,12 @@ def numpy_and_few(
 
 
 def read_json(name: str) -> Any:
-    """One of the JSON files of reference values."""
+    """Return a JSON file of reference values."""
     return json.loads((DATA / f"{name}.json").read_text())
 
 
 def aperture(polygons: Polygons) -> pw.Aperture:
-    """The aperture of (outer, holes) polygons."""
+    """Return the aperture of (outer, holes) polygons."""
     if any(holes for _, holes in polygons):
         return pw.Aperture(shapely.MultiPolygon([(outer, holes) for outer, holes in polygons]))
     return pw.Aperture([outer for outer, _ in polygons])
@@ -115,13 +113,13 @@ def _arrays() -> dict[str, np.ndarray]:
 
 
 def awkward_names() -> list[str]:
-    """Names of the shapes with special positions."""
+    """Return the names of the shapes with special positions."""
     return list(dict.fromkeys(key.split("/")[0] for key in _arrays()))
 
 
 @lru_cache(maxsize=64)
 def awkward(name: str) -> Reference:
-    """One shape with its special positions."""
+    """Return a shape with its special positions."""
     result = {key.split("/")[1]: v for key, v in _arrays().items() if key.split("/")[0] == name}
     return Reference(
         _polygons(result["vertices"], result["lengths"], result["hole"]),

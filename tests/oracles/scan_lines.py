@@ -1,4 +1,4 @@
-"""Visible lengths along lines of a picture: exact, without polygons and set operations."""
+"""Exact visible lengths along scan lines, without polygons and set operations."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 
 
 def visible_lengths(corners: np.ndarray, k: np.ndarray, angle: float, height: float) -> np.ndarray:
-    """Lengths (n,) that are visible of triangles (n, 3, 3) for an observer who looks along k.
+    """Return the visible lengths (n,) of triangles (n, 3, 3) for an observer who looks along k.
 
-    They are those on one line of the picture, at an angle and a height. Between any two ends and
-    crossings of triangles along it, the same triangle is nearest.
+    The scan line has an angle and a height. Between neighbouring ends and crossings of triangles
+    along the line, one triangle is nearest.
     """
     first = np.cross(k, (0.3, 0.5, 0.8))
     first /= np.linalg.norm(first)

@@ -25,7 +25,7 @@ from oracles.quadrature import graded, graded_in_plane, triangle_nodes, triangle
 
 K = 2.0 * math.pi
 Floats = np.ndarray
-# Pairs of a radiator and a point at a time.
+# Number of pairs of a radiator and a point per block.
 _PAIRS = 1 << 19
 # Relative area below which a visible region is a rounding error.
 _SLIVER = 1e-12
@@ -53,7 +53,7 @@ class Radiators:
         return Radiators(self.positions, -self.monopoles, -self.dipoles)
 
     def field(self, points: Any, with_gradient: bool = False) -> Any:
-        """U at points (n, 3); also its gradient (n, 3) if requested."""
+        """Return U at points (n, 3), and its gradient (n, 3) if requested."""
         points = np.asarray(points, float)
         values = np.zeros(len(points), complex)
         gradients = np.zeros((len(points), 3), complex)
@@ -89,9 +89,10 @@ def aperture_radiators(
     longest: float = 1.0,
     field: Callable[[Floats], Floats] | None = None,
 ) -> Radiators:
-    """Return Huygens points of an aperture in the plane z = 0, phases in it given by ``field``.
+    """Return Huygens sources of an aperture in the plane z = 0 with phases from ``field``.
 
-    RS-I: -(1/2 pi) u dG/dz, RS-II: (1/i lambda) u G of waves at normal incidence, Kirchhoff: mean.
+    RS-I: -(1/2 pi) u dG/dz, RS-II: (1/i lambda) u G of waves at normal incidence, Kirchhoff:
+    mean.
     """
     nodes, weights = triangle_nodes(graded_in_plane(outline, (), 0.58 * longest), order)
     u = weights * (1.0 if field is None else field(nodes))
@@ -152,9 +153,9 @@ def _triangulated(corners: Floats) -> Floats:
 
 
 def lit_regions(surfaces: Sequence[Surface], source: Any) -> tuple[Floats, Floats]:
-    """Return triangles (t, 3, 3) that a point sees, and their normals (t, 3) away from it.
+    """Return triangles (t, 3, 3) visible from a point, and their normals (t, 3) away from it.
 
-    Of a body only outer sides are lit, of a plate either side.
+    Bodies have one visible side, and plates have two.
     """
     source = np.asarray(source, float)
     everything = np.concatenate([surface.triangles for surface in surfaces]) - source
@@ -175,7 +176,7 @@ def lit_regions(surfaces: Sequence[Surface], source: Any) -> tuple[Floats, Float
 
 
 def _visible(corners: Floats, forward: Floats, others: Floats) -> Floats:
-    """The parts (t, 3, 3) of a triangle that no other triangle hides from the origin."""
+    """Return the parts (t, 3, 3) of a triangle that no other triangle hides from the origin."""
     depth = forward @ corners[0]
     middle = corners.mean(axis=0)
     sides = _units(np.cross(corners, np.roll(corners, -1, axis=0)))
@@ -184,7 +185,7 @@ def _visible(corners: Floats, forward: Floats, others: Floats) -> Floats:
     frame = np.stack([e1, np.cross(forward, e1)])
     size = np.linalg.norm(corners - corners[0], axis=1).max()
     blocked = []
-    # the other triangle reaches into the pyramid from the origin to this triangle
+    # The other triangle intersects the pyramid from the origin to this triangle.
     near = (others @ forward < depth - 1e-9 * size).any(axis=1)
     near &= ((others @ sides.T) > 1e-12 * size).any(axis=1).all(axis=1)
     for other in others[near]:
@@ -204,7 +205,7 @@ def _visible(corners: Floats, forward: Floats, others: Floats) -> Floats:
 
 
 def _clipped(shape: Floats, normal: Floats, least: float) -> Floats:
-    """The part of a polygon (n, 3) with normal.x >= least."""
+    """Return the part of a polygon (n, 3) with normal.x >= least."""
     if not len(shape):
         return shape
     height = shape @ normal - least
@@ -219,7 +220,7 @@ def _clipped(shape: Floats, normal: Floats, least: float) -> Floats:
 
 
 def _space_nodes(triangles: Floats, order: int) -> tuple[Floats, Floats]:
-    """Nodes (t, n, 3) and weights (t, n) on triangles in space."""
+    """Return nodes (t, n, 3) and weights (t, n) on triangles in space."""
     unit, share = triangle_nodes(np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]), order)
     a, b, c = (triangles[:, k, None] for k in range(3))
     nodes = a + unit[:, :1] * (b - a) + unit[:, 1:] * (c - a)
@@ -230,7 +231,7 @@ def _space_nodes(triangles: Floats, order: int) -> tuple[Floats, Floats]:
 def taken_by(
     regions: Floats, normals: Floats, incident: Radiators, near: Any, order: int, longest: float
 ) -> Radiators:
-    """Return the radiators of the field that regions (t, 3, 3) take away from the incident one.
+    """Return the radiators whose field regions (t, 3, 3) remove from the incident field.
 
     ``near``: points (n, 3) towards which the triangles become smaller.
     """
@@ -255,10 +256,11 @@ def shadowed_field(
     longest: float = 1.0,
     share_regions: bool = False,
 ) -> Floats:
-    """U at points (n, 3) behind bodies: U_inc less Kirchhoff's integrals over what is lit.
+    """Return U at points (n, 3) behind bodies: U_inc minus Kirchhoff's integrals over visible
+    regions.
 
-    Each radiator of the source sees its own regions; with ``share_regions`` all see those of the
-    first, which is exact for a plate and for bodies of which they see the same faces.
+    With ``share_regions``, all radiators of the source use the regions of the first one, which is
+    exact for a plate and for bodies of which all radiators see the same faces.
     """
     points = np.reshape(points, (-1, 3)).astype(float)
     surfaces = [body if isinstance(body, Surface) else surface_of(body) for body in bodies]
@@ -280,9 +282,9 @@ def sequential_field(
     order: int = 8,
     longest: float = 1.0,
 ) -> Floats:
-    """U at points behind bodies, in the order in which the field meets them.
+    """Return U at points behind bodies, in the order in which the field reaches them.
 
-    The lit sides of each body take away the field that those before have left. ``source``: one
+    The visible side of each body removes the field that earlier bodies have left. ``source``: one
     point.
     """
     points = np.reshape(points, (-1, 3)).astype(float)

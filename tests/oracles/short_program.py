@@ -1,4 +1,4 @@
-"""W and A by the program of docs/theory/short_program.md, whose code blocks are run as they are."""
+"""W and A by the program of docs/theory/short_program.md, from the code blocks of the page."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ _PAGE = Path(__file__).parents[2] / "docs" / "theory" / "short_program.md"
 def _run():
     names = {}
     for block in re.findall(r"^```python\n(.*?)^```", _PAGE.read_text("utf-8"), re.S | re.M):
-        exec(block, names)  # our own page
+        exec(block, names)  # code of this repository
     return names["wigner"], names["ambiguity"]
 
 
@@ -19,7 +19,7 @@ wigner, ambiguity = _run()
 
 
 def rings_and_weights(source):
-    """The rings of an aperture or of an array of apertures in the plane, and their weights."""
+    """Return the rings and weights of an aperture or a plane array."""
     elements = getattr(source, "elements_in_plane", [source])
     weights = getattr(source, "weights", [1.0])
     pairs = [(ring, w) for e, w in zip(elements, weights, strict=True) for ring in e.rings]

@@ -16,12 +16,12 @@ from oracles.exact import nodes_at, rational, sum_over_simplices
 
 DIGITS = 60
 
-# (d! times the signed content, corners in the space of nu), all of them exact
+# (d! times the signed content, corners in the space of nu), exact
 Simplices = list[tuple[Any, tuple[tuple[Any, ...], ...]]]
 
 
 def simplices_of(source: Any) -> Simplices:
-    """The signed simplices of Slits, an Aperture, a placed one, or a Polyhedron."""
+    """Return the signed simplices of Slits, an Aperture, a PlacedAperture or a Polyhedron."""
     if isinstance(source, pw.Slits):
         return [(b - a, ((a,), (b,))) for a, b in _exact(source.intervals)]
     if isinstance(source, pw.Polyhedron):
@@ -68,12 +68,12 @@ def _tetrahedra(source: Any) -> Iterable[tuple[Any, tuple[tuple[Any, ...], ...]]
 
 
 def fourier(simplices: Simplices, nu: Sequence[complex]) -> Any:
-    """F(nu) as an mpmath number of at least DIGITS digits relative to the largest term."""
+    """Return F(nu) as an mpmath number with DIGITS digits relative to the largest term."""
     terms = [(weight, nodes_at(nu, corners)) for weight, corners in simplices]
     return sum_over_simplices(terms, DIGITS)
 
 
 def rounded(source: Any, nu: Iterable[Sequence[complex]]) -> np.ndarray:
-    """F (n,) of a source at rows of nu (n, d), rounded once."""
+    """Return F (n,) of a source at rows of nu (n, d), rounded once."""
     tiling = simplices_of(source)
     return np.array([complex(fourier(tiling, row)) for row in nu])

@@ -1,7 +1,7 @@
-"""Sources of every class on which Fourier transforms are tried, and frequencies that are hard.
+"""Sources of every class for Fourier transforms, and frequencies that are numerically difficult.
 
-Hard are those along and across edges and faces, up to a small angle: there terms of closed forms
-are 0/0, or lose what the angle has of digits. Sizes run over all decades of |nu| times diameter.
+Frequencies along and across edges and faces, up to a small angle, make terms of closed forms 0/0 or
+cause cancellation. Sizes cover all decades of |nu| times diameter.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import polywigner as pw
 from oracles.meshes import extruded, hollow
 
 DECADES = tuple(range(-15, 4))
-# Angles off an edge or a face, in radians.
+# Angles from an edge or a face in radians.
 TILTS = (0.0, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12, 1e-8, 1e-4)
 
 CUBE = extruded([(0, 0), (1, 0), (1, 1), (0, 1)], 1.0)
@@ -45,7 +45,7 @@ def _star() -> np.ndarray:
 
 
 def rotation(seed: int) -> np.ndarray:
-    """A random rotation matrix."""
+    """Return a random rotation matrix."""
     q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     return q * np.sign(np.linalg.det(q))
 
@@ -57,7 +57,7 @@ def _pose(seed: int, *shift: float) -> np.ndarray:
 
 
 def cube(stretch: Any = (1.0, 1.0, 1.0), seed: int = 0, shift: Any = (0.0, 0.0, 0.0)) -> Any:
-    """A box around the origin, turned (unless seed is 0) and shifted."""
+    """Return a box around the origin, rotated unless ``seed`` is 0, and shifted."""
     return _posed((CUBE.vertices - 0.5) * np.asarray(stretch), CUBE.faces, seed, shift)
 
 
@@ -68,7 +68,7 @@ def _posed(vertices: np.ndarray, faces: Any, seed: int, shift: Any) -> pw.Polyhe
 def _prism(outline: Any, height: float, seed: int = 0, shift: Any = (0.0, 0.0, 0.0)) -> Any:
     body = extruded(outline, height)
     bottom, *others = body.faces
-    # fans from these corners lose the fewest digits
+    # Fans from these corners lose the fewest digits.
     return _posed(body.vertices, [[*bottom[1:], bottom[0]], *others], seed, shift)
 
 
@@ -148,7 +148,7 @@ def _sources() -> dict[str, dict[str, Any]]:
             "needle": cube((1, NEEDLE, NEEDLE), 2, (0.3, 0.1, 0.7)),
             "blade": cube((1, 1e-3, NEEDLE), 3),
             "chevron plate": _prism(CHEVRON, NEEDLE, 4, (0.3, 0.1, 0.7)),
-            # the middle of its box along the axes of space lies far outside
+            # The centre of its bounds is far outside.
             "triangular plate": _prism([[0, 0], [1.3, 0.2], [0.4, 1.1]], NEEDLE, 8),
             "needle, off centre": cube((1, NEEDLE, NEEDLE), 5, (700.1, -900.7, 500.3)),
         },
@@ -160,7 +160,7 @@ SOURCES = _sources()
 
 
 def points_of(source: Any) -> np.ndarray:
-    """Vertices (n, d) in the space of nu."""
+    """Return the vertices (n, d) in the space of nu."""
     if isinstance(source, pw.Slits):
         return source.intervals.reshape(-1, 1)
     if isinstance(source, pw.Polyhedron):
@@ -172,7 +172,7 @@ def points_of(source: Any) -> np.ndarray:
 
 
 def content(source: Any) -> float:
-    """Length, area or volume."""
+    """Return the length, area or volume."""
     if isinstance(source, pw.Slits):
         return source.length
     return float(source.volume if isinstance(source, pw.Polyhedron) else source.area)
@@ -183,7 +183,7 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 
 def _direction(rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
-    """A unit vector: any, along or across an edge, normal to a face; tilted by one of TILTS."""
+    """Return a unit vector: random, or along or normal to edges and faces with a tilt."""
     d = points.shape[1]
     kind = rng.integers(4)
     i, j, k = rng.choice(len(points), 3, replace=len(points) < 3)
@@ -200,7 +200,7 @@ def _direction(rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
 
 
 def frequencies(rng: np.random.Generator, source: Any, decade: float, count: int) -> np.ndarray:
-    """(count, d) with |nu| D from 10^(decade - 1/2) to 10^decade."""
+    """Return frequencies (count, d) with |nu| D from 10^(decade - 1/2) to 10^decade."""
     points = points_of(source)
     diameter = max(np.linalg.norm(points - p, axis=1).max() for p in points)
 

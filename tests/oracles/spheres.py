@@ -27,7 +27,7 @@ def field_of_sphere(kind: str, radius: float, distance: float, points: Array) ->
     r = np.linalg.norm(points, axis=1)
     cosine = -points[:, 2] / r
     total = np.zeros(len(points), complex)
-    # beyond ka waves miss the sphere; 8 widths of the transition leave less than 1e-10
+    # Terms beyond ka miss the sphere; 8 widths of the transition leave less than 1e-10.
     for n in range(int(k * radius + 8 * (k * radius) ** (1 / 3)) + 10):
         slope = kind == "hard"
         own = spherical_jn(n, k * radius, slope)

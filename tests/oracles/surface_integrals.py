@@ -1,8 +1,8 @@
-"""Diffraction integrals over the opening itself, by quadrature on triangles graded to the point.
+"""Diffraction integrals over the opening, by quadrature on graded triangles.
 
-The integrands are those of Rayleigh and Sommerfeld, with no step in common with integrals along
-edges. Triangles are halved until each is smaller than its distance from the point and than a
-wavelength or so of its phase; then Gauss-Legendre nodes see analytic functions.
+The integrands are those of Rayleigh and Sommerfeld, independent of the integrals along edges.
+Triangles are halved until each is smaller than its distance from the point and than about a
+wavelength of its phase, so that Gauss-Legendre rules converge.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import polywigner as pw
 from oracles.quadrature import graded_in_plane, triangle_nodes
 
 _ORDER = 18
-# Nodes at a time.
+# Number of nodes per block.
 _MANY = 2000
 
 
 def surface_fields(source: Any, point: Any, wavelength: float) -> np.ndarray:
-    """U of an aperture or an array at one point (3,): Rayleigh-Sommerfeld I, II, and Kirchhoff."""
+    """Return U of a source at a point (3,): Rayleigh-Sommerfeld I, II and Kirchhoff."""
     if isinstance(source, pw.Array):
         terms = zip(source.elements_in_plane, source.weights, strict=True)
         return np.sum([w * surface_fields(e, point, wavelength) for e, w in terms], axis=0)
@@ -44,7 +44,7 @@ def surface_fields(source: Any, point: Any, wavelength: float) -> np.ndarray:
 
 
 def field_by_quadrature(source: Any, points: Any, wavelength: float, condition: str) -> np.ndarray:
-    """U at points (n, 3) by one boundary condition."""
+    """Return U at points (n, 3) for one boundary condition."""
     number = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff").index(condition)
     rows = np.reshape(points, (-1, 3))
     return np.array([surface_fields(source, row, wavelength)[number] for row in rows])

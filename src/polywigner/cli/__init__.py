@@ -1,7 +1,7 @@
-"""The command line ``polywigner``: its commands and exit codes.
+"""The command line ``polywigner``.
 
-``main`` returns an exit code and, after a failure, prints one line on stderr. Each command checks
-its options before it imports the large libraries that it needs, so that ``--help`` is quick.
+Commands check their options before they import large libraries, so that ``--help`` and errors are
+quick.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from typing import Annotated
 
 import typer
@@ -54,12 +53,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             code = app(args=arguments, prog_name="polywigner", standalone_mode=False)
         except (KeyboardInterrupt, Exception) as error:
-            if not _is_interruption(error):
-                return _from_exception(error)
-            code = _INTERRUPTED
-    # Typer returns the exit codes of `typer.Exit`, of --help and of Ctrl-C.
+            code = _INTERRUPTED if _is_interruption(error) else _from_exception(error)
+    # Typer returns the exit code of `typer.Exit`, and 130 after Ctrl-C.
     if code == _INTERRUPTED:
-        return _say("interrupted", _INTERRUPTED)
+        _say("interrupted", _INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
@@ -77,21 +74,17 @@ def _from_exception(error: BaseException) -> int:
         return _say(f"error: {error}", _BAD_INPUT)
     if isinstance(error, MemoryError):
         return _say(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
-    # This error occurs in commands such as `polywigner ... | head`.
     if isinstance(error, BrokenPipeError):
-        # The buffer of stdout must not be flushed again when the process exits.
+        # The exit of Python flushes stdout, which would raise BrokenPipeError again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
-    # The click module inside typer is private, so its usage errors are recognised by name.
+    # Typer contains a private copy of click, so its errors are recognised by name.
     if hasattr(error, "format_message"):
-        # The command `polywigner` without arguments shows the help.
         if type(error).__name__ == "NoArgsIsHelpError":
             print(error.format_message().rstrip())
             return _BAD_INPUT
         text = error.format_message().rstrip(".")
         return _say(f"error: {text}; see `polywigner --help`", _BAD_INPUT)
-    if type(error).__name__ == "Abort":
-        return _say("interrupted", _INTERRUPTED)
     if os.environ.get(_DEBUG) == "1":
         import traceback
 
@@ -108,18 +101,16 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _say(message: str, code: int) -> int:
-    """Write one line on stderr, with the line breaks of the message removed."""
+    """Write a message on stderr as a single line, and return the exit code."""
     sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
 
-
-# ---- commands ------------------------------------------------------------------------------------
 
 app = typer.Typer(
     add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    # Plain help takes half the start-up time of help in boxes, and other programs can read it.
+    # Without rich, --help starts in half the time.
     rich_markup_mode=None,
 )
 
@@ -156,12 +147,12 @@ def explore(
     """
     if aperture is not None:
         reading.check_file(aperture)
-    wave.length()  # A wrong option raises its error here.
+    wave.length()  # Raise its errors before the slow import.
     from polywigner.explorer import serve, start_state
 
     state = start_state(aperture, wave.frequency or wave.wavelength, **reading.reading_arguments())
-    serve(state, port=port, browser=browser, say=partial(print, flush=True))
-    os._exit(0)  # In contrast to sys.exit, os._exit does not wait for a computation in progress.
+    serve(state, port=port, browser=browser)
+    os._exit(0)  # sys.exit would wait for the computing thread.
 
 
 _COMMANDS = (

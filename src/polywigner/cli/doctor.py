@@ -1,4 +1,4 @@
-"""The command ``polywigner doctor``: report working parts, and how to install missing parts."""
+"""The command ``polywigner doctor``: report which parts work, and how to install the others."""
 
 from __future__ import annotations
 
@@ -26,8 +26,6 @@ assert list(x) == [min(k - 7.5, 2.0) for k in range(16)], "its kernels return wr
 
 
 class Row(NamedTuple):
-    """Row of the report."""
-
     subject: str
     works: str
     text: str
@@ -43,22 +41,21 @@ def doctor(
     """
     if install_llvm:
         llvm.install_llvm()
-    transforms, status, gpu = _transforms(), prepare(), _gpu()
+    transforms, status, gpu = _numpy_row(), prepare(), _gpu_row()
     python = Row("python", _GOOD, f"{platform.python_version()} at {sys.executable}")
     rows = [
         transforms,
-        _llvm(status),
+        _llvm_row(status),
         gpu,
         python,
-        *map(_library, _core()),
-        _rendering(status, gpu),
+        *map(_library_row, _required_libraries()),
+        _rendering_row(status, gpu),
     ]
     _print(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
 
-def _transforms() -> Row:
-    """Test the NumPy engine with the area of a square, F(0)."""
+def _numpy_row() -> Row:
     try:
         import polywigner as pw
 
@@ -67,12 +64,12 @@ def _transforms() -> Row:
             version = importlib.metadata.version("numpy")
             return Row("engine numpy", _GOOD, f"NumPy {version}; no other requirements")
         problem = f"a square of area 4 transforms to {area}"
-    except Exception as error:  # The report has further rows, so an error must not end it.
+    except Exception as error:  # The report must contain its other rows.
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     return Row("engine numpy", _BAD, problem, f"Run {install_command()}.")
 
 
-def _llvm(status: LLVMStatus) -> Row:
+def _llvm_row(status: LLVMStatus) -> Row:
     refused = [f"refused {path}: {reason}" for path, reason in status.refused]
     head = f"LLVM {status.version} at {status.path}" if status.usable else "no usable library"
     lines = [head, *refused] if status.usable or refused else [status.problem or ""]
@@ -80,8 +77,8 @@ def _llvm(status: LLVMStatus) -> Row:
     return Row("engine llvm", works, "\n".join(lines), status.remedy or "")
 
 
-def _gpu() -> Row:
-    """Run a kernel on the GPU in a child process, because a bad driver can end the process."""
+def _gpu_row() -> Row:
+    """Run a kernel in a child process, because a faulty driver can crash the process."""
     child = run_in_child(_GPU_KERNEL)
     if child.returncode == 0:
         return Row("engine cuda", _GOOD, "an NVIDIA GPU")
@@ -92,10 +89,8 @@ def _gpu() -> Row:
     return Row("engine cuda", _BAD, problem, "Install an NVIDIA driver 535 or newer.")
 
 
-def _rendering(llvm: LLVMStatus, gpu: Row) -> Row:
-    """Return the variants of the installed Mitsuba that this machine can run."""
-    # The import runs in a child process, because it can crash if the versions of Mitsuba and Dr.Jit
-    # do not match.
+def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
+    # Importing Mitsuba can crash the process if the version of Dr.Jit does not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
         remedy = f"Run `pip install --force-reinstall '{_requirement('mitsuba')}'`."
@@ -113,14 +108,13 @@ def _last_line(text: str) -> str:
     return (text.strip().splitlines() or ["no message"])[-1].strip()
 
 
-def _core() -> list[str]:
-    """Return the libraries that the package requires, and Dr.Jit, which Mitsuba requires."""
+def _required_libraries() -> list[str]:
     lines = importlib.metadata.requires("polywigner") or []
     names = [re.split(r"[^\w.-]", line)[0] for line in lines if ";" not in line]
     return sorted({*names, "drjit"})
 
 
-def _library(name: str) -> Row:
+def _library_row(name: str) -> Row:
     version = _version(name)
     if version is None:
         return Row(name, _BAD, "not installed", f"Run `pip install '{_requirement(name)}'`.")
@@ -128,7 +122,6 @@ def _library(name: str) -> Row:
 
 
 def _extras() -> list[Row]:
-    """Return a row for each extra in the metadata of the installed package."""
     members: dict[str, list[str]] = {}
     for line in importlib.metadata.requires("polywigner") or []:
         match = re.fullmatch(r"([\w.-]+).*;.*extra == ['\"](\w+)['\"].*", line)
@@ -171,5 +164,5 @@ def _print(rows: list[Row]) -> None:
             text.append(f"\n{row.remedy}", style="bold")
         table.add_row(row.subject, Text(row.works, style=_COLOURS[row.works]), text)
     console = Console()
-    # Lines in a pipe or a file are long enough for paths and commands.
+    # In a pipe, rich would wrap paths and commands at 80 columns.
     Console(width=None if console.is_terminal else 160).print(table)

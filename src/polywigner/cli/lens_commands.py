@@ -26,15 +26,13 @@ if TYPE_CHECKING:
     from polywigner import Aberration, Aperture
     from polywigner import Array as ApertureArray
 
-# Smallest reversed contrast that is marked in the figure.
+# Smallest reversed contrast that the figure marks.
 _FAINT = 1e-3
 Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class LensOptions(SourceOptions):
-    """Options of a lens and of the source in its pupil."""
-
     focal_length: Annotated[Text, "Focal length, or image distance, such as '100 mm'."] = None
     numerical_aperture: Annotated[
         float | None,
@@ -50,11 +48,9 @@ class LensOptions(SourceOptions):
     ] = None
 
     def series(self) -> list[float]:
-        """Return the defocus values in waves."""
         return list(parse_numbers("--defocus", self.defocus, "-1, 0, 1"))
 
     def read_lens(self) -> Lens:
-        """Return the pupil and its lens."""
         if self.wavelengths is None:
             pupil, length = self.read_with_wavelength()
             lengths = [length]
@@ -76,14 +72,12 @@ class LensOptions(SourceOptions):
         aberration = None
         if self.zernike is not None:
             mean = sum(lengths) / len(lengths)
-            waves = parse_coefficients("--zernike", self.zernike)
+            waves = parse_coefficients(self.zernike)
             aberration = pw.zernike({j: mean * value for j, value in waves.items()}, radius)
         return Lens(pupil, lengths, distance, radius, aberration)
 
 
 class Lens(NamedTuple):
-    """A lens with its pupil; lengths are in m."""
-
     pupil: Aperture | ApertureArray
     wavelengths: list[float]
     distance: float
@@ -91,13 +85,11 @@ class Lens(NamedTuple):
     aberration: Aberration | None
 
     def settings(self, options: LensOptions) -> dict[str, Any]:
-        """Return the settings as attributes of a dataset."""
         about: dict[str, Any] = {"source": Path(options.source).name}
         about |= {"wavelengths": self.wavelengths, "focal_length": self.distance}
         return about if options.zernike is None else {**about, "zernike": options.zernike}
 
     def title(self, options: LensOptions) -> str:
-        """Return the title of a figure."""
         from polywigner.quantities import length_text, length_unit
 
         unit = length_unit(max(self.wavelengths))
@@ -185,7 +177,7 @@ def mtf(
     mean = sum(lengths) / len(lengths)
 
     def transfer(waves: float, path: Any) -> Any:
-        """Return the complex transfer function with the axes (direction, frequency)."""
+        """Return the complex transfer function (direction, frequency)."""
         parts = [
             pw.otf(
                 pupil, lines * (length * distance), waves * mean / length, radius,

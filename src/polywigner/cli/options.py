@@ -1,4 +1,4 @@
-"""Options of several commands, and atomic writing of output files."""
+"""Options that several commands share, and atomic writing of output files."""
 
 from __future__ import annotations
 
@@ -31,13 +31,11 @@ if TYPE_CHECKING:
     Content: TypeAlias = Figure | xarray.Dataset | Mapping[str, Any] | Callable[[Path], object]
 
 Text: TypeAlias = str | None
-"""Type of an option with a string such as "94 GHz"; None selects the default."""
 Texts: TypeAlias = list[str] | None
 _CONDITIONS = "rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff"
 METHOD_HELP = f"wigner, {_CONDITIONS}, fresnel or fraunhofer"
 OBLIQUITY_HELP = f"{_CONDITIONS} or paper"
-EXACT = "rayleigh-sommerfeld-1"
-"""Default method of exact fields."""
+EXACT = "rayleigh-sommerfeld-1"  # default exact method
 FLOOR: dict[str, Any] = {"min": -300.0, "max": -1.0}
 DbFloor = Annotated[
     float,
@@ -54,12 +52,8 @@ Resumable = Annotated[bool, "Continue an interrupted run from NAME.parts.zarr (e
 Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://host:8786."]
 
 
-# ---- values of options
-# -----------------------------------------------------------------------------
-
-
 def parse_step(text: str, largest: float, most: int) -> float:
-    """Return a step of angles in degrees, up to ``largest``, for at most ``most`` directions."""
+    """Return a step in degrees for at most ``most`` directions in a hemisphere."""
     step = math.degrees(parse_angle(text))
     if not 0 < step <= largest:
         raise ArgumentError(
@@ -72,7 +66,7 @@ def parse_step(text: str, largest: float, most: int) -> float:
 
 
 def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
-    """Return finite numbers separated by commas, with or without the unit "dB"."""
+    """Return comma-separated finite numbers, each with or without the unit "dB"."""
     try:
         numbers = tuple(float(part.strip().removesuffix("dB")) for part in text.split(","))
         if all(map(math.isfinite, numbers)):
@@ -82,8 +76,8 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
     raise QuantityError(f"{option}: expected numbers such as {example!r}, got {value_text(text)}")
 
 
-def parse_coefficients(option: str, text: str) -> dict[int, float]:
-    """Return numbers by index from a string such as "4: 0.05, 11: 0.1"."""
+def parse_coefficients(text: str) -> dict[int, float]:
+    """Return coefficients by index from a string such as "4: 0.05, 11: 0.1"."""
     try:
         pairs = [part.split(":") for part in text.split(",")]
         numbers = {int(index): float(value) for index, value in pairs}
@@ -92,20 +86,15 @@ def parse_coefficients(option: str, text: str) -> dict[int, float]:
     except ValueError:
         pass
     raise QuantityError(
-        f"{option}: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
+        "--zernike: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
         f"{value_text(text)}"
     )
 
 
-# ---- options of commands
-# ---------------------------------------------------------------------------
-
-
 def with_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that has an option for each parameter of a function.
+    """Return a command with one option for each parameter of a function.
 
-    A parameter annotated with a dataclass represents one option for each field. The function
-    receives an instance of the dataclass.
+    A parameter annotated with a dataclass becomes one option for each field of the dataclass.
     """
     hints = get_type_hints(function, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
@@ -128,12 +117,11 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
-# Names of options that differ from the names of their parameters.
+# Options whose names differ from the parameter names.
 _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
 def _option(name: str, default: Any, kind: Any) -> Parameter:
-    """Return an option whose help is the string in its annotation; default False makes a flag."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -144,8 +132,6 @@ def _option(name: str, default: Any, kind: Any) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
-# ---- output files --------------------------------------------------------------------------------
-
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".zarr",
     ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln", ".dat",
@@ -153,7 +139,6 @@ _KNOWN_SUFFIXES = (
 
 
 def output_stem(out: str | None, name: str) -> Path:
-    """Return the path, without suffix, of the output files of a command."""
     if out is None:
         return Path(name)
     path = Path(out)
@@ -168,26 +153,25 @@ def output_stem(out: str | None, name: str) -> Path:
 
 
 def targets(stem: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """Return the paths of a stem with each of the suffixes; dots in the stem are kept."""
+    """Return the stem with each suffix appended; dots in the stem are kept."""
     return tuple(stem.with_name(stem.name + suffix) for suffix in suffixes)
 
 
 def suffixes_of(formats: Sequence[str]) -> tuple[str, ...]:
-    """Return the suffix of each format, without repetitions."""
     return tuple(f".{name}" for name in dict.fromkeys(formats))
 
 
 def files_to_write(out: str | None, name: str, suffixes: Sequence[str]) -> tuple[Path, ...]:
-    """Return the paths of output files; raise ArgumentError if one cannot be written."""
+    """Return the paths of output files; raise ArgumentError if a file cannot be written."""
     files = targets(output_stem(out, name), suffixes)
     check_writable(files)
     return files
 
 
 def check_writable(paths: Sequence[Path]) -> None:
-    """Raise ArgumentError before the long work if one of the files cannot be written."""
+    """Raise ArgumentError before the computation if a file cannot be written."""
     for path in paths:
-        # For names that are too long, os.path returns False, while pathlib raises OSError.
+        # pathlib raises OSError for names that are too long; os.path returns False.
         if os.path.isdir(path) and path.suffix != ".zarr":  # noqa: PTH112
             raise ArgumentError(
                 f"expected --out as the name of a file, got the folder {path}; rename the "
@@ -208,10 +192,10 @@ def check_writable(paths: Sequence[Path]) -> None:
 
 @contextmanager
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Yield a temporary path for each target, and rename the paths to the targets after the block.
+    """Yield temporary paths, and rename them to ``paths`` at the end of the block.
 
-    Missing folders are created. A target may be a folder, such as a zarr store. If the block raises
-    an exception, no target is created or changed. The names of the targets are printed at the end.
+    Missing folders are created, and the names of the files are printed. If the block raises an
+    exception, no file is created or changed.
     """
     try:
         for path in paths:
@@ -220,7 +204,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
             partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
             yield partials
             for partial in partials:
-                partial.stat()  # All files must exist before the first file is renamed.
+                partial.stat()  # Raise an error for a missing file before any renaming.
         print(*paths, sep="\n", flush=True)
     except OSError as error:
         raise ArgumentError(
@@ -231,8 +215,8 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
 def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "") -> None:
     """Write all files or none, then print ``summary`` and the names of the files.
 
-    Each of the ``contents`` is a figure, a dataset, a record for JSON, or a function that writes to
-    a path.
+    Each item of ``contents`` is a figure, a dataset, a mapping for JSON, or a function that writes
+    to a path.
     """
     with writing(paths) as partials:
         for partial, content in zip(partials, contents, strict=True):
@@ -256,12 +240,8 @@ def _write_one(path: Path, content: Any) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-# ---- options of scenes
-# -----------------------------------------------------------------------------
-
-
 def check_scene(path: str) -> None:
-    """Raise SceneError before the slow import of Mitsuba if a file cannot be a scene."""
+    """Raise SceneError if a file is not a scene, before the slow import of Mitsuba."""
     if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
         raise SceneError(f"the scene file {path!r} does not exist or is not a file")
     if Path(path).suffix.lower() != ".xml":
@@ -273,7 +253,7 @@ def check_scene(path: str) -> None:
 
 @contextmanager
 def warnings_of_mitsuba() -> Iterator[None]:
-    """Collect Mitsuba's log messages, and issue them as warnings at the end of the block."""
+    """Issue Mitsuba's log messages as warnings at the end of the block."""
     from polywigner.mitsuba.plugins.films import to_list
 
     with to_list() as messages:
@@ -284,7 +264,7 @@ def warnings_of_mitsuba() -> Iterator[None]:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """Options of a command on a scene; None selects the setting of the scene."""
+    """Options of commands on scenes; None selects the setting of the scene."""
 
     scene: Annotated[str, typer.Argument(help="Mitsuba XML file of a scene with a Wigner source.")]
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 0
@@ -299,11 +279,10 @@ class SceneOptions:
 
     @property
     def cluster(self) -> dict[str, Any]:
-        """Keyword arguments for the scheduler and the number of threads."""
         return {"scheduler": self.scheduler, "threads": self.threads}
 
     def edges(self, default: int) -> NDArray[np.float64] | None:
-        """Return the edges of the range bins in m, or None without --range."""
+        """Return the edges of the range bins in metres, or None without --range."""
         import numpy as np
 
         if self.range_text is None:
@@ -322,10 +301,10 @@ class SceneOptions:
 
     @contextmanager
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
-        """Check the requirements of a run that writes ``file``, and yield the store of its parts.
+        """Yield the path of the zarr store of a resumable run, or None for other runs.
 
-        Only resumable runs have a store; for other runs, None is yielded. At the end of the block,
-        the store is removed, and Mitsuba's log messages become warnings.
+        At the end of the block, the store is removed, and Mitsuba's log messages become warnings.
+        Raises MissingExtraError if a required library is not installed.
         """
         from polywigner.mitsuba.radar.range_film import require_transients
         from polywigner.propagation.stores import required
@@ -337,14 +316,12 @@ class SceneOptions:
         with warnings_of_mitsuba():
             if self.range_text is not None:
                 required("h5netcdf", "dask")
-                # The call registers integrators that the scene may use.
-                require_transients(variant)
+                require_transients(variant)  # The scene may use the registered integrators.
             yield store
         if store is not None:
             shutil.rmtree(store, ignore_errors=True)
 
     def record(self, variant: str) -> dict[str, Any]:
-        """Return the settings of a run, its variant, and the versions of the libraries."""
         from importlib.metadata import version
 
         from polywigner.llvm import prepare

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 _Projection = Literal["maximum", "mean"]
 
-_WIDEST = math.radians(80.0)  # default of the largest angle from the axis on an arc
-# Largest angle of a hemisphere, which equals the limit of suggest_sampling.
+_WIDEST = math.radians(80.0)  # default of the largest angle on an arc [rad]
+# Largest angle on a hemisphere [rad], the limit of suggest_sampling.
 _GRAZING = math.radians(89.5)
-_MOST_POINTS = 1 << 26  # largest number of points, which take 0.5 GB per method
+_MOST_POINTS = 1 << 26  # 0.5 GB per method
 # Smallest default numbers of samples, for smooth figures.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
-# Largest default numbers of samples, which take at most four times as long.
+# Largest default numbers of samples.
 _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
 _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 
@@ -45,8 +45,6 @@ Methods: TypeAlias = dict[str, dict[str, str | None]]
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions(FieldSourceOptions):
-    """Options of a field: source, obstacles, methods and files."""
-
     method: Annotated[
         Texts,
         f"{options.METHOD_HELP}; 'wigner paper' selects an obliquity (repeatable; default: "
@@ -63,7 +61,7 @@ class FieldOptions(FieldSourceOptions):
     out: options.Out = None
 
     def methods(self, *default: str) -> tuple[Methods, str]:
-        """Return the methods, and the name of the reference method."""
+        """Return the arguments of each method, and the name of the reference method."""
         from polywigner.geometry.arguments import checked_choice
 
         texts = self.method or ([options.EXACT] if self.obstacle else default)
@@ -90,7 +88,6 @@ class FieldOptions(FieldSourceOptions):
         return methods, (exact or list(methods))[-1]
 
     def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
-        """Return the arguments of :func:`polywigner.irradiance` for all methods."""
         return {
             "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
             "tolerance": self.accuracy,
@@ -133,7 +130,7 @@ def propagate(
     from polywigner.propagation.stores import required
 
     methods, reference = field.methods("wigner", options.EXACT)
-    required("h5netcdf")  # If h5netcdf is missing, this raises an error before the work.
+    required("h5netcdf")  # Raise MissingExtraError before the computation.
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     region = region._replace(shape=samples_of_region(source, region, wavelength, amplitude))
@@ -161,7 +158,6 @@ def propagate(
 def _values(
     source: Aperture | ApertureArray, region: Region, wavelength: float, settings: Mapping[str, Any]
 ) -> xarray.Dataset:
-    """Return the dataset of one method."""
     import numpy as np
 
     import polywigner as pw
@@ -200,7 +196,8 @@ def volume(
     NAME-METHOD.zarr and so on.
     """
     field.check()
-    corners = parse_box(box)
+    with at_key("--box"):
+        corners = _ranges(box, 3)
     count = None if shape is None else parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
         raise ArgumentError(
@@ -251,8 +248,7 @@ def volume(
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
     """Print the largest and the rms level difference of each method from the reference, in dB.
 
-    Points with a level of 30 dB or more below the peak of the reference are left out, and so are
-    values of zero. All fields have the same points. Nothing is printed for a single field.
+    Points 30 dB or more below the peak of the reference, and values of zero or below, are excluded.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
 
@@ -268,17 +264,10 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
         print(f"  {name:{width}}  {numbers}{omitted}")
 
 
-# ---- numbers of samples
-# ----------------------------------------------------------------------------
-
-
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Return the requested numbers of samples, or by default the numbers that the field needs.
-
-    The default numbers are bounded. If the field needs more samples, a warning is issued.
-    """
+    """Return the requested numbers of samples, or those that the field needs, within limits."""
     import polywigner as pw
 
     if region.shape:
@@ -300,7 +289,7 @@ def samples_of_region(
 def samples_of_box(
     source: Aperture | ApertureArray, corners: tuple[Point, Point], wavelength: float
 ) -> tuple[int, ...]:
-    """Return the numbers of samples along x, y and z that the irradiance needs, within bounds."""
+    """Return the numbers of samples along x, y and z for the irradiance, within limits."""
     import polywigner as pw
 
     axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
@@ -322,10 +311,6 @@ def _within(
     return chosen
 
 
-# ---- regions in which fields are computed
-# ----------------------------------------------------------
-
-
 class Region(NamedTuple):
     """Region in which a field is computed; angles are in rad, lengths in m.
 
@@ -341,7 +326,7 @@ class Region(NamedTuple):
 
 
 def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region:
-    """Parse the requested region: a line, an arc, a plane or a hemisphere."""
+    """Parse the only option that is not None: a line, an arc, a plane or a hemisphere."""
     regions = {name: text for name, text in texts.items() if text is not None}
     if len(regions) != 1:
         got = " and ".join(f"--{name}" for name in regions) or "none"
@@ -393,12 +378,6 @@ def _arc(text: str, shape: tuple[int, ...]) -> Region:
     return Region("arc", shape, (), parse_length(distance), phi, reach)
 
 
-def parse_box(text: str) -> tuple[Point, Point]:
-    """Parse three ranges; return the lowest and the highest corner of the box."""
-    with at_key("--box"):
-        return _ranges(text, 3)
-
-
 _EXPECTED_RANGES = (
     'a point such as "0 mm, 0 mm, 80 mm"',
     "",
@@ -408,7 +387,7 @@ _EXPECTED_RANGES = (
 
 
 def _ranges(text: str, count: int) -> tuple[Point, Point]:
-    """Parse ``count`` ranges and 3 - ``count`` coordinates; return the lowest and highest point."""
+    """Parse ``count`` ranges and 3 - ``count`` coordinates to the lowest and the highest point."""
     parts = _split(text, ",")
     if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z separated by commas, got {value_text(text)}")
@@ -428,7 +407,7 @@ def _ranges(text: str, count: int) -> tuple[Point, Point]:
 
 
 def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
-    """Parse positive integers, one for each dimension, such as ``"64 x 64 x 96"``."""
+    """Parse positive integers such as ``"64 x 64 x 96"``, one for each dimension."""
     parts = _split(text, "[x×]")
     if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
         example = " x ".join(("64", "64", "96")[:dimensions])

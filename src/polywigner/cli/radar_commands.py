@@ -30,23 +30,14 @@ if TYPE_CHECKING:
 
     from polywigner.scattering.cross_sections import Pattern
 
-# ---- radar cross sections
-# --------------------------------------------------------------------------
-
 _Format = StrEnum("_Format", "csv nc")
-# Default steps of the map in degrees. The finest step that meets _MAP_SECONDS is used.
+# Default steps of the map [degrees].
 _STEPS = (1.0, 2.0, 5.0, 10.0)
-# Target for the computing time of the map in s.
-_MAP_SECONDS = 60.0
-# Number of directions whose computation is timed, to choose the default steps.
-_TIMED = 8
-# Largest number of directions of the map. This many take hours for a simple body, and 0.1 GB of
-# memory.
-_MOST = 4_000_000
-# Default number of steps of the cuts per lobe of backscatter.
-_STEPS_PER_LOBE = 4.0
-# Target for the computing time of a cut in s.
-_CUT_SECONDS = 30.0
+_MAP_SECONDS = 60.0  # longest computing time of a map with the default step [s]
+_TIMED = 8  # number of directions timed to choose the default steps
+_MOST = 4_000_000  # largest number of directions of a map: hours for a simple body
+_STEPS_PER_LOBE = 4.0  # default steps of the cuts per backscatter lobe
+_CUT_SECONDS = 30.0  # longest computing time of a cut with the default step [s]
 _FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
 
 
@@ -94,10 +85,10 @@ def rcs(
     metal = reading.read_body(body, open_mesh)
     pattern_of = partial(Pattern, metal, length, polarisation=polarisation, bounces=bounces)
     lobe = math.degrees(length / (2 * facets_of(metal).size))
-    degrees, fine = _steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
+    degrees, fine = _angular_steps(pattern_of(0.0, 0.0), map_step, fine_step, lobe)
     count = round(90.0 / degrees)
-    _warn_of_lobes("the map", 90.0 / count, lobe, "--step")
-    _warn_of_lobes("the cuts", fine, lobe, "--cut-step")
+    _warn_if_coarse("the map", 90.0 / count, lobe, "--step")
+    _warn_if_coarse("the cuts", fine, lobe, "--cut-step")
     azimuth = np.radians(np.arange(-2 * count, 2 * count + 1) * 90.0 / count)
     elevation = np.radians(np.arange(-count, count + 1) * 90.0 / count)
     around = np.linspace(-np.pi, np.pi, round(360.0 / fine) + 1)
@@ -116,14 +107,14 @@ def rcs(
     options.write(files, contents, _summary([pattern, *cuts], floor_db))
 
 
-def _steps(
+def _angular_steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps of the map and of the cuts in degrees; defaults depend on the speed."""
+    """Return the steps of map and cuts in degrees; timed calls determine the defaults."""
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
-    pattern.at(azimuth[:1], elevation[:1])  # This call fills the caches before the timing.
+    pattern.at(azimuth[:1], elevation[:1])  # Fill the caches before timing.
     start = time.perf_counter()
     pattern.at(azimuth, elevation)
     seconds = (time.perf_counter() - start) / _TIMED
@@ -137,7 +128,7 @@ def _steps(
 
 
 def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write patterns as CSV with one row per direction; values that cannot be computed are nan."""
+    """Write patterns as CSV with one row per direction and "nan" for NaN."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):
@@ -161,8 +152,7 @@ def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
     )
 
 
-def _warn_of_lobes(name: str, step: float, lobe: float, option: str) -> None:
-    """Warn if a step in degrees exceeds the width lambda/(2 D) of a lobe of a body of size D."""
+def _warn_if_coarse(name: str, step: float, lobe: float, option: str) -> None:
     if step > lobe:
         warnings.warn(
             f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees in {name}; specify "
@@ -171,9 +161,6 @@ def _warn_of_lobes(name: str, step: float, lobe: float, option: str) -> None:
             stacklevel=3,
         )
 
-
-# ---- samples of a radar
-# ----------------------------------------------------------------------------
 
 _POINTS = 20_000
 
@@ -222,7 +209,7 @@ def radar(
     from polywigner.radar import parse_waveform, range_angle, range_doppler, window_of
 
     wave = parse_waveform(waveform)
-    window_of(window, wave.samples)  # A bad window raises its error here, before the work.
+    window_of(window, wave.samples)  # Raise its errors before the computation.
     required("zarr" if zarr else "h5netcdf", "dask")
     with options.warnings_of_mitsuba():
         loaded = load_scene(scene, choose_variant(variant))
@@ -249,7 +236,7 @@ def radar(
 
 
 def parse_velocity(text: str) -> tuple[str, tuple[float, ...]]:
-    """Return name and velocity from a string NAME = VX, VY, VZ; raise ArgumentError otherwise."""
+    """Parse a name and a velocity in m/s from "NAME = VX, VY, VZ"."""
     name, equals, numbers = text.partition("=")
     values = options.parse_numbers("--velocity", numbers, "-8, 0, 0") if equals else ()
     if not name.strip() or len(values) != 3:

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
     from polywigner.mitsuba.receive.power_results import ReceivedPower
 
-# ---- rendering
-# -------------------------------------------------------------------------------------
-
 _Integrator = Literal["path", "direct", "volpath", "volpathmis", "prb", "prbvolpath"]
 _POLARISED = ("_stokes.npz", "_stokes.png", "_polarisation.png")
 _STOKES_CHANNELS = 12
@@ -69,7 +66,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins import films, polariser
     from polywigner.mitsuba.plugins.placement import placed_emitter
-    from polywigner.mitsuba.radar.range_profile import prepared_frames
+    from polywigner.mitsuba.radar.range_profile import range_frames
     from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
     from polywigner.mitsuba.scenes.surfaces import is_receiver, wigner_emitters
@@ -80,7 +77,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     with settings.running(variant, files[0]) as store:
         file = SceneFile(Path(settings.scene), variant, diffraction=settings.diffraction)
         scene = file.load()
-        specs = _checked_specs(scene, settings.scene)
+        specs = _emitter_parameters(scene, settings.scene)
         samples = settings.spp or default_spp(scene)
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
@@ -88,18 +85,16 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 f"--polarised requires a camera, but {settings.scene} has a wigner_receiver, "
                 "whose polarisation is a parameter of the receiver"
             )
-        # The check raises its error before the render if the paths of the scene have no lengths.
-        if edges is not None:
-            render_frames = prepared_frames(
-                scene, edges, spp=samples, seed=settings.seed, sensor=0, integrator=integrator
-            )
         ready = time.perf_counter()
+        # Scenes whose paths have no lengths raise an error before the longer render.
+        if edges is not None:
+            with kernel_threads(settings.threads):
+                frames = range_frames(
+                    scene, edges, spp=samples, seed=settings.seed, integrator=integrator
+                )
         measured = f"stokes {integrator or ''}" if settings.polarised else integrator
         exposure = {"integrator": measured, "spp": samples, "seed": settings.seed}
         image = render_parts(file, scene, exposure, store, **settings.cluster)
-        if edges is not None:
-            with kernel_threads(settings.threads):
-                frames = render_frames(None)
         done = time.perf_counter()
 
         title = _title(specs, settings.scene, variant, samples)
@@ -125,7 +120,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             "floor_db": floor,
         }
         record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
-        _warn_of_darkness(radiance)
+        _warn_if_mostly_dark(radiance)
         if receives:
             figure = figures.draw_arrivals(radiance, (), floor, title)
         else:
@@ -140,8 +135,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         options.write(files, contents)
 
 
-def _checked_specs(scene: Any, name: str) -> list[Any]:
-    """Check the wavelengths of the Wigner emitters, and return the parameters of the emitters."""
+def _emitter_parameters(scene: Any, name: str) -> list[Any]:
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -153,8 +147,7 @@ def _checked_specs(scene: Any, name: str) -> list[Any]:
     return specs
 
 
-def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
-    """Warn if less than half of the pixels are above the floor of the figure."""
+def _warn_if_mostly_dark(radiance: NDArray[np.float64]) -> None:
     negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
@@ -167,7 +160,6 @@ def _warn_of_darkness(radiance: NDArray[np.float64]) -> None:
 
 
 def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
-    """Return the title of the figure: scene, frequencies, variant and samples."""
     texts = list(dict.fromkeys(frequency_text(spec.wavelength) for spec in specs))
     listed = ", ".join(texts[:3]) + (", ..." if len(texts) > 3 else "")
     return (
@@ -175,11 +167,7 @@ def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
     )
 
 
-# ---- received power
-# --------------------------------------------------------------------------------
-
-# Number of panels in a row of the figure of received power.
-_COLUMNS = 3
+_COLUMNS = 3  # largest number of panels in a row
 _MOST_FREQUENCIES = 1 << 16
 
 
@@ -272,11 +260,11 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         record["settings"]["defined"] = defined
         record["seconds"] = round(time.perf_counter() - start, 3)
         floor, summary = settings.floor_db, "\n\n".join(map(str, received))
-        contents: list[Any] = [record, _figure(received, maps, names, titles, floor)]
+        contents: list[Any] = [record, _draw_receivers(received, maps, names, titles, floor)]
         if profile is not None:
             by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
             contents += [profile, _draw_ranges(profile, titles, floor)]
-            summary += f"\n{_ranges_text(by_receiver, received)}"
+            summary += f"\n{_range_summary(by_receiver, received)}"
         if response is not None:
             title = f"{short_name(settings.scene)}, {len(band)} frequencies"
             figure = draw_channel(response, floor_db=floor, title=title)
@@ -285,7 +273,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
 
 
 def parse_definition(text: str) -> tuple[str, str]:
-    """Return name and value from a string NAME=VALUE; raise ArgumentError for other strings."""
+    """Parse a name and a value from "NAME=VALUE"."""
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise ArgumentError(
@@ -295,7 +283,7 @@ def parse_definition(text: str) -> tuple[str, str]:
 
 
 def parse_band(text: str | None) -> list[float]:
-    """Parse frequencies in Hz, such as "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
+    """Parse frequencies to Hz from "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
     if text is None:
         return []
     ends, _, number = text.partition(",")
@@ -312,14 +300,13 @@ def parse_band(text: str | None) -> list[float]:
     return [low + (high - low) * k / (count - 1) for k in range(count)]
 
 
-def _figure(
+def _draw_receivers(
     received: Sequence[ReceivedPower],
     maps: Sequence[NDArray[np.float64]],
     names: Sequence[Any],
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
-    """Draw the scattered power over directions, with one panel per receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text
@@ -346,8 +333,7 @@ def _figure(
     return figure
 
 
-def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
-    """Return text about the strongest bin of each receiver, and the power outside all bins."""
+def _range_summary(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
     from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values
@@ -365,7 +351,6 @@ def _ranges_text(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> 
 
 
 def _draw_ranges(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
-    """Draw received power over range, with one panel per receiver."""
     from polywigner.figures import draw_range_profile
     from polywigner.figures.style import new_figure
 

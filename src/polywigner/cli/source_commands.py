@@ -24,12 +24,8 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
     from polywigner.figures import TransformSlices
 
-# ---- transforms
-# ------------------------------------------------------------------------------------
-
 _FEWEST = 257
-# Largest default number of samples along an axis, which takes about ten seconds for an aperture
-# with a hundred edges.
+# Largest default number of samples along an axis: about 10 s for an aperture with 100 edges.
 _MOST_BY_DEFAULT = 513
 
 
@@ -58,21 +54,17 @@ def transform(
 
     radiator, length = source.read()
     name = short_name(source.source)
-    count, zoomed = _samples(samples, radiator, length)
+    count, zoomed = _sample_count(samples, radiator, length)
     slices = transform_slices(radiator, position, lag, length, count, zoomed)
     title = name if length is None else f"{name}, {frequency_text(length)}"
     figure = draw_transforms(slices, floor_db, title=title)
     write(files, [figure, partial(_write_values, slices)])
 
 
-def _samples(
+def _sample_count(
     requested: int | None, source: Aperture | ApertureArray, wavelength: float | None
 ) -> tuple[int, bool]:
-    """Return the number of samples along an axis, and whether the frequency axes are cropped.
-
-    The axes are cropped if a figure of all directions would be too large. Too few samples cause a
-    warning.
-    """
+    """Return the number of samples along an axis, and whether the frequency axes are cropped."""
     from polywigner.figures import LARGEST_SAMPLES, outline_of, samples_needed
 
     aperture = outline_of(source)
@@ -96,10 +88,10 @@ def _samples(
 
 
 def _write_values(slices: TransformSlices, path: Path) -> None:
-    """Write the slices as .npz, with a JSON string ``metadata`` that describes axes and units."""
+    """Write the slices as .npz with a JSON string ``metadata``, which describes axes and units."""
     import numpy as np
 
-    # GeoJSON contains all digits, but GEOS writes WKT with 16 decimals only.
+    # GEOS writes WKT with 16 decimals only; GeoJSON contains all digits.
     from shapely import to_geojson
 
     import polywigner as pw
@@ -121,17 +113,12 @@ def _write_values(slices: TransformSlices, path: Path) -> None:
     np.savez_compressed(path, metadata=json.dumps(metadata), **arrays)
 
 
-# ---- radiation patterns
-# ----------------------------------------------------------------------------
-
 _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
-# Number of steps of the map per lobe. The lobes of a source of diameter D are lambda/D wide.
+# Steps of the map per lobe; lobes of a source of diameter D are lambda/D wide.
 _STEPS_PER_LOBE = 8
-# Finest and coarsest default step in degrees. The finest step results in 361 x 1440 directions,
-# which take 1 to 2 s.
+# Finest and coarsest default step [degrees]; the finest step takes 1 to 2 s.
 _FINEST, _COARSEST = 0.25, 1.0
-# Largest number of directions in front of the source. The values for this many directions take 0.2
-# GB.
+# Largest number of directions in front of the source: 0.2 GB of values.
 _MOST = 4_000_000
 
 
@@ -178,8 +165,8 @@ def pattern(
 
     radiator, length = source.read_with_wavelength()
     wavelengths = outline_of(radiator).diameter / length
-    quarter = round(90.0 / (degrees or _degrees(wavelengths)))
-    # The field behind the source is zero, but HFSS requires all directions.
+    quarter = round(90.0 / (degrees or _default_step(wavelengths)))
+    # HFSS requires all directions, although the field behind the source is zero.
     theta_steps = 2 * quarter if ".ffd" in suffixes else quarter
     theta = np.radians(np.arange(theta_steps + 1) * 90.0 / quarter)
     phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
@@ -203,8 +190,8 @@ def pattern(
     write(files, [figure, *(export for _ in suffixes)], str(metrics))
 
 
-def _degrees(wavelengths: float) -> float:
-    """Return the default step in degrees for a source; warn if the step is coarse."""
+def _default_step(wavelengths: float) -> float:
+    """Return the default step in degrees; warn if lobes are narrower than the finest step."""
     needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:
         warnings.warn(

@@ -1,4 +1,4 @@
-"""Options for the source of a command: files, wavelengths, and obstacles."""
+"""Options for sources, wavelengths and obstacles, and the reading of their files."""
 
 from __future__ import annotations
 
@@ -36,17 +36,14 @@ if TYPE_CHECKING:
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
-# Largest relative difference of wavelengths that count as equal, because users type few digits.
+# Relative difference up to which wavelengths count as equal; users type few digits.
 _SAME_WAVELENGTH = 1e-3
-# Largest ratio of wavelength and diameter, or of diameter and wavelength. Larger ratios are typing
-# errors, and figures with them fail.
+# Largest ratio of wavelength to diameter, and of diameter to wavelength; figures fail beyond it.
 _LARGEST_RATIO = 1e12
 
 
 @dataclass(frozen=True, kw_only=True)
 class WaveOptions:
-    """Options for a frequency or a wavelength."""
-
     frequency: Annotated[Text, "Frequency, such as '94 GHz'."] = None
     wavelength: Annotated[Text, "Wavelength, such as '3.19 mm'."] = None
 
@@ -62,7 +59,6 @@ class WaveOptions:
 
 
 def required_wavelength(wavelength: float | None) -> float:
-    """Return a wavelength; raise ArgumentError if it is None."""
     if wavelength is None:
         raise ArgumentError(
             "expected --frequency or --wavelength, got neither; specify for example --frequency "
@@ -73,15 +69,13 @@ def required_wavelength(wavelength: float | None) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """Options for reading an aperture file."""
-
     unit: Annotated[Text, "Unit of files that specify none (default: mm)."] = None
     tolerance: Annotated[Text, "Distance of chords from curves: '1 um' (default: by size)."] = None
     layer: Annotated[Texts, "Layer of a drawing to read (repeatable; default: all)."] = None
     union: Annotated[bool, "Join shapes of an aperture file that overlap."] = False
 
     def check_file(self, path: str) -> None:
-        """Check the path and the tolerance before heavy imports; raise their errors."""
+        """Raise the errors of the path and of the tolerance before large libraries are imported."""
         self.reading_arguments()
         if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
             raise FileFormatError(
@@ -96,7 +90,6 @@ class Reading:
                 raise ArgumentError(f"--{name} does not apply to {kind}; omit it")
 
     def read_file(self, path: str) -> Aperture:
-        """Return the aperture of a file."""
         import polywigner as pw
 
         return pw.read_aperture(path, **self.reading_arguments())
@@ -104,7 +97,7 @@ class Reading:
     def read_body(
         self, path: str, as_plates: bool = False
     ) -> Aperture | Polyhedron | list[PlacedAperture]:
-        """Return a mesh as a body or as plates, or a drawing as an aperture."""
+        """Return a mesh as a body or as separate plates, or a drawing as an aperture."""
         import polywigner as pw
 
         if Path(path).suffix.lower() not in _MESHES:
@@ -118,7 +111,6 @@ class Reading:
         return pw.read_sheets(path, unit) if as_plates else pw.read_polyhedron(path, unit)
 
     def reading_arguments(self) -> dict[str, Any]:
-        """Return the arguments of :func:`polywigner.read_aperture`."""
         tolerance = None if self.tolerance is None else parse_length(self.tolerance)
         unit = self.unit or "mm"
         return {"unit": unit, "tolerance": tolerance, "layer": self.layer, "union": self.union}
@@ -126,7 +118,7 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions(Reading, WaveOptions):
-    """Options for the source of a command: file, taper, copies, steering and wavelength."""
+    """Options for a source: file, taper, array, steering and wavelength."""
 
     source: Annotated[str, typer.Argument(help="Aperture file, or source file (TOML, JSON).")]
     allow_outside: Annotated[bool, "Read files outside of the folder of a source file."] = False
@@ -138,12 +130,12 @@ class SourceOptions(Reading, WaveOptions):
     curved: Annotated[Text, "Radii of a curved wave: '60 mm', or '60 mm, inf' (x, y)."] = None
 
     def check(self) -> None:
-        """Raise the errors that can be detected without heavy imports."""
+        """Raise all errors that can be detected before large libraries are imported."""
         self.check_file(self.source)
         self.length()
 
     def read(self) -> tuple[Aperture | ApertureArray, float | None]:
-        """Return the source, and the wavelength in m from the options or from the file."""
+        """Return the source, and its wavelength in metres from the options or from the file."""
         from polywigner.figures import outline_of
         from polywigner.source.source_files import read_content
         from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
@@ -154,7 +146,7 @@ class SourceOptions(Reading, WaveOptions):
             self.check_unused(names, "a source file; write it into the file")
             source, designed, _ = read_content(self.source, self.allow_outside)
             if wavelength is not None and designed is not None:
-                self._compare(wavelength, designed)
+                self._warn_of_design_wavelength(wavelength, designed)
             wavelength = designed if wavelength is None else wavelength
         else:
             source = self.read_file(self.source)
@@ -165,8 +157,7 @@ class SourceOptions(Reading, WaveOptions):
             check_wavelength(wavelength, outline_of(source).diameter)
         return source, wavelength
 
-    def _compare(self, wavelength: float, designed: float) -> None:
-        """Warn if the wavelength differs from the design wavelength of a file's phases."""
+    def _warn_of_design_wavelength(self, wavelength: float, designed: float) -> None:
         if abs(wavelength - designed) > _SAME_WAVELENGTH * designed:
             warnings.warn(
                 f"the phases in {Path(self.source).name} were designed for a wavelength of "
@@ -177,20 +168,20 @@ class SourceOptions(Reading, WaveOptions):
             )
 
     def polarisation(self) -> NDArray[np.complex128] | None:
-        """Return the Jones vectors of a source file, or None."""
+        """Return the Jones vectors of a source file, or None for an aperture file."""
         from polywigner import read_polarisation
 
         is_source = _is_source_file(self.source)
         return read_polarisation(self.source, self.allow_outside) if is_source else None
 
     def read_with_wavelength(self) -> tuple[Aperture | ApertureArray, float]:
-        """Return the source and its wavelength in m; raise ArgumentError without a wavelength."""
+        """Return the source and its wavelength in metres; raise ArgumentError without one."""
         source, wavelength = self.read()
         return source, required_wavelength(wavelength)
 
 
 def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn if a wavelength in m is implausible for the aperture; raise if it is impossible."""
+    """Warn if a wavelength in metres is implausible for the aperture; raise if impossible."""
     from polywigner.geometry.arguments import doubt_of_wavelength
 
     doubt = doubt_of_wavelength(wavelength, diameter)
@@ -203,7 +194,6 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
 
 
 def field_title(path: str, wavelength: float) -> str:
-    """Return the title of a field's figure: the source's file, frequency and wavelength."""
     from polywigner.quantities import length_text
 
     printed = length_text(wavelength)
@@ -211,16 +201,15 @@ def field_title(path: str, wavelength: float) -> str:
 
 
 def short_name(path: str) -> str:
-    """Return a short name of a file for a title; for ``scene.xml``, the name of its folder."""
+    """Return the file name for a title; for ``scene.xml``, the name of its folder."""
     file = Path(path)
     name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
         name = f"{name[:20]}…{name[-11:]}"
-    return name.replace("$", r"\$")  # A dollar sign would start a formula in Matplotlib.
+    return name.replace("$", r"\$")  # Matplotlib would start a formula.
 
 
 def frequency_text(wavelength: float) -> str:
-    """Return the frequency of a wavelength in metres as text."""
     frequency = SPEED_OF_LIGHT / wavelength
     units = [unit for unit in _FREQUENCIES if frequency >= 0.9995 * unit[1]]
     name, size = units[0] if units else _FREQUENCIES[-1]
@@ -228,12 +217,12 @@ def frequency_text(wavelength: float) -> str:
 
 
 def _is_source_file(path: str) -> bool:
-    """Return whether a file is TOML, or JSON with a top-level "kind" (unlike GeoJSON)."""
+    """Return whether a file is TOML, or JSON with a top-level "kind", which GeoJSON lacks."""
     from polywigner.geometry.io.limits import bytes_of
 
     suffix = Path(path).suffix.lower()
     if suffix == ".json":
-        # The reader of apertures reports these errors.
+        # read_aperture reports these errors.
         with suppress(ValueError, RecursionError, OSError):
             content = json.loads(bytes_of(Path(path)))
             return isinstance(content, dict) and "kind" in content and "type" not in content
@@ -253,10 +242,9 @@ class FieldSourceOptions(SourceOptions):
     obstacle_unit: Annotated[Text, "Unit of obstacle files that specify none (default: mm)."] = None
 
     def check(self) -> None:
-        """Raise the errors that can be detected without heavy imports."""
         super().check()
         for text in self.obstacle or ():
-            Reading().check_file(_placed_file(text)[0])
+            Reading().check_file(_parse_obstacle(text)[0])
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
             if not self.obstacle:
@@ -265,21 +253,20 @@ class FieldSourceOptions(SourceOptions):
                 )
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
-        """Return the bodies and placed plates."""
         with at_key("--obstacle"):
-            return [self._placed(*_placed_file(text)) for text in self.obstacle or ()]
+            return [self._placed_obstacle(*_parse_obstacle(text)) for text in self.obstacle or ()]
 
-    def _placed(
+    def _placed_obstacle(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
-        """Return a body whose z axis is rotated to theta, phi, and whose origin is moved."""
+        """Return an obstacle with its z axis rotated to theta, phi, then moved to ``origin``."""
         import numpy as np
 
         from polywigner import Polyhedron
 
         theta, phi = angles
         axis = np.array([-math.sin(phi), math.cos(phi), 0.0])
-        cross = np.cross(np.eye(3), axis)  # cross @ v is the cross product of axis and v.
+        cross = np.cross(np.eye(3), axis)  # cross @ v equals axis × v.
         pose = np.eye(4)
         pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
         pose[:3, 3] = origin
@@ -290,12 +277,8 @@ class FieldSourceOptions(SourceOptions):
         return placed
 
 
-def _placed_file(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-    """Return the file, the position of its origin in m, and theta and phi of its z axis in rad.
-
-    The text has the form "FILE at X, Y, Z towards THETA, PHI"; the position and the direction are 0
-    by default.
-    """
+def _parse_obstacle(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
+    """Parse "FILE at X, Y, Z towards THETA, PHI" to the file, a point in m and angles in rad."""
     path, at, placement = text.rpartition(" at ")
     if not at:
         return text, (0.0, 0.0, 0.0), (0.0, 0.0)

@@ -6,12 +6,11 @@ module               content
 ``operations``       operations of kernels on NumPy arrays and Python floats
 ``drjit_operations`` operations of kernels on Dr.Jit arrays
 ``choice``           choice of the engine and the strategy of a call
-``evaluation``       evaluation of kernels at NumPy points on any engine; Fourier transforms on
-                     grids of frequencies
-``chunks``           division of samples into chunks, threads, aligned memory for Dr.Jit
+``evaluation``       evaluation of kernels at NumPy points; Fourier transforms on grids
+``chunks``           chunks of samples, threads, aligned memory for Dr.Jit
 ``progress``         progress bars on a terminal
 ``on_drjit``         kernels that Dr.Jit compiles, with outlines as code or as data
-``points``           conversion of the Dr.Jit arrays of callers to component arrays, and back
+``points``           conversion between the Dr.Jit arrays of callers and component arrays
 ``traced``           evaluation of kernels at Dr.Jit points, with closed-form derivatives
 ===================  ==========================================================================
 """

@@ -28,40 +28,38 @@ DATA = "edges as data"
 CODE = "edges as code"
 SUM = "sum of terms"
 
-# Smallest number of samples for which compiled code that reads the source from memory is faster
-# than NumPy. All thresholds in this module were measured by benchmarks/default_regret.py.
+# Number of samples from which compiled code that reads the source from memory is faster than NumPy.
+# benchmarks/default_regret.py measures all thresholds of this module.
 _LEAST_SAMPLES = 1000
-# Smallest number of terms for which a kernel that is compiled for one source is faster than NumPy.
-# The number of terms is the product of the numbers of samples, edges, waves and copies.
+# Number of terms (samples × edges × waves × copies) from which a kernel compiled for one source is
+# faster than NumPy.
 _LEAST_TERMS = 1 << 18
-# Smallest number of samples for which code that contains the edges as constants is faster than code
-# that reads the edges from memory.
-_LEAST_SAMPLES_AS_CODE = 1 << 18
-# Smallest number of frequencies per position, and smallest number of edges, for which compiled code
-# reads the cut edges of slices from lists. With fewer edges, cutting them again is as fast as
-# reading the list.
+# Number of samples, for F and per clipped edge for W and A, from which edges as constants are
+# faster than edges in memory. Code with many edges takes longer to compile.
+_LEAST_SAMPLES_AS_CODE, _LEAST_SAMPLES_PER_EDGE = 1 << 18, 1 << 14
+# Numbers of frequencies per position and of edges from which compiled code reads listed slices.
+# With fewer edges, clipping again is as fast.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Smallest number of terms, divided by the number of families of parallel edges, for which the
-# Fourier transform on a grid is computed from the axes of the grid.
+# Number of terms per family of parallel edges from which grids use their axes, (F4).
 _TERMS_PER_FAMILY = 1 << 10
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Strategy and engine of a call, and the numbers of samples and terms on which they depend."""
+    """Strategy and engine of a call, with the numbers of samples and terms per sample."""
 
     strategy: str
     engine: str
-    """Engine of the call, which is ``"numpy"``, ``"llvm"`` or ``"cuda"``."""
+    """Engine of the call: ``"numpy"``, ``"llvm"`` or ``"cuda"``."""
     samples: int
     terms: int
     requested: str = "auto"
-    """Engine that the caller requested, or "auto"."""
+    """Requested engine, or "auto"."""
     detail: str = ""
 
     @property
     def reason(self) -> str:
-        """Explanation of the strategy, with the numbers of samples and terms."""
+        """Numbers of samples and terms, and further conditions that determine the strategy."""
         parts = [f"{self.samples} samples of {self.terms} terms"]
         parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
         return ", ".join([*parts, self.detail] if self.detail else parts)
@@ -74,24 +72,20 @@ _is_uncompiled: ContextVar[bool] = ContextVar("_is_uncompiled", default=False)
 
 
 def checked_engine(engine: str) -> str:
-    """Return the name of an engine if it is valid. Raises ArgumentError otherwise."""
+    """Return the name of an engine. Raises ArgumentError if the name is invalid."""
     return checked_choice(engine, "engine", get_args(Engine))
 
 
 def checked_precision(precision: str | None) -> str | None:
-    """Return a precision if it is a valid name or None. Raises ArgumentError otherwise."""
+    """Return a precision or None. Raises ArgumentError if the name is invalid."""
     return None if precision is None else checked_choice(precision, "precision", _PRECISIONS)
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
     """Return the engine for a number of samples with ``terms`` terms each.
 
-    The engine ``"auto"`` becomes NumPy or LLVM. CUDA is used only if it is requested.
-
-    Raises
-    ------
-    EngineError
-        If the requested engine is not available, with the remedy.
+    The engine ``"auto"`` becomes NumPy or LLVM. Raises EngineError if the requested engine is not
+    available.
     """
     return _engine_for(engine, samples * terms >= _LEAST_TERMS)
 
@@ -107,30 +101,14 @@ def planned(
 ) -> Plan:
     """Return the strategy and the engine of a call on this machine.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        Kernel of the transform.
-    tables : Tables or similar
-        Tables of the source.
-    samples : int
-        Number of samples.
-    engine : str
-        Requested engine.
-    shape : tuple of int, optional
-        Numbers of positions and frequencies if every position is combined with every frequency.
-    families : int, optional
-        Number of families of parallel edges if the frequencies of F are a grid.
-
-    Raises
-    ------
-    EngineError
-        If the requested engine is not available, with the remedy.
+    ``shape`` contains the numbers of positions and frequencies if all combinations are required.
+    ``families`` is the number of families of parallel edges if the frequencies of F form a grid.
+    Raises EngineError if the requested engine is not available.
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
-    # NumPy takes ten times as long for Wigner and ambiguity functions of arrays. Compiled kernels
-    # are therefore faster even for fewer samples.
+    # NumPy takes ten times as long for W and A of arrays, so compiled kernels are faster even for
+    # fewer samples.
     by_samples = as_data or isinstance(tables, RepeatedTables)
     is_large = samples >= _LEAST_SAMPLES if by_samples else terms >= _LEAST_TERMS
     actual = _engine_for(engine, is_large)
@@ -150,15 +128,11 @@ def planned(
             return Plan(LISTED, actual, *sizes, detail)
     if actual == "numpy":
         return Plan(PAIRS, actual, *sizes)
-    is_code = tables.fits_code and samples >= _LEAST_SAMPLES_AS_CODE
+    is_code = tables.fits_code and samples >= _LEAST_SAMPLES_PER_EDGE * len(tables.edges)
     return Plan(CODE if is_code else DATA, actual, *sizes)
 
 
 def _engine_for(engine: str, is_large: bool) -> str:
-    """Return the engine of a call.
-
-    ``is_large`` states whether compiled code is faster than NumPy.
-    """
     if checked_engine(engine) == "llvm":
         llvm.require()
     elif engine == "cuda":
@@ -178,10 +152,7 @@ def terms_of(kernel: Kernel, tables: Any) -> int:
 
 
 def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Return whether compiled code can read the source from memory.
-
-    This is possible for the Fourier transform and for sums over pairs of edges.
-    """
+    """Return whether compiled code can read the source from memory."""
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
     return kernel.slices is not None and isinstance(tables, Tables)
@@ -191,10 +162,8 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 def uncompiled() -> Iterator[None]:
     """Select NumPy for the engine ``"auto"`` within the block.
 
-    This is required for code that runs in a thread of Dr.Jit.
-
-    Mitsuba loads scenes in Dr.Jit's threads. A thread of Dr.Jit that waits for a kernel can crash
-    the process.
+    Mitsuba loads scenes in Dr.Jit's threads. A Dr.Jit thread that waits for a kernel can crash the
+    process.
     """
     token = _is_uncompiled.set(True)
     try:
@@ -215,11 +184,10 @@ def _require_cuda() -> None:
 
 
 def drjit_float(engine: str, double: bool) -> type:
-    """Return the Dr.Jit array type of an engine in double or in single precision."""
+    """Return the Dr.Jit float type of an engine."""
     import importlib
 
-    # While another thread imports Dr.Jit, the submodules of Dr.Jit may be incomplete. This import
-    # waits until they are complete.
+    # This import waits until another thread has completed its import of Dr.Jit.
     import drjit  # noqa: F401
 
     module = importlib.import_module(f"drjit.{engine}")

@@ -19,8 +19,7 @@ from polywigner.execution.progress import slow_bar
 def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
     """Return an uninitialised NumPy array that starts at a multiple of 64 bytes.
 
-    Dr.Jit uses the memory of NumPy arrays directly, and compiles a separate kernel for each
-    alignment of the memory.
+    Dr.Jit uses the memory of NumPy arrays, and compiles a kernel for each alignment.
     """
     kind = np.dtype(dtype)
     memory = np.empty(size * kind.itemsize + 64, np.uint8)
@@ -34,8 +33,8 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 
     numbers = np.asarray(values)
     if drjit.flag(drjit.JitFlag.FreezingScope):
-        # Dr.Jit aborts the process if the memory of a NumPy array is freed while a function is
-        # being recorded. A list does not use such memory.
+        # Dr.Jit aborts the process if the memory of a NumPy array is freed during a recording.
+        # Lists do not share memory with Dr.Jit.
         return kind(numbers.ravel().tolist())
     letter = "f" if drjit.is_float_v(kind) else "u" if drjit.is_unsigned_v(kind) else "i"
     memory = aligned(numbers.size, f"{letter}{drjit.itemsize_v(kind)}")
@@ -46,8 +45,7 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 MOST_THREADS = 1024
 """Largest number of threads that callers may request."""
 
-# A process has only one Dr.Jit thread pool. Two simultaneous users of the pool would block each
-# other forever.
+# A process has one Dr.Jit thread pool. Two simultaneous users would block each other forever.
 _POOL = threading.Lock()
 
 
@@ -55,13 +53,11 @@ _POOL = threading.Lock()
 def kernel_threads(count: int | None = None) -> Iterator[None]:
     """Reserve Dr.Jit's thread pool within the block.
 
-    Other users of this function wait until the block ends. ``count`` is the number of threads
-    including the calling thread, or None to leave it unchanged. Without Dr.Jit, the function only
-    acquires a lock.
+    ``count`` is the number of threads including the calling thread, or None for no change. Other
+    callers wait until the block ends.
     """
     with _POOL:
-        # Scalar variants of Mitsuba use Dr.Jit's thread pool even if no LLVM library is available.
-        # Mitsuba has then already imported Dr.Jit.
+        # Scalar variants of Mitsuba use Dr.Jit's thread pool even without an LLVM library.
         if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
             yield
             return
@@ -82,8 +78,8 @@ Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
 """Function that waits for the results of a chunk and returns them."""
 Launched = Iterator[tuple[Sequence[Array], Any, Fetch]]
-"""Iterator over chunks whose computation has started. Each chunk is a tuple of the result arrays,
-the index of the chunk in these arrays, and the function that waits for the chunk."""
+"""Iterator over chunks in progress: result arrays, index of the chunk in these arrays, and function
+that waits for the chunk."""
 
 
 def store(launched: Launched, samples: int) -> None:
@@ -99,7 +95,6 @@ def store(launched: Launched, samples: int) -> None:
 
 
 def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
-    """Write the results of a chunk, and return the number of its samples."""
     parts = fetch()
     for result, values in zip(results, parts, strict=False):
         result[where] = values
@@ -107,7 +102,7 @@ def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
 
 
 def ready(values: tuple[Array, ...]) -> Fetch:
-    """Return a function that returns results that have already been computed."""
+    """Return a function that returns ``values``."""
     return lambda: values
 
 

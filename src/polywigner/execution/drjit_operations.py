@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Hashable, Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -21,23 +22,23 @@ from polywigner.execution.operations import (
     unrolled_sum,
 )
 
+LANE = 4
+"""Number of samples in the same cell that a lane of a vector computes together."""
 MOST_TERMS_AS_CODE = 12
-"""Largest number of terms of a sum that are unrolled in the code of a kernel. Each term takes about
-20 ms to compile."""
-# Largest total number of edge cuts in the terms of `sum_large_terms` for which the sum is unrolled.
-# Code with 256 cuts compiles in 0.5 s.
+"""Largest number of terms of an unrolled sum. Each term takes about 20 ms to compile."""
+# Largest number of clipped edges in an unrolled `sum_large_terms`. Code with 256 clipped edges
+# compiles in 0.5 s.
 _MOST_CUTS_AS_CODE = 256
-# Largest number of steps of a recursion that are unrolled. With four terms per step, unrolled code
-# of 50 steps compiles in 1.5 s, and of 1,450 steps in a minute. A loop compiles in 0.3 s and 0.7 s,
-# respectively, and is as fast.
+# Largest number of unrolled recursion steps. With four terms per step, unrolled code of 50 steps
+# compiles in 1.5 s, and of 1,450 steps in a minute. A loop takes 0.3 s and 0.7 s, respectively.
 _MOST_STEPS_AS_CODE = 8
 
 
 class DrjitOperations(RowByRow):
     """Operations on Dr.Jit arrays of one float type, for the LLVM or the CUDA backend.
 
-    ``target`` is "compiled", or "data" if compiled code must read the edges from memory.
-    ``most_as_code`` is the largest number of terms that are unrolled.
+    ``target`` is "compiled", or "data" if edges must be read from memory. ``most_as_code`` is the
+    largest number of unrolled terms.
     """
 
     def __init__(
@@ -47,7 +48,7 @@ class DrjitOperations(RowByRow):
 
         self._dr = drjit
         self.target, self.most_as_code = target, 0 if target == "data" else most_as_code
-        self.float_type = float_type
+        self.float_type = self.value_type = float_type
         self.key: Hashable = float_type
         self.double = drjit.itemsize_v(float_type) == 8
         self._numbers = drjit.uint32_array_t(float_type)
@@ -57,9 +58,9 @@ class DrjitOperations(RowByRow):
     ) -> Values:
         """Return the sums of ``term(*row)`` over all rows.
 
-        ``values`` is the number of results of ``term``. A sum over a few rows is unrolled. For more
-        rows the kernel contains a loop, which compiles in less time and is nearly as fast for long
-        terms. With ``unroll=False`` it always contains a loop.
+        ``values`` is the number of results of ``term``. Short sums are unrolled. Loops compile in
+        less time, and are nearly as fast for long terms. With ``unroll=False``, the kernel always
+        contains a loop.
         """
         if unroll and len(rows) <= self.most_as_code:
             return unrolled_sum(rows, term)
@@ -72,10 +73,7 @@ class DrjitOperations(RowByRow):
         return self.plain_sum(0, len(rows), of_row, values)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of terms with ``clips`` edge cuts each.
-
-        The sums are computed in a loop if unrolled code would take long to compile.
-        """
+        """Return the sums of terms with ``clips`` clipped edges, unrolled if this compiles fast."""
         if len(rows) * clips <= _MOST_CUTS_AS_CODE:
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
@@ -83,8 +81,8 @@ class DrjitOperations(RowByRow):
     def repeated(self, count: int, state: Values, step: Term, like: Any) -> Values:
         """Return the state after ``count`` steps ``state = step(number, *state)``.
 
-        More than a few steps become a loop. If ``like`` has derivatives, the steps are unrolled,
-        because reverse mode would have to store all states of a loop.
+        Steps are unrolled if ``like`` has derivatives, because reverse mode would store all states
+        of a loop.
         """
         if count <= _MOST_STEPS_AS_CODE or self.needs_gradient(like):
             return unrolled_steps(count, state, step)
@@ -93,15 +91,33 @@ class DrjitOperations(RowByRow):
     def needs_gradient(self, *values: Any) -> bool:
         return any(self._dr.grad_enabled(value) for value in values)
 
+    def for_lanes(self, *values: Any) -> DrjitOperations:
+        """Return operations for the samples ``values``, each of which may be an array of four.
+
+        A lane then computes four samples, and reads each row of a table only once.
+        """
+        ops = copy(self)
+        ops.value_type = max(map(type, values), key=self._dr.depth_v)
+        return ops
+
+    def in_lanes(self, values: Table) -> Drjit:
+        """Return samples of shape (n,), or of shape (4, m) with four samples for each lane."""
+        if values.ndim < 2:
+            return array_of(self.float_type, values)
+        return four_of(self.float_type)(*(array_of(self.float_type, row) for row in values))
+
+    def first(self, value: Any) -> Drjit:
+        return value[0] if self._dr.depth_v(value) > 1 else value
+
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index], where the indices are valid and may be floats or integers."""
+        """Return table[index] for valid indices, which may be floats."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
-    # With some versions of LLVM, the functions dr.minimum and dr.maximum abort the process.
+    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
     def minimum(self, a: Any, b: Any) -> Drjit:
         a, b = self._typed(a), self._typed(b)
         return self._dr.select(a < b, a, b)
@@ -114,10 +130,7 @@ class DrjitOperations(RowByRow):
         return self._dr.round(a)
 
     def snapped(self, a: Any, step: float) -> Drjit:
-        """Return the multiple of ``step`` nearest to ``a``, with the derivative of ``a``.
-
-        ``step`` is a power of two.
-        """
+        """Return ``a``, rounded to a multiple of ``step``, with the derivative of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def exp(self, a: Any) -> Drjit:
@@ -159,8 +172,8 @@ class DrjitOperations(RowByRow):
         kind = type(flat)
         if width % 4:
             return tuple(self._dr.gather(kind, flat, width * row + k) for k in range(width))
-        four, packets = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__]), width // 4
-        loaded = (self._dr.gather(four, flat, packets * row + k) for k in range(packets))
+        packets = width // 4
+        loaded = (self._dr.gather(four_of(kind), flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in loaded for entry in packet)
 
     def truncated(self, value: Any) -> Drjit:
@@ -172,15 +185,15 @@ class DrjitOperations(RowByRow):
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        # With the option max_iterations=-1, Dr.Jit assumes that the loop only adds terms, so that
-        # reverse mode stores no states.
+        # With max_iterations=-1, Dr.Jit assumes that the loop only adds terms, so reverse mode
+        # stores no states.
         options = {"max_iterations": -1} if is_sum else {}
         start = (self._numbers(first), *map(self._initial, state))
         _, *result = self._dr.while_loop(start, lambda row, *_: row < end, next_row, **options)
         return tuple(result)
 
     def _initial(self, value: Any) -> Drjit:
-        kinds = {float: self.float_type, int: self._numbers}
+        kinds = {float: self.value_type, int: self._numbers}
         return kinds[type(value)](value) if type(value) in kinds else value
 
     def _rounded_off(self, a: Any, b: Any) -> Drjit:
@@ -199,11 +212,12 @@ class DrjitOperations(RowByRow):
         )
 
 
-# Names of Dr.Jit's packet types, with the type of their entries as the key. A single load
-# instruction reads a packet of four entries.
-_PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
+def four_of(kind: type) -> Any:
+    """Return Dr.Jit's type of arrays of four. A single load instruction reads all four entries."""
+    names = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
+    return getattr(sys.modules[kind.__module__], names[kind.__name__])
 
 
 def ops_for(float_type: type) -> Any:
-    """Return the operations for a float type, either ``float`` or a Dr.Jit type."""
+    """Return the operations for ``float`` or a Dr.Jit float type."""
     return ScalarOperations() if float_type is float else DrjitOperations(float_type)

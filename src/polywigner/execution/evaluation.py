@@ -1,8 +1,8 @@
 """Evaluation of kernels at NumPy points, by NumPy or by compiled code.
 
-Arguments are broadcast chunk by chunk, so a call needs memory only for its result and for one
-chunk. NumPy computes in double precision even if the result has single precision. Fourier
-transforms on a grid of frequencies are computed from the axes of the grid, (F4).
+Arguments are broadcast chunk by chunk, so a call needs memory only for its result and one chunk.
+NumPy always computes in double precision. Fourier transforms on a grid of frequencies use the axes
+of the grid, (F4).
 """
 
 from __future__ import annotations
@@ -25,14 +25,12 @@ from polywigner.kernels.functions.slices import SliceSum
 
 Array = npt.NDArray[Any]
 
-# Smallest number of frequencies along both axes of a grid for which the computation from the axes
-# is faster.
+# Number of frequencies along both axes from which grids use their axes.
 _LEAST_SIDE = 8
-# Largest number of frequencies along each axis of a block of the grid. It limits the memory of the
-# tables along the axes.
+# Frequencies along each axis of a block, to limit the memory of the tables along the axes.
 _TILE = 512
-# Largest fraction of frequencies that are too close to the origin for formula (F4). The computation
-# takes 20 times as long for each of these frequencies.
+# Largest fraction of frequencies too close to the origin for (F4). Such frequencies take 20 times
+# as long.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
@@ -41,7 +39,7 @@ PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
 
 @dataclass(frozen=True)
 class GridPlan:
-    """A Fourier transform on a grid of frequencies, which is computed from the axes of the grid."""
+    """A Fourier transform on a grid of frequencies, computed from the axes of the grid."""
 
     tables: GridTables
     x: Array
@@ -56,7 +54,7 @@ class GridPlan:
         return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
-        """Return whether most frequencies are far enough from the origin for formula (F4)."""
+        """Return whether most frequencies are far enough from the origin for (F4)."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
@@ -65,15 +63,14 @@ class GridPlan:
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
         """Write the real and the imaginary part of the Fourier transform to two arrays.
 
-        ``point_by_point`` computes the values near the origin, where formula (F4) loses digits.
+        ``point_by_point`` computes the values near the origin, where (F4) loses digits.
         """
         ops = NumpyOperations()
         targets = [result.T if self.transposed else result for result in results]
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                # Formula (F4) divides by the frequency, so it may give warnings near the origin,
-                # where its results are replaced below.
+                # (F4) divides by the frequency. Its results near the origin are replaced below.
                 with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
@@ -88,10 +85,7 @@ class GridPlan:
 def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], engine: str
 ) -> GridPlan | None:
-    """Return a plan to compute the Fourier transform from the axes of a grid of frequencies.
-
-    The result is None for other kernels, and for points that are not a suitable grid.
-    """
+    """Return a plan for a grid of frequencies, or None for other points and other kernels."""
     if not isinstance(kernel.edge_sum, OutlineSum) or engine not in ("auto", "numpy"):
         return None
     x, y = components
@@ -111,11 +105,7 @@ def plan_for_grid(
 
 
 def _is_grid(x: Array, y: Array) -> bool:
-    """Return whether x is constant along the second axis, and y along the first axis.
-
-    For NaN the result is False.
-    """
-    # A comparison of the corners quickly excludes most arrays that are not a grid.
+    # The corners quickly exclude most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
@@ -131,8 +121,8 @@ def evaluate_on_grid(
 ) -> bool:
     """Compute the Fourier transform from the axes of a grid, if the points form a grid.
 
-    Returns False, and leaves the arrays ``into`` unchanged, if the points form no grid or another
-    method is faster.
+    Returns False, and leaves ``into`` unchanged, if the points form no grid or another method is
+    faster.
     """
     plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
@@ -144,22 +134,17 @@ def evaluate_on_grid(
     return choice.strategy == GRID
 
 
-# Number of samples in a chunk on NumPy. Temporary arrays are then smaller than 128 KiB and stay in
-# the cache of a core. For larger arrays the C library requests new memory from the operating system
-# each time, and page faults take longer than the computation.
+# Samples per chunk on NumPy. Temporary arrays below 128 KiB stay in the cache of a core. Larger
+# arrays cause page faults that take longer than the computation.
 _CHUNK = 3 << 12
-# Number of samples in a block of positions and frequencies, on NumPy and in compiled code, if all
-# frequencies at a position share a slice. Compiled code stores only the positions and the
-# frequencies, so its blocks can be larger.
+# Samples per block if frequencies share slices, on NumPy and in compiled code. Compiled code stores
+# only positions and frequencies, so its blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Smallest number of frequencies per position for which it is faster to compute each slice only
-# once.
+# Number of frequencies per position from which slices are shared.
 _LEAST_COLUMNS = 64
-# Largest number of terms in memory, with one term for each pair of a table row and a point. The
-# terms take 32 MiB in float64.
+# Largest number of (table row, point) pairs in memory, which take 32 MiB in float64.
 _BLOCK = 1 << 22
-# Largest product of the numbers of table rows and samples that are processed together. Temporary
-# arrays then take 2 MB for each result of a term.
+# Table rows × samples per block. Temporary arrays take 2 MB for each result of a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
@@ -180,8 +165,7 @@ def evaluate(
 ) -> tuple[Array, ...]:
     """Return the results of a kernel at NumPy points.
 
-    The arguments are always converted to the frame of the source in float64, even if sums are
-    computed in float32.
+    Arguments are converted to the frame of the source in float64, even if sums use float32.
 
     Parameters
     ----------
@@ -194,11 +178,10 @@ def evaluate(
     outputs : int
         Number of results.
     into : sequence of ndarray, optional
-        Arrays for the results, such as both parts of a complex array. They must have the broadcast
-        shape.
+        Arrays for the results, of the broadcast shape.
     shear : callable, optional
-        Function that converts the components to the arguments of the kernel. If slices are shared,
-        it is applied block by block.
+        Function that converts the components to the arguments of the kernel, block by block if
+        slices are shared.
     """
     shape = np.broadcast_shapes(*[c.shape for c in components])
     dtype = np.float64 if double else np.float32
@@ -248,8 +231,6 @@ def evaluate(
 
 
 class _ExplainedError(Exception):
-    """Exception that ends a call and passes the plan of the call to :func:`explained`."""
-
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
 
@@ -275,7 +256,6 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Return the results of a kernel, computed by NumPy, as flat float64 arrays."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -298,10 +278,10 @@ def _in_chunks(
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Arguments of Wigner or ambiguity functions with several frequencies at each position.
+    """Arguments of W or A with several frequencies at each position.
 
-    A row contains all samples at one position, which share a slice. Each argument has the shape
-    (rows, 1) or (1, columns).
+    Samples at one position form a row and share a slice. Each argument has the shape (rows, 1) or
+    (1, columns).
     """
 
     components: tuple[Array, ...]
@@ -335,8 +315,8 @@ def shared_rows(
 ) -> SharedRows | None:
     """Return the arguments as rows of samples at the same position.
 
-    The result is None if the kernel computes no slices, or if the axes of the broadcast shape
-    cannot be divided into axes of positions and axes of frequencies.
+    The result is None if the kernel computes no slices, or if the broadcast axes cannot be divided
+    into axes of positions and axes of frequencies.
     """
     positions = edge_sum.arguments if isinstance(edge_sum, SliceSum) else None
     if positions is None or math.prod(shape) < _LEAST_COLUMNS:
@@ -372,10 +352,6 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield chunks of results for samples that share slices.
-
-    The slice of each row is computed only once, in double precision.
-    """
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -385,7 +361,7 @@ def _shared(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        # Positions far away from the source may overflow, so the warnings of NumPy are suppressed.
+        # Positions far from the source may overflow.
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
@@ -422,19 +398,19 @@ def evaluate_sums(
 ) -> Array:
     """Return weighted sums of a kernel over positions, at each point.
 
-    The sum at a point is the sum of weight times kernel(*position, *point, *constants) over all
-    positions. The result has the shape (n,).
+    The sum of weight × kernel(*position, *point, *constants) over all positions has the shape (n,).
+    The kernel must have one real result.
 
     Parameters
     ----------
     positions : ndarray, shape (m, a)
-        Positions, which are the first arguments of the kernel.
+        First arguments of the kernel.
     weights : ndarray, shape (m,)
         Weight of each position.
     points : ndarray, shape (n, b)
-        Points, which are the next arguments of the kernel.
+        Next arguments of the kernel.
     constants : sequence of float
-        Last arguments of the kernel. The kernel must have one real result.
+        Last arguments of the kernel.
     """
     total = np.zeros(len(points))
     if not len(points) or not len(positions):
@@ -463,19 +439,19 @@ def evaluate_rows(
     outputs: int,
     engine: str,
 ) -> tuple[Array, ...]:
-    """Return the sums of a function over the rows of a table, in double precision.
+    """Return the sums of ``term(ops, row, sample, constants)`` over the rows of a table.
 
-    The function is ``term(ops, row, sample, constants)``. Code compiled by Dr.Jit reads the rows
-    and the constants from memory, so a call with other values compiles nothing.
+    Sums use double precision. Compiled code reads rows and constants from memory, so a call with
+    other values compiles nothing.
 
     Parameters
     ----------
     term : callable
         Function that returns ``outputs`` numbers.
     table : ndarray, shape (m, a)
-        Table over whose rows ``term`` is summed.
+        Rows over which ``term`` is summed.
     samples : ndarray, shape (n, b)
-        Samples, each of which has one result for each output.
+        Samples, each with one result per output.
     constants : ndarray, shape (c,)
         Constant arguments of ``term``.
 

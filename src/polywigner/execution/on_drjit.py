@@ -1,9 +1,8 @@
 """Kernels that Dr.Jit compiles and evaluates at NumPy points.
 
-The coordinates of an outline may be constants in the code of a kernel ("as code"). Such a kernel
-compiles in 0.1 s and occupies some hundred kilobytes until the process ends. A kernel that reads
-outlines from memory ("as data") is compiled once for all outlines, but runs at a half to a third of
-the speed.
+A kernel with the coordinates of an outline as constants ("as code") compiles in 0.1 s and occupies
+some hundred kilobytes until the process ends. A kernel that reads outlines from memory ("as data")
+is compiled once for all outlines, but runs at a half to a third of the speed.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import gc
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from types import EllipsisType, SimpleNamespace
@@ -22,7 +21,7 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import drjit_float
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results
-from polywigner.execution.drjit_operations import MOST_TERMS_AS_CODE, DrjitOperations
+from polywigner.execution.drjit_operations import LANE, MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import PairGrid, cells_at
@@ -32,13 +31,12 @@ from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
-# Largest number of recorded functions in the cache, and largest number of recordings of each
-# function. Arguments with a single entry need a separate recording.
+# Limits of the cached recordings, and of the recordings of each function. Arguments with a single
+# entry need a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Number of samples in a chunk for outlines as code, and for outlines as data. The launch of a
-# kernel takes little time compared with the computation of such a chunk. The arguments of a chunk
-# take some 10 MB.
-_CHUNK, _CHUNK_OF_DATA = 1 << 18, 1 << 17
+# Samples per chunk. Launching a kernel takes little time compared with such a chunk. The arguments
+# of a chunk take some 10 MB.
+CHUNK = 1 << 18
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
@@ -48,13 +46,13 @@ Function = Callable[..., Values]
 
 
 class _Frozen:
-    """A function that Dr.Jit records at its first call, and replays afterwards."""
+    """A function that Dr.Jit records at its first call and replays afterwards."""
 
     def __init__(self, function: Function, owners: Sequence[Any]) -> None:
         import drjit
 
-        # In each call, Dr.Jit traverses the closure of the recorded function, but not the
-        # attributes of a namespace. The function is therefore stored as an attribute.
+        # Dr.Jit traverses the closure of the function in each call, but not the attributes of a
+        # namespace.
         cell = SimpleNamespace(function=function)
 
         def replayed(*arguments: Any) -> Values:
@@ -62,7 +60,7 @@ class _Frozen:
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
         self.owners = owners
-        # If two threads record the same function at the same time, Dr.Jit aborts the process.
+        # Dr.Jit aborts the process if two threads record the same function at the same time.
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
@@ -70,8 +68,7 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # If an exception such as an interrupt ends the function, Dr.Jit raises a
-                # RuntimeError instead.
+                # If an exception ends the function, Dr.Jit raises a RuntimeError instead.
                 raise error.__cause__ or error from None
             return results
 
@@ -85,7 +82,7 @@ def without_collection() -> Iterator[None]:
     """Disable garbage collection within the block.
 
     Dr.Jit aborts the process if a thread that is recording frees an array that uses the memory of
-    NumPy. A garbage collection could free such an array.
+    NumPy.
     """
     with _lock:
         _paused.append(gc.isenabled())
@@ -109,12 +106,12 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
     """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
     The function must not depend on the number of samples, and must not allocate memory. The key of
-    the cache consists of ``owners``, which are compared by identity, and ``kind``.
+    the cache consists of ``owners``, compared by identity, and ``kind``.
     """
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            # The cached function holds references to its owners, so that their ids are not reused.
+            # References to the owners keep their ids from being reused.
             _known[key] = _Frozen(function, owners)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
@@ -130,10 +127,7 @@ def is_code(kernel: Kernel, tables: Any) -> bool:
 
 
 def is_recording(kind: Any) -> bool:
-    """Return whether Dr.Jit is recording the computation.
-
-    For backends other than LLVM, the result is True as well.
-    """
+    """Return whether Dr.Jit is recording, or the backend is not LLVM."""
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
@@ -155,7 +149,7 @@ class OnDrjit:
         run: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not is_recording(kind):
             run = frozen(self._traced, (self.kernel, self.tables), kind)
-        for arguments, targets in parts_of_results(components, results, _CHUNK):
+        for arguments, targets in parts_of_results(components, results, CHUNK):
             yield (
                 targets,
                 ...,
@@ -163,7 +157,6 @@ class OnDrjit:
             )
 
     def _traced(self, *arguments: Any) -> tuple[Any, ...]:
-        """Return the results for arguments in float64."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -171,10 +164,9 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Return the results for samples that share slices, from lists of the slices' edge parts.
+        """Return the results for samples that share slices, one per row and column.
 
-        There is one sample for each row and each column. The slice of row k consists of the edge
-        parts ``ends[k]`` to ``ends[k + 1]`` in ``table``.
+        The slice of row k consists of the edge parts ``ends[k]`` to ``ends[k + 1]`` in ``table``.
         """
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
@@ -195,7 +187,6 @@ class OnDrjit:
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
-        """Return the value of an argument at the row and the column of each sample."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -215,13 +206,11 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return the row and the column of each sample in a block of samples."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # The numbers are opaque to the compiler. With literals, a new kernel would be compiled for each
-    # number of columns. The quotient is correct for fewer than 2^21 samples, because two rounding
-    # errors in float32 are then smaller than half a sample.
+    # Literals would compile a kernel for each number of columns. The quotient is correct for fewer
+    # than 2^21 samples, because two float32 rounding errors are then smaller than half a sample.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -252,12 +241,13 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Smallest number of edges for which samples are sorted by cell. For fewer edges, sorting takes more
-# time than it saves (benchmarks/call_rates.py).
+# Number of edges from which samples are sorted by cell (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Dr.Jit records a function again if two arguments had different sizes in the recording and have
-# equal sizes in a later call, or the reverse. The size of table k is therefore a multiple of
-# _SIZES, plus (k + 1) _APART, so that no two tables have equal sizes.
+# Samples per cell from which a lane of a vector computes several samples.
+_LEAST_PER_CELL = 8
+# Dr.Jit records a function again if equally sized arguments become different in size, or the
+# reverse. The size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have
+# equal sizes.
 _SIZES, _APART = 256, 8
 
 
@@ -277,21 +267,17 @@ class OnDrjitData:
         self.host, self.dtype = NumpyOperations(), np.float64 if double else np.float32
         self.source: _Slices | _Edges
         if isinstance(tables, Tables):
-            self.source = _Slices(kernel, tables, double, samples)
+            self.source = _Slices(kernel, tables, double, samples, engine)
         else:
             self.source = _Edges(kernel, tables)
         self.state = self.source.state(self.ops, self._sent)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Yield results chunk by chunk; the components broadcast to the shape of the results."""
-        for arguments, targets in parts_of_results(components, results, _CHUNK_OF_DATA):
+        for arguments, targets in parts_of_results(components, results, CHUNK):
             yield targets, *self._begun(arguments)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
-        """Start the computation of a chunk of samples.
-
-        The results are the order of the samples, and the function that waits for the chunk.
-        """
         import drjit
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
@@ -299,17 +285,17 @@ class OnDrjitData:
             entered = self.kernel.enter(self.host, self.frame, *arguments)
             inner = [np.asarray(a, self.dtype) for a in entered]
             order = source.order(inner)
-        inner = [a if a.ndim == 0 else a[order] for a in inner]
+        inner = [a if a.ndim == 0 or order is ... else a.take(order) for a in inner]
 
         def summed(*arrays: Any) -> Values:
-            tables = iter(arrays[: len(source.numbers)])
-            values = arrays[len(source.numbers) :]
-            return source.summed(ops, lambda table: (table.shape[1], next(tables)), *values)
+            tables, values = iter(arrays[: len(source.numbers)]), arrays[len(source.numbers) :]
+            lanes = ops.for_lanes(*values)
+            return source.summed(lanes, lambda table: (table.shape[1], next(tables)), *values)
 
         run: Any = summed
         if source.is_recorded:
-            run = frozen(summed, source.owners, kind)
-        sums = run(*self.state, *(array_of(kind, a) for a in inner))
+            run = frozen(summed, source.owners, kind, *source.forms)
+        sums = run(*self.state, *(ops.in_lanes(a) for a in inner))
         drjit.eval(sums)
 
         def fetch() -> tuple[Array, ...]:
@@ -327,16 +313,14 @@ class OnDrjitData:
 
 
 class _Slices:
-    """A source of Wigner or ambiguity functions as data: lists of pairs of edges that can cross.
+    """Edge pairs of a source as data, for Wigner and ambiguity functions."""
 
-    ``numbers`` contains the tables of the source, and ``owners`` the objects on which the recording
-    of a kernel depends. ``is_recorded`` states whether a kernel may be recorded. This is the case
-    if the kernel reads no memory except ``numbers``.
-    """
-
-    def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
+    def __init__(
+        self, kernel: Kernel, tables: Tables, double: bool, samples: int, engine: str
+    ) -> None:
         assert kernel.slices is not None
         self.slices, self.tables = kernel.slices, tables
+        self.is_on_cpu = engine == "llvm"
         self.sorts = len(tables.edges) >= _LEAST_EDGES_SORTED
         self.pairs = {
             key: pairs_of(tables, key, double, samples) for key in self.slices.passes(tables)
@@ -344,12 +328,12 @@ class _Slices:
         self.numbers = [
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
+        self.forms = list(map(type, self.pairs.values()))
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # A recorded kernel must not read other memory, such as quadrature nodes or tables of waves.
+        # Quadrature nodes and tables of waves are other memory.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
-        """Return the tables of the source in the memory of the engine. They are cached."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -361,31 +345,56 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
-        """Return indices that sort samples by cell. Adjacent samples then read the same lists."""
         if not self.sorts:
             return ...
         key, grid = next(iter(self.pairs.items()))
-        return order_by_cell(self.slices, key, grid, inner)
+        samples = max(a.size for a in inner)
+        is_grouped = self.is_on_cpu and fills_lanes(self.tables, self.pairs.values(), samples)
+        return order_by_cell(self.slices, key, grid, inner, is_grouped=is_grouped)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
-        """Return the sums of the kernel over edges, from tables in the memory of the engine."""
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
 
-def order_by_cell(slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[Array]) -> Array:
-    """Return indices that sort samples by the cell of a grid that contains their offset."""
+def fills_lanes(tables: Tables, grids: Iterable[PairGrid], samples: int) -> bool:
+    """Return whether each lane of a CPU's vector should compute several samples in the same cell.
+
+    Samples in the same cell of one grid may lie in different cells of another grid. Terms for
+    partly coherent light are not written for several samples.
+    """
+    first, *others = grids
+    is_single = tables.coherence is None and not others
+    return is_single and samples >= _LEAST_PER_CELL * len(first.cells)
+
+
+def order_by_cell(
+    slices: SliceSum, key: Pass, grid: PairGrid, inner: Sequence[Array], *, is_grouped: bool
+) -> Array:
+    """Return indices that sort samples by the cell that contains their offset.
+
+    If ``is_grouped`` is true, the result has the shape (4, m), and each column contains samples of
+    the same cell. The last sample of a cell is repeated to fill its last column.
+    """
     x, y = inner[slices.position]
-    scale = key[0].side * slices.scale
-    cell = cells_at(grid.on_host, scale * x, scale * y)
+    host, scale = grid.on_host, key[0].side * slices.scale
+    # The kernel rounds offsets to the grid in the same way.
+    tx, ty = (host.step * np.rint((scale / host.step) * c) for c in (x, y))
     # A grid has fewer than 2^16 cells, and NumPy sorts 16-bit integers in linear time.
-    return np.argsort(cell.astype(np.uint16), kind="stable")
+    cell = cells_at(host, tx, ty).astype(np.uint16)
+    order = np.argsort(cell, kind="stable")
+    if not is_grouped:
+        return order
+    counts = np.bincount(cell)
+    columns = -(-counts // LANE)
+    owner, last = np.arange(len(counts)).repeat(columns), counts.cumsum() - 1
+    column = np.arange(len(owner)) - (columns.cumsum() - columns)[owner]
+    first = (last - counts + 1)[owner] + LANE * column
+    return order.take(np.minimum(first + np.arange(LANE)[:, None], last[owner]))
 
 
 class _Edges:
-    """A source of Fourier transforms as data: a table of its edges."""
-
-    is_recorded = True
+    is_recorded, forms = True, ()
 
     def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
         self.kernel, self.tables, self.owners = kernel, tables, (kernel,)
@@ -407,8 +416,6 @@ class _Edges:
 
 
 class _OverRows(DrjitOperations):
-    """Dr.Jit operations that sum over the rows of a table in the engine's memory."""
-
     def __init__(self, ops: DrjitOperations, rows: tuple[int, Any], end: Any) -> None:
         super().__init__(ops.float_type)
         self.rows, self.end = rows, end
@@ -424,8 +431,6 @@ class _OverRows(DrjitOperations):
 
 @dataclass(frozen=True)
 class _DataFrame(Frame):
-    """A frame whose centre is read from memory, with each coordinate as two floats."""
-
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         pairs: Any = self.centre
         nearest: Any = tuple(high for high, _ in pairs)
@@ -433,10 +438,7 @@ class _DataFrame(Frame):
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
-    """Return a copy of tables in which the centre of the frame is read from memory.
-
-    The centre is then not a constant in the compiled code.
-    """
+    """Return tables whose frame has its centre in memory instead of in the compiled code."""
     pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
     numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
     values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
@@ -445,7 +447,6 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
 
 
 def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
-    """Return each number as a Dr.Jit array with one entry, which is read from memory."""
     import drjit
 
     kind = ops.float_type

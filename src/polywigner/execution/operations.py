@@ -1,9 +1,8 @@
 """Operations of kernels on NumPy arrays and Python floats.
 
-A kernel is written with ``+ - * /``, comparisons, ``abs``, and the methods of an operations object.
-The same code runs on NumPy arrays, on Python floats for Mitsuba's scalar variants, and on Dr.Jit
-arrays of any backend (module `drjit_operations`). Some kernels read tables of the edges near each
-sample. For these kernels, methods sum over ranges of rows that differ between samples.
+A kernel uses ``+ - * /``, comparisons, ``abs``, and the methods of an operations object. The same
+kernel runs on NumPy arrays, on Python floats for Mitsuba's scalar variants, and on Dr.Jit arrays of
+any backend (module `drjit_operations`).
 """
 
 from __future__ import annotations
@@ -19,14 +18,13 @@ from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
 # Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
-# Largest number of table rows in a list. Rows that do not contribute are removed from the list.
+# Largest number of listed table rows. Rows that do not contribute are then removed.
 _LISTED = 1 << 17
 
 Numbers: TypeAlias = Any
 """Numbers that a kernel can process: NumPy arrays, Python floats or Dr.Jit arrays."""
 Drjit: TypeAlias = Any
-"""A Dr.Jit array of any variant of Mitsuba. Its class depends on the variant. In scalar variants it
-is a Python number or a vector of numbers."""
+"""A Dr.Jit array of any variant of Mitsuba, or a Python number or vector in scalar variants."""
 Array = npt.NDArray[Any]
 Table = npt.NDArray[Any]
 Row = tuple[float, ...]
@@ -64,29 +62,28 @@ class Operations:
     def needs_gradient(self, *values: Any) -> bool:
         return False
 
+    def first(self, value: Any) -> Any:
+        """Return the first of the samples that are computed together."""
+        return value
+
 
 class _Unfused(Operations):
-    """Operations in double precision, without fused multiply-adds."""
-
     double = True
     round: Any
     cross = staticmethod(accurate_cross)
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of ``term(*row)`` over all rows, computed row by row."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
-        """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1."""
         return unrolled_steps(count, state, step)
 
     def fma(self, a: Any, b: Any, c: Any) -> Numbers:
-        """Return a b + c, rounded after the product and after the sum."""
         return a * b + c
 
     def snapped(self, a: Any, step: float) -> Numbers:
-        """Return the multiple of ``step`` nearest to ``a``, where ``step`` is a power of two."""
+        """Return ``a`` rounded to a multiple of ``step``, a power of two."""
         return self.round(a * (1 / step)) * step
 
 
@@ -101,9 +98,8 @@ class NumpyOperations(_Unfused):
     ) -> Values:
         """Return the sums of ``term(*row)`` over all rows.
 
-        Rows are evaluated in blocks that fit into the cache. The rows of a block form an additional
-        first axis, in front of the axes of the samples. ``like`` has the shape of the samples, and
-        ``values`` is the number of results of ``term``.
+        Rows are evaluated in blocks that fit into the cache, on an additional first axis. ``like``
+        has the shape of the samples, and ``values`` is the number of results of ``term``.
         """
         table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, int(np.size(like))))
@@ -124,7 +120,7 @@ class NumpyOperations(_Unfused):
 
     def on_device(self, table: Table) -> Numbers:
         """Return a copy of a table in the memory layout for :meth:`gather`."""
-        # Each column is contiguous in memory, so that reads from a column stay in the cache.
+        # Contiguous columns stay in the cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
@@ -132,16 +128,15 @@ class NumpyOperations(_Unfused):
         return tuple(table[:, k].take(row) for k in range(table.shape[1]))
 
     def truncated(self, value: Any) -> Numbers:
-        """Return row indices, by truncation of floats that are not negative."""
+        """Return row indices from nonnegative floats."""
         return np.asarray(value).astype(np.int64)
 
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(row, *samples)`` over a range of rows for each sample.
+        """Return the sums of ``term(row, *samples)`` over the rows ``first`` to ``end``.
 
-        The rows of a sample start at ``first`` and stop before ``end``. Rows for which ``keep(row,
-        *samples)`` is false are skipped, because ``term`` is 0.
+        Rows for which ``keep(row, *samples)`` is false are skipped, because ``term`` is 0.
         """
         shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
         count = math.prod(shape)
@@ -150,7 +145,6 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
-            """Return the samples with the indices ``owner``, and single numbers unchanged."""
             return [a[owner] if len(a) == count else a for a in flat]
 
         for owner, row in _listed(begin, stop - begin):
@@ -164,10 +158,9 @@ class NumpyOperations(_Unfused):
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(*row, *samples)``, with a table of rows for each sample.
+        """Return the sums of ``term(*row, *samples)`` over the table ``rules[rule]``.
 
-        ``rule`` is the index in ``rules`` of the table for each sample. The index -1 gives a sum of
-        0.
+        The index -1 gives a sum of 0.
         """
         rule, *arrays = np.broadcast_arrays(rule, *samples)
         totals = [np.zeros(rule.shape) for _ in range(values)]
@@ -187,7 +180,6 @@ class NumpyOperations(_Unfused):
 
 
 def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield, in blocks, all rows in the ranges of the samples, and the sample of each row."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -197,23 +189,17 @@ def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
 
 
 class RowByRow(Operations):
-    """Operations that sum over tables in a loop over rows.
-
-    The methods have the same meaning as the methods of :class:`NumpyOperations`.
-    """
+    """Operations that sum over tables in a loop over rows."""
 
     gather: Callable[[Any, Any], Values]
     select: Callable[[Any, Any, Any], Any]
     fold: Callable[..., Values]
     """Function (first, end, state, step) that repeats ``state = step(row, *state)`` for all rows
-    and returns the final state. The option ``is_sum`` states that the state consists of sums, which
-    may have derivatives."""
+    and returns the final state. With ``is_sum``, the state consists of sums, which may have
+    derivatives."""
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return :meth:`sum_over_range` without compensated summation.
-
-        The result is accurate for a small number of terms.
-        """
+        """Return the sums of ``term(row)`` without compensation, for a small number of terms."""
 
         def step(row: Any, *sums: Any) -> Values:
             return _added(sums, term(row))
@@ -241,10 +227,9 @@ class RowByRow(Operations):
     ) -> Values:
         """Return the sums of ``term(level)`` over rows, where the level changes from row to row.
 
-        ``visit(row)`` returns whether the level is set to a new value, the new value, the change of
-        the level after the row, and the function ``term``. In single precision the sums are
-        compensated, so their rounding errors are summed as well. Otherwise rounding errors would
-        dominate if terms cancel.
+        ``visit(row)`` returns whether the level is set, the new level, the change of the level
+        after the row, and ``term``. In single precision the sums are compensated, because terms may
+        cancel.
         """
 
         def step(row: Any, *state: Any) -> Values:
@@ -277,7 +262,6 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over all rows."""
         return unrolled_sum(rows, term)
 
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:

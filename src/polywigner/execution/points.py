@@ -1,11 +1,9 @@
-"""Conversion of Dr.Jit arrays of callers to component arrays, and of results to tensors.
+"""Conversion of the Dr.Jit arrays of callers to component arrays, and of results to tensors.
 
 Callers pass points as component arrays (``Point2f``, ``Array2f``, ``ArrayXf`` with two rows,
-``Float`` in one dimension) or as a ``TensorXf`` with the components on the last axis. For component
-arrays the result is a ``Float`` or ``Complex2f``. For tensors it is a tensor without the last axis.
-A complex result then has an additional last axis for the real and the imaginary part, because
-Dr.Jit has no complex tensors. The public functions call :func:`on_components` for these
-conversions, so all other code supports component arrays only.
+``Float`` in one dimension) or as a ``TensorXf`` with the components on the last axis. The result is
+a ``Float`` or ``Complex2f``, or a tensor without the last axis. Complex tensors have an additional
+last axis for the real and the imaginary part.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ Points = Mapping[str, Any]
 
 def is_drjit(value: object) -> bool:
     """Return whether a value is a Dr.Jit array, without importing Dr.Jit."""
-    # While another thread imports Dr.Jit, the module may exist without all of its names.
+    # While another thread imports Dr.Jit, the module may lack names.
     is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
     return is_array is not None and bool(is_array(value))
 
@@ -54,10 +52,7 @@ def sibling(float_type: type, name: str) -> Callable[..., Drjit]:
 
 
 def _float_of(name: str, value: Drjit) -> type:
-    """Return the float type of the entries of a Dr.Jit array.
-
-    Raises ArgumentError if the entries are not floats.
-    """
+    """Return the float type of a Dr.Jit array. Raises ArgumentError if entries are not floats."""
     import drjit
 
     if not drjit.is_jit_v(value):
@@ -75,11 +70,7 @@ def _float_of(name: str, value: Drjit) -> type:
 
 
 def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
-    """Return the float type of all arrays.
-
-    Raises ArgumentError if the types or the options of the call disagree, and EngineError if no
-    LLVM library is available.
-    """
+    """Return the common float type of arrays that agrees with the options of a call."""
     types = {_float_of(name, value) for name, value in arrays.items()}
     if len(types) > 1:
         names = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
@@ -114,16 +105,17 @@ def on_components(
 ) -> Drjit:
     """Return ``function(points)`` as the kind of Dr.Jit array that the caller uses.
 
-    Points that are not Dr.Jit arrays are converted. They become component arrays if another
-    argument is a component array, and tensors otherwise.
+    Other points become component arrays if another argument is a component array, and tensors
+    otherwise.
 
     Parameters
     ----------
     function : callable
         Function of a dictionary of component arrays.
     points : mapping
-        Points, with the names of the arguments as keys. parameters : mapping Dr.Jit arrays of the
-        source, with their names as keys.
+        Points, with the names of the arguments as keys.
+    parameters : mapping
+        Dr.Jit arrays of the source, with their names as keys.
     precision, engine : str
         Options of the call, with which the types of the arrays must agree.
 
@@ -168,10 +160,6 @@ def on_components(
 
 
 def _component_array(name: str, value: Any, float_type: type) -> Drjit:
-    """Return points as a component array with the float type ``float_type``.
-
-    The points are a Dr.Jit component array, or a NumPy array of shape (d,) or (n, d).
-    """
     import drjit
 
     if not is_drjit(value):
@@ -193,10 +181,6 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
-    """Return tensors and NumPy points as component arrays that are broadcast to a common shape.
-
-    The second result is the common shape.
-    """
     import drjit
 
     flat: dict[str, Drjit] = {}
@@ -236,7 +220,6 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
 
 
 def _host_points(name: str, value: Any) -> NDArray[np.float64]:
-    """Return points as a NumPy array. Raises ArgumentError if they are not real numbers."""
     try:
         return real_numbers(value)
     except ValueError as error:
@@ -248,10 +231,7 @@ def _host_points(name: str, value: Any) -> NDArray[np.float64]:
 
 
 def components_of(name: str, point: Drjit, dimension: int) -> list[Drjit]:
-    """Return the components of a component array.
-
-    Raises ArgumentError if the number of components is not ``dimension``.
-    """
+    """Return the ``dimension`` components of a component array, or raise ArgumentError."""
     components = split(point)
     if len(components) != dimension:
         plural = "s" if dimension > 1 else ""
@@ -285,10 +265,7 @@ def shifted(point: Drjit, shift: NDArray[np.float64]) -> Drjit:
 
 
 def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list[Any]:
-    """Return the components of the product of a matrix and a vector.
-
-    Multiplications by zero are omitted.
-    """
+    """Return the components of matrix × vector, without multiplications by zero."""
     return [
         sum((c * m for c, m in zip(components, row, strict=True) if m), 0.0)
         for row in matrix.tolist()
@@ -304,7 +281,7 @@ def unit_wave(cycles: Numbers) -> Numbers:
 
 
 def times_complex(value: Numbers, factor: complex) -> Numbers:
-    """Return a complex array, from NumPy or a ``Complex2f``, times a number."""
+    """Return a complex NumPy array or a ``Complex2f`` times a number."""
     if is_drjit(value):
         return value * type(value)(factor.real, factor.imag)
     return value * factor
@@ -317,7 +294,6 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
     also be a ``Float``, or a tensor of shape (n,) or (n, 2). Raises ArgumentError for other values.
     """
     is_complex, got = kind == "Complex2f", type(value).__name__
-    # Dr.Jit may be imported, because a caller with a Dr.Jit array has already imported it.
     if is_drjit(value):
         import drjit
 
@@ -341,7 +317,7 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
 
 
 def columns_of(pairs: Drjit) -> NDArray[np.float64]:
-    """Return the current values of an ``Array2f`` or ``Complex2f`` as an array of shape (n, 2)."""
+    """Return the current values of an ``Array2f`` or ``Complex2f``, shape (n, 2)."""
     import drjit
 
     parts = [np.array(drjit.detach(pairs[k]), np.float64).ravel() for k in (0, 1)]

@@ -11,18 +11,18 @@ from typing import TypeVar
 from polywigner.geometry.arguments import checked_flag
 
 Part = TypeVar("Part")
-# The argument is the number of finished parts, by default 1.
+# Function to call after each part. Its argument is the number of finished parts, by default 1.
 Advance = Callable[..., None]
 
-# Time in seconds after which a call draws a progress bar.
+# Time [s] after which a call draws a progress bar.
 _PATIENCE = 5.0
 
-# Number of visible progress bars. A call draws no bar while another bar is visible.
+# Number of visible progress bars. Calls do not nest bars.
 _bars = 0
 
 
 def _is_terminal() -> bool:
-    """Return whether stderr is a terminal. If it is closed or missing, the result is False."""
+    """Return whether stderr is a terminal. A closed or missing stderr is not a terminal."""
     try:
         return sys.stderr.isatty()
     except (AttributeError, ValueError):
@@ -35,8 +35,8 @@ def progress_bar(
 ) -> Iterator[Advance]:
     """Draw a progress bar on stderr, and erase it at the end of the block.
 
-    Yields a function to be called after each part of the work. Its argument is the number of
-    finished parts, by default 1.
+    Yields a function to call after each part. Its argument is the number of finished parts, by
+    default 1.
 
     Parameters
     ----------
@@ -84,8 +84,7 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
     """Yield an iterator over the parts of a task that draws a progress bar after five seconds.
 
-    This function is a context manager, so the bar is erased immediately after an exception. A
-    generator would erase the bar later.
+    The context manager erases the bar immediately after an exception, unlike a generator.
     """
 
     def iterate() -> Iterator[Part]:

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.execution.chunks import array_of
-from polywigner.execution.drjit_operations import DrjitOperations
+from polywigner.execution.drjit_operations import DrjitOperations, four_of
 from polywigner.execution.on_drjit import (
+    CHUNK,
+    fills_lanes,
     is_code,
     is_recording,
     order_by_cell,
@@ -25,12 +27,10 @@ from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest number of samples for which edges are data. For so few samples, the compilation of edges
-# as code would take more time than it saves.
+# Largest number of samples for edges as data. Compiling edges as code would take longer.
 _MOST_AS_DATA = 1 << 16
-# Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
-# Sorting waits for the arguments and takes about 30 ns per sample. With fewer samples or edges, it
-# takes more time than it saves.
+# Numbers of samples and edges from which samples are sorted by cell. Sorting waits for the
+# arguments and takes about 30 ns per sample.
 _LEAST_SORTED, _LEAST_EDGES = 1 << 12, 40
 
 Numbers = tuple[Any, Any]
@@ -41,8 +41,7 @@ Numbers = tuple[Any, Any]
 class Traced:
     """Vertices and weights of a source that are Dr.Jit arrays, in the frame of the source.
 
-    While a kernel is traced, each number is a separate array, and both attributes are pairs of
-    tuples.
+    While a kernel is traced, each number is a separate array.
     """
 
     vertices: Numbers | None = None
@@ -59,15 +58,15 @@ class Differentiable:
     """
 
     source: Any
-    """An Aperture or an Array with the current values of the vertices and weights."""
+    """Aperture or Array with the current values of the vertices and weights."""
     vertices: Drjit | None = None
-    """Vertices of all rings as an ``Array2f``; None if they are constant."""
+    """Vertices of all rings as an ``Array2f``, or None if they are constant."""
     weights: Drjit | None = None
-    """Weights of the elements as a ``Complex2f``; None if they are constant."""
+    """Weights of the elements as a ``Complex2f``, or None if they are constant."""
 
     @property
     def numbers(self) -> dict[str, Drjit]:
-        """The Dr.Jit arrays, with the keys ``"vertices"`` and ``"weights"``."""
+        """Dr.Jit arrays, with the keys ``"vertices"`` and ``"weights"``."""
         values = {"vertices": self.vertices, "weights": self.weights}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -86,8 +85,6 @@ class Differentiable:
 
 
 class _Accumulator:
-    """Change of a transform due to changes of vertices and weights that are Dr.Jit arrays."""
-
     def __init__(self, ops: DrjitOperations, traced: Traced) -> None:
         import drjit as dr
 
@@ -119,11 +116,11 @@ class _Accumulator:
         kind = self.ops.float_type
         is_constant = isinstance(number, int | float)
         index = dr.uint32_array_t(kind)(int(number)) if is_constant else self.ops.truncated(number)
-        # An array that was created inside a Dr.Jit loop cannot be used outside the loop.
+        # An array created inside a Dr.Jit loop cannot be used outside the loop.
         if not is_constant or dr.flag(dr.JitFlag.SymbolicScope):
             return tuple(dr.gather(kind, values, index) for values in pair)
-        # Each vertex is read only once for all edges that end at the vertex. Otherwise reverse mode
-        # would write the gradient of each edge to memory.
+        # Each vertex is read only once. Otherwise reverse mode would write the gradient of each
+        # edge to memory.
         key = id(pair), int(number)
         if key not in self.known:
             self.known[key] = tuple(dr.gather(kind, values, index) for values in pair)
@@ -131,10 +128,7 @@ class _Accumulator:
 
 
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
-    """Return zeros that have the derivatives of two arrays.
-
-    The zeros are stored in memory, because Dr.Jit removes constants from loops.
-    """
+    """Return zeros in memory with the derivatives of two arrays. Loops would lose constants."""
     import drjit as dr
 
     if pair is None or isinstance(pair[0], tuple):
@@ -145,10 +139,7 @@ def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Return the results of a kernel, with their derivatives.
-
-    The derivatives are taken with respect to the arguments of the kernel and to ``traced``.
-    """
+    """Return the results of a kernel, with derivatives in its arguments and in ``traced``."""
     import drjit as dr
 
     closed = gradient_kernel_of(kernel)
@@ -158,7 +149,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # Closed-form derivatives exist only with respect to the last arguments of a kernel.
+    # Closed-form derivatives exist only for the last arguments of a kernel.
     summed = map(real, fixed[-closed.arguments :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -193,38 +184,38 @@ def evaluate_traced(
     numbers = source if isinstance(source, Differentiable) else Differentiable(source)
     make_tables: Any = kernel.tables_for
     if numbers.vertices is not None:
-        # The cache is not used, because it may contain the tables of an equal aperture whose rings
-        # start at other vertices.
+        # The cache may contain an equal aperture whose rings start at other vertices.
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
     traced = numbers.traced(ops, tables)
-    # A kernel with edges as data is compiled once for all outlines. For many samples, a kernel with
-    # edges as code is up to four times as fast. A function that the caller freezes must not contain
-    # cached memory, so its edges must be code.
+    # For many samples, edges as code are up to four times as fast. A function that the caller
+    # freezes must not contain cached memory, so its edges must be code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
-    order = _order(kernel, ops, tables, components)
+    order = _order(kernel, ops, tables, components, (traced.vertices, traced.weights))
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
         ops, tables = DrjitOperations(ops.float_type, "data"), with_frame_as_data(ops, tables)
+    given = components
     if order is not None:
         components = [_taken(c, order) for c in components]
+        ops = ops.for_lanes(*components)
     results = kernel_with_derivatives(kernel, ops, tables, components, traced)
     if order is not None:
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        results = tuple(_taken(result, place) for result in results)
+        place = np.empty(max(map(drjit.width, given)), np.intp)
+        place[order.T.ravel()] = np.arange(order.size)
+        results = tuple(_taken(drjit.ravel(result), place) for result in results)
     return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
 
 
 def _order(
-    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Drjit]
+    kernel: Kernel,
+    ops: DrjitOperations,
+    tables: Any,
+    components: Sequence[Drjit],
+    numbers: Sequence[Any],
 ) -> NDArray[np.intp] | None:
-    """Return indices that sort samples by cell, or None if sorting saves no time.
-
-    A vector instruction processes several samples, and takes as long as the sample with the longest
-    list of edges. All samples in a cell have the same list.
-    """
+    """Return the indices of :func:`order_by_cell`, or None if sorting saves no time."""
     import drjit
 
     slices, count = kernel.slices, max(map(drjit.width, components))
@@ -232,29 +223,38 @@ def _order(
         return None
     if is_recording(ops.float_type):
         return None
-    arrays = (np.broadcast_to(drjit.detach(c).numpy(), count) for c in components)
-    inner = kernel.enter(NumpyOperations(), tables.frame, *arrays)
-    key = slices.passes(tables)[0]
-    return order_by_cell(slices, key, pairs_of(tables, key, ops.double), inner)
+    arrays = [np.broadcast_to(drjit.detach(c).numpy(), count) for c in components]
+    keys = slices.passes(tables)
+    grids = [pairs_of(tables, key, ops.double) for key in keys]
+    starts = range(0, count, CHUNK)
+    is_grouped = fills_lanes(tables, grids, count // len(starts))
+    is_grouped &= not drjit.grad_enabled((*components, *numbers))
+    parts = []
+    # Samples are sorted chunk by chunk, so that the samples of a vector are close in memory.
+    for start in starts:
+        chunk = [a[start : start + CHUNK] for a in arrays]
+        inner = kernel.enter(NumpyOperations(), tables.frame, *chunk)
+        order = order_by_cell(slices, keys[0], grids[0], inner, is_grouped=is_grouped)
+        parts.append(start + order)
+    return np.concatenate(parts, axis=-1)
 
 
 def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
-    """Return the entries of an array with the specified indices.
-
-    An array with a single entry is returned unchanged.
-    """
+    """Return the entries of an array with the specified indices. A single entry is broadcast."""
     import drjit
 
     if drjit.width(values) == 1:
         return values
-    number = drjit.uint32_array_t(values)
-    return drjit.gather(type(values), values, array_of(number, index.astype(np.uint32)))
+    kind, number = type(values), drjit.uint32_array_t(values)
+    if index.ndim > 1:
+        return four_of(kind)(*(_taken(values, row) for row in index))
+    return drjit.gather(kind, values, array_of(number, index))
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component, and store it in memory if it is an infinite or NaN constant.
+    """Return a component. Infinite and NaN constants are moved to memory.
 
-    Dr.Jit evaluates constants while it compiles code, and would lose NaN.
+    Compiled code would lose NaN constants.
     """
     import drjit
 
@@ -267,10 +267,9 @@ def _in_memory(component: Drjit) -> Drjit:
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
-    """Return an array factor that is differentiable with respect to frequencies and weights, (L3).
+    """Return an array factor that is differentiable in frequencies and weights, (L3).
 
-    ``nu`` is an ``Array2f`` of frequencies, and ``weights`` a ``Complex2f`` with one entry for each
-    of the ``positions``.
+    ``nu`` is an ``Array2f``, and ``weights`` a ``Complex2f`` with one entry per position.
     """
     import drjit as dr
 
@@ -292,7 +291,7 @@ def with_jacobian(
     """Return values as a ``Float`` with specified derivatives.
 
     Each column of ``jacobian`` contains the derivatives of all values with respect to one entry of
-    ``numbers``. ``numbers`` consists of Dr.Jit floats, whose entries have the order of the columns.
+    ``numbers``, a sequence of Dr.Jit floats.
     """
     import drjit as dr
 

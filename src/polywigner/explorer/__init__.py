@@ -1,13 +1,11 @@
 """A local browser page for drawing an aperture and viewing its transforms and fields.
 
-:mod:`~polywigner.explorer.state` and :mod:`~polywigner.explorer.views` need no browser; ``plots``
-and ``page`` are the Bokeh figures and the Panel page. This module serves the page.
+:mod:`~polywigner.explorer.state` and :mod:`~polywigner.explorer.views` need no browser.
 """
 
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -32,8 +30,7 @@ def start_state(
 ) -> State:
     """Return the initial state of the page: the outlines of an aperture file, or a chevron.
 
-    The unit of the page is the unit of the file, or mm. ``reading`` contains further options of
-    read_aperture, whose errors are raised.
+    The page uses the unit of the file if it offers this unit, otherwise mm.
     """
     unit_of_page = {"um": "µm"}.get(unit, unit)
     state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", wave=wave or State.wave)
@@ -42,10 +39,9 @@ def start_state(
     return replace(state, rings=rings_of(read_aperture(path, unit, **reading), state.per_metre))
 
 
-def serve(state: State, port: int, browser: bool, say: Callable[[str], None]) -> None:
-    """Serve the page until Ctrl-C, and open it in a browser."""
+def serve(state: State, port: int, browser: bool) -> None:
     server = _new_server(state, port)
-    say(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.")
+    print(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.", flush=True)
     if browser:
         server.io_loop.add_callback(server.show, "/")
     server.start()
@@ -54,7 +50,6 @@ def serve(state: State, port: int, browser: bool, say: Callable[[str], None]) ->
 
 
 def _new_server(state: State, port: int) -> Server:
-    """Return a server on 127.0.0.1; raise ArgumentError if the port cannot be used."""
     pn = require("panel", "explorer", "serves the page")
 
     from polywigner.explorer.page import TITLE, Explorer
@@ -74,15 +69,15 @@ def _new_server(state: State, port: int) -> Server:
             f"cannot serve the page at port {port} ({error}); pass --port 0 for a free port"
         ) from None
     _refuse_foreign_hosts(server._tornado, port)
-    # The first session is prepared while the browser starts.
+    # Prepare the first session while the browser starts.
     server.io_loop.call_later(0.1, lambda: prepared.append(Explorer(state)))
     return server
 
 
 def _refuse_foreign_hosts(application: Application, port: int) -> None:
-    """Respond with status 403 to requests whose Host header does not name this server.
+    """Respond with status 403 to requests with a foreign Host header.
 
-    The origin check alone would accept a page of another site whose name resolves to 127.0.0.1.
+    The origin check alone accepts pages of a site whose name resolves to 127.0.0.1.
     """
     from tornado.web import ErrorHandler
 

@@ -1,6 +1,6 @@
-"""The page: controls, figures and downloads of one browser session, on Panel.
+"""Panel page of a browser session: controls, figures and downloads.
 
-``panel serve`` also serves this file.
+``panel serve`` can serve this file.
 """
 
 from __future__ import annotations
@@ -60,43 +60,41 @@ _CARD = """
 _HEAD = ":host { padding: 4px 10px; align-items: center; flex-wrap: wrap; }" + _CARD
 _PAIR = ":host { display: grid !important; grid-template-columns: 1fr 1fr; gap: 0 6px; }"
 
-_QUICK_SAMPLES = 49  # number of samples along an axis while the state is changing
-_SECONDS = 1.0  # Time in s for one view after a change, which determines its number of samples.
+_QUICK_SAMPLES = 49  # samples along an axis during a change
+_SECONDS = 1.0  # longest computing time of a view after a change [s]
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
-# Ranges of the logarithmic sliders, in units of the page.
+# Ranges of logarithmic sliders.
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 
 
 class Explorer:
-    """One session of the page: ``layout`` is its Panel object, ``history`` contains its states.
+    """One session of the page.
 
-    An explorer without a Bokeh document computes all views with few samples.
+    Without a Bokeh document, all views have few samples.
     """
 
     def __init__(self, state: State | None = None) -> None:
         self.history = states.History(state or State())
         self._document: Any = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
-        # For each view: key of the figure, computing time in s, and the view itself.
+        # key, computing time [s] and result of each view
         self._pictures: dict[Name, tuple[str, float, View]] = {}
         self._errors: dict[Name, str] = {}
         self._posted: deque[Callable[[], None]] = deque()
-        # True while controls are set from the state, so that their changes do not count as edits.
-        self._is_following = False
+        self._is_following = False  # whether the state sets the controls
         self._editor = Editor(self._outline_edited, lambda point: self.edit(x=point))
         choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
         taps = {"fourier": choose_nu, "wigner_nu": choose_nu, "wigner_x": lambda p: self.edit(x=p)}
         self._plots = {name: Plot(name, taps.get(name)) for name in VIEWS}
         self._controls: dict[str, Widget] = {}
         self.layout = self._new_layout()
-        self._follow()
+        self._show_state()
 
     def page(self) -> pn.Template:
-        """Return the Panel template of the current Bokeh document."""
+        """Return the template of the current Bokeh document."""
         if self._document is None:
-            # The thread must be idle: from now on, code needs the lock of the document to change
-            # the models.
+            # Wait for the thread; from here on, models change under the document's lock.
             self._pool.submit(int).result()
             self._document = pn.state.curdoc
             self._pool.submit(self._compute, self.state)
@@ -109,11 +107,10 @@ class Explorer:
 
     @property
     def state(self) -> State:
-        """Current state."""
         return self.history.present
 
     def edit(self, gesture: str = "", **changes: Any) -> None:
-        """Change the state; all changes of one gesture form one step of the history."""
+        """Change the state; all changes of a gesture form one undo step."""
         self._add(lambda: replace(self.state, **changes), gesture)
 
     def _add(self, new_state: Callable[[], State], gesture: str = "") -> None:
@@ -123,11 +120,11 @@ class Explorer:
             self._say(str(error))
             self._show_controls()
         else:
-            self._follow(is_dragging=gesture == "drag")
+            self._show_state(is_dragging=gesture == "drag")
 
     def _move(self, steps: int) -> None:
         self.history.move(steps)
-        self._follow()
+        self._show_state()
 
     def _outline_edited(self, rings: states.Rings, is_final: bool) -> None:
         self.edit("drag", rings=rings)
@@ -168,8 +165,7 @@ class Explorer:
         elif self._editor.sketch is not None:
             self._editor.finish_sketch()
 
-    def _follow(self, is_dragging: bool = False) -> None:
-        """Show the state in the editor and the controls, and start computing its views."""
+    def _show_state(self, is_dragging: bool = False) -> None:
         state = self.state
         self._errors.clear()
         self._editor.show(state, keep_handles=is_dragging)
@@ -212,8 +208,7 @@ class Explorer:
     def _compute(self, state: State) -> None:
         """Compute all views with few samples, then with more samples.
 
-        A newer state interrupts only the computation with more samples, so that the views follow a
-        long drag.
+        A newer state cancels only the second pass, so that the views follow a drag.
         """
         if state is not self.state:
             return
@@ -251,7 +246,7 @@ class Explorer:
         self._post(self._plots[name].show, picture)
 
     def _post(self, show: Callable[..., None], *arguments: Any) -> None:
-        """Call a function under the document's lock, after the functions posted earlier."""
+        """Call a function under the document's lock, in the order of the calls."""
         self._posted.append(partial(show, *arguments))
         if self._document is None:
             self._show_posted()
@@ -259,7 +254,7 @@ class Explorer:
             self._document.add_next_tick_callback(self._show_posted)
 
     def _show_posted(self) -> None:
-        # Functions are queued, because Bokeh may call its callbacks in another order.
+        # Bokeh may change the order of its callbacks.
         while self._posted:
             self._posted.popleft()()
 
@@ -284,7 +279,6 @@ class Explorer:
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
     def _picture(self) -> View:
-        """Return the view that is selected for download."""
         name = self._saved.value
         if name not in self._pictures:
             self._compute_view(self.state, name, views.SAMPLES)
@@ -410,7 +404,7 @@ def _key(state: State, name: Name) -> str:
 
 
 class _Page(pn.Template):
-    """A template whose repr omits the contents of the page; Panel would write them twice."""
+    """Template with a short repr, because Panel writes the repr into the page."""
 
     def __repr__(self) -> str:
         return TITLE

@@ -38,7 +38,7 @@ if (now - (relay.tags[0] ?? 0) > 60) {
 
 
 def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
-    """Return the columns of a MultiPolygons glyph with a row for each polygon."""
+    """Return the columns of a MultiPolygons glyph, with a row for each polygon."""
     return {
         axis: [[[ring[:, k].tolist() for ring in polygon]] for polygon in polygons]
         for k, axis in enumerate(("xs", "ys"))
@@ -46,18 +46,14 @@ def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
 
 
 class Editor:
-    """Outline editor.
-
-    Edits are passed to ``on_rings(rings, is_final)`` and clicks to ``on_position``.
-    """
+    """Outline editor, which reports edits to ``on_rings`` and clicks to ``on_position``."""
 
     def __init__(
         self, on_rings: Callable[[Rings, bool], None], on_position: Callable[[Point], None]
     ) -> None:
         self._on_rings, self._on_position = on_rings, on_position
         self._rings: Rings = ()
-        # Corners of the outline that is being drawn; None in edit mode.
-        self.sketch: list[Point] | None = None
+        self.sketch: list[Point] | None = None  # corners of a new outline; None in edit mode
         self.vertices = models.ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
         self._drawn = models.ColumnDataSource({"xs": [], "ys": []})
         self._support = models.ColumnDataSource({"xs": [], "ys": []})
@@ -69,7 +65,7 @@ class Editor:
             min_border_left=58, min_border_right=22, min_border_top=34, min_border_bottom=46,
             output_backend="canvas",
         )  # fmt: skip
-        # add_glyph creates one glyph; methods such as plot.scatter would create four.
+        # Methods such as plot.scatter would create four glyphs.
         plot.add_glyph(self._support, models.MultiPolygons(fill_color=PALE, line_color=None))
         plot.add_glyph(
             self._drawn, models.MultiPolygons(fill_color=BLUE, fill_alpha=0.75, line_color=INK)
@@ -91,18 +87,17 @@ class Editor:
         self._relay.on_change("data", lambda attr, old, new: self._edited(self._relay, False))
         self.vertices.on_change("data", lambda attr, old, new: self._edited(self.vertices, True))
         plot.on_event(Tap, self._tapped)
-        # A double tap is not reported as a Tap. During drawing, it counts as a quick second click.
+        # Bokeh reports no Tap for a double tap.
         plot.on_event(DoubleTap, self._tapped)
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
-        """Draw the outlines and the position of a state; handles stay with ``keep_handles``."""
         if not keep_handles:
             self._rings = state.rings
             points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
             columns = zip(*points, strict=True) if points else ([], [], [])
             self.vertices.data = dict(zip(("x", "y", "ring"), map(list, columns), strict=True))
-            # All rings are in one row, which the canvas fills by the even-odd rule.
+            # The canvas fills a row by the even-odd rule, so inner rings are holes.
             rings = [np.array(ring) for ring in state.rings]
             self._drawn.data = rows([rings] if rings else [])
             self._fit(state)
@@ -111,23 +106,20 @@ class Editor:
             axis.axis_label = f"{label} ({state.unit})"
 
     def show_support(self, polygons: Sequence[Polygon]) -> None:
-        """Draw the support of W."""
         self._support.data = rows(polygons)
 
     def delete_selected(self) -> None:
-        """Delete the selected vertices, and then all outlines with fewer than three vertices."""
+        """Delete the selected vertices, and outlines with fewer than three vertices."""
         selected = set(self.vertices.selected.indices)
         self.vertices.selected.indices = []
         rows = [row for k, row in enumerate(self._rows(self.vertices)) if k not in selected]
         self._on_rings(rings_of_rows(rows), True)
 
     def start_sketch(self) -> None:
-        """Start a new outline; each click adds a corner."""
         self.sketch = []
         self._show_sketch()
 
     def finish_sketch(self) -> None:
-        """Add the drawn outline if it has at least three corners."""
         ring, self.sketch = tuple(self.sketch or ()), None
         self._show_sketch()
         if len(ring) >= 3:
@@ -167,11 +159,11 @@ class Editor:
             self._show_sketch()
 
     def _nearest(self, points: Sequence[Point], point: Point) -> float:
-        """Return the distance to the nearest point, as a fraction of the figure's width."""
+        """Return the distance to the nearest point as a fraction of the figure width."""
         return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
 
     def _fit(self, state: State) -> None:
-        """Change the ranges of the axes if outlines exceed them or fill less than 40 % of them."""
+        """Fit the axes if the outlines exceed them or fill less than 40 % of them."""
         x0, y0, x1, y1 = state.box
         size = max(x1 - x0, y1 - y0)
         if size == 0:
@@ -187,13 +179,13 @@ class Editor:
 
 
 class Plot:
-    """The figure of one view; ``on_tap(point)`` receives a clicked point."""
+    """Figure of a view; ``on_tap`` receives a clicked point."""
 
     def __init__(self, name: Name, on_tap: Callable[[Point], None] | None = None) -> None:
         plot = _new_figure(
             name, title=" ", tools="",
-            # The sum of the left and right margins equals the sum of the top and bottom margins, so
-            # that the axes of a square figure are square.
+            # Left and right margins add up to the same size as top and bottom margins, so that the
+            # axes are square.
             min_border_left=52, min_border_right=50, min_border_top=54, min_border_bottom=48,
         )  # fmt: skip
         plot.add_tools(models.SaveTool(filename=name))
@@ -237,7 +229,6 @@ class Plot:
             plot.on_event(Tap, self._tapped)
 
     def show(self, picture: View) -> None:
-        """Draw a view."""
         plot = self.plot
         plot.title.text = picture.title
         self._quantity.text = picture.quantity or " "
@@ -247,7 +238,6 @@ class Plot:
         if picture.image is not None and self._mapper is not None:
             low, high = picture.limits
             self._mapper.update(palette=_palette(picture.colours), low=low, high=high)
-            # The outermost samples are at the centres of the outermost pixels.
             edges = [(a[0] - h, a[-1] + h) for a, h in ((a, (a[1] - a[0]) / 2) for a in (x, y))]
             (x0, x1), (y0, y1) = edges
             self._source.data = {
@@ -272,7 +262,6 @@ class Plot:
         self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
-        """Clear the figure, and show an error message as its title."""
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 
@@ -282,13 +271,12 @@ class Plot:
 
 
 def rounded(plot: Figure, x: float, y: float) -> Point:
-    """Round a point to a thousandth of the figure's width, which is less than a pixel."""
+    """Round a point to a thousandth of the figure width, less than a pixel."""
     digits = max(0, 3 - math.floor(math.log10(plot.x_range.end - plot.x_range.start)))
     return round(x, digits) + 0.0, round(y, digits) + 0.0
 
 
 def _new_figure(name: str, **settings: Any) -> Figure:
-    """Return a square figure with thin axes."""
     plot = Figure(
         name=name, toolbar_location="above", sizing_mode="scale_width", aspect_ratio=1,
         x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), **settings,
@@ -305,5 +293,4 @@ def _new_figure(name: str, **settings: Any) -> Figure:
 
 @lru_cache(maxsize=8)
 def _palette(name: str) -> list[str]:
-    """Return a matplotlib colour map as a list of colours for Bokeh."""
     return [mpl.colors.to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 256))]

@@ -31,10 +31,9 @@ Ring = tuple[Point, ...]
 Rings = tuple[Ring, ...]
 Source = pw.Aperture | pw.Array
 
-# Number of units in one metre, by the name of the unit.
+# Units per metre.
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
 TAPERS = {"uniform": None, "cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
-# Shapes with a size of about ten units of the page.
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "chevron": lambda: shapes.chevron(20, 12, 4),
     "square": lambda: shapes.square(10),
@@ -51,14 +50,13 @@ CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
     "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
 }
-# Largest number of vertices. Each vertex has a handle, and a transform of 1,000 edges takes several
-# seconds.
+# Largest number of vertices; a transform of 1,000 edges takes several seconds.
 MAX_VERTICES = 1000
 MAX_ELEMENTS = 256  # largest number of elements of an array
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
-    """Return the outlines of an aperture in units, rounded to a millionth of its diameter."""
+    """Return the outlines of an aperture, rounded to a millionth of its diameter."""
     size = aperture.diameter * per_metre
     digits = max(0, 5 - math.floor(math.log10(size)))
     rings = [np.round(np.asarray(ring) * per_metre, digits) + 0.0 for ring in aperture.rings]
@@ -70,15 +68,12 @@ _CHEVRON = rings_of(CATALOGUE["chevron"]())
 
 @dataclass(frozen=True)
 class State:
-    """Aperture, illumination and settings of the views. Lengths are in ``unit``.
-
-    Raises ArgumentError if there are too many vertices, or the wave cannot be parsed.
-    """
+    """Aperture, illumination and settings of the views; lengths are in ``unit``."""
 
     rings: Rings = _CHEVRON  # an outline inside another outline is a hole
     unit: str = "mm"
     wave: str = "94 GHz"  # a frequency or a wavelength
-    taper: str = "uniform"  # taper of the field, a key of TAPERS
+    taper: str = "uniform"  # a key of TAPERS
     theta: float = 0.0  # angle of the steered beam from the normal [degrees]
     phi: float = 0.0  # azimuth of the steered beam and of the first cut of the far field [degrees]
     columns: int = 1
@@ -87,7 +82,7 @@ class State:
     x: Point = (0.0, 0.0)  # selected position
     nu: Point = (0.0, 0.0)  # selected spatial frequency [cycles per unit]
     defocus: float = 0.0  # W20 at the farthest vertex [waves]
-    distance: float = 50.0  # distance of the plane of the near field from the source
+    distance: float = 50.0  # distance of the near-field plane
     # largest direction cosine on frequency axes; 0 shows eight lobes of the source
     reach: float = 0.0
     part: Part = "level"  # part of the Fourier transform that is displayed
@@ -117,12 +112,11 @@ class State:
 
     @property
     def per_metre(self) -> int:
-        """Number of units of the page in one metre."""
         return UNITS[self.unit]
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Bounds (xmin, ymin, xmax, ymax) of the outlines; zeros if there is no outline."""
+        """Bounds (xmin, ymin, xmax, ymax) of the outlines; zeros without outlines."""
         points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
         if not len(points):
             return 0.0, 0.0, 0.0, 0.0
@@ -141,18 +135,17 @@ class State:
 
 
 class History:
-    """The last 200 states, for undo and redo; ``position`` is the index of the current state."""
+    """The last 200 states; ``position`` is the index of the current state."""
 
     def __init__(self, state: State) -> None:
         self.states, self.position, self.gesture = [state], 0, ""
 
     @property
     def present(self) -> State:
-        """Current state."""
         return self.states[self.position]
 
     def add(self, state: State, gesture: str = "") -> None:
-        """Add a state; successive states of one gesture, such as a drag, form one step."""
+        """Add a state; successive states of a gesture, such as a drag, form one undo step."""
         if state == self.present:
             return
         first = self.position + (not gesture or gesture != self.gesture)
@@ -160,17 +153,15 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
-        """Return whether the history has a state ``steps`` states after the current one."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
-        """Go ``steps`` states forwards (backwards if negative), if the history has such a state."""
+        """Move forwards, or backwards if ``steps`` is negative, if such a state exists."""
         if self.can_move(steps):
             self.position, self.gesture = self.position + steps, ""
 
 
 def with_vertex(rings: Rings, point: Point) -> Rings:
-    """Insert a vertex into the edge that is nearest to a point."""
     edges = [(k, j) for k, ring in enumerate(rings) for j in range(len(ring))]
     if not edges:
         return rings
@@ -180,14 +171,14 @@ def with_vertex(rings: Rings, point: Point) -> Rings:
 
 
 def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
-    """Return outlines from rows (index of the outline, x, y); outlines need three vertices."""
+    """Return the outlines with at least three vertices from rows (index of the outline, x, y)."""
     numbers = dict.fromkeys(number for number, _, _ in rows)
     rings = (tuple((x, y) for n, x, y in rows if n == k) for k in numbers)
     return tuple(ring for ring in rings if len(ring) >= 3)
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines of an uploaded file in units; raise PolywignerError for bad files."""
+    """Return the outlines of an uploaded file; raise PolywignerError for a bad file."""
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
@@ -201,7 +192,6 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
 
 
 def geojson(state: State) -> str:
-    """Return the outline of the element as a GeoJSON Feature in mm."""
     polygons = aperture_of(state.rings, state.per_metre).polygons
     in_mm = shapely.transform(polygons, lambda metres: np.round(metres * UNITS["mm"], 12))
     properties = {"unit": "mm", "wave": state.wave}
@@ -211,10 +201,7 @@ def geojson(state: State) -> str:
 
 @lru_cache(maxsize=64)
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
-    """Return the aperture in metres from outlines in units of the page.
-
-    Raises GeometryError for outlines that intersect themselves or each other.
-    """
+    """Return the aperture in metres; raise GeometryError for outlines that intersect."""
     if not rings:
         raise errors.GeometryError("there is no outline; draw an outline or choose a shape")
     polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
@@ -223,10 +210,9 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
 
 
 def source_code(state: State) -> str:
-    """Return the Python code that builds ``source``.
+    """Return the Python code that builds ``source`` for a state.
 
-    The page runs this code, too. Raises PolywignerError if the outlines are not polygons, or the
-    array is too large.
+    Raises PolywignerError if the outlines are not polygons or the array is too large.
     """
     count = state.columns * state.rows
     if count > MAX_ELEMENTS:
@@ -262,7 +248,6 @@ def source_code(state: State) -> str:
 
 
 def run(code: str, **names: Any) -> dict[str, Any]:
-    """Run code of :func:`source_code` or of a view, and return its variables."""
     variables = {"np": np, "shapely": shapely, "pw": pw, **names}
     exec(code, variables)
     return variables
@@ -272,7 +257,6 @@ _variables = lru_cache(maxsize=64)(run)
 
 
 def variables_of(state: State) -> dict[str, Any]:
-    """Return the variables ``source`` and ``wavelength`` of a state."""
     return _variables(source_code(state))
 
 
@@ -282,5 +266,5 @@ def source_of(state: State) -> Source:
 
 
 def polygons_of(shape: BaseGeometry) -> list[list[NDArray[np.float64]]]:
-    """Return the polygons of a geometry as rings (n, 2) without repeated first vertices."""
+    """Return polygons as rings (n, 2) without repeated first vertices."""
     return [[ring[:-1] for ring in rings_of_polygon(polygon)] for polygon in polygons_in(shape)]

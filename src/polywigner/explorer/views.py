@@ -25,12 +25,12 @@ VIEWS: Mapping[Name, str] = {
     "ambiguity": "Ambiguity", "otf": "OTF", "far": "Directivity", "near": "Near field",
     "lags": "Lag slice",
 }  # fmt: skip
-# maximum number of samples along each axis of an image; odd, so that the centre is a sample
+# largest number of samples along each axis; odd, so that the centre is a sample
 SAMPLES = 161
 FLOOR_DB = -40.0
-_LOBES = 8.0  # half width of frequency axes, in units of 1/diagonal of the source
+_LOBES = 8.0  # half width of frequency axes [1/diagonal of the source]
 _MARGIN = 1.05  # ratio of the axes of positions and lags to the size of the source
-_BEAM = 3.0  # half width of the near-field image, in lobe widths beyond half the source
+_BEAM = 3.0  # margin of the near-field image around the source [lobe widths]
 _WIDE = 0.5  # sine of the angle above which all directions are shown
 
 _GRID = """
@@ -38,8 +38,7 @@ axis = np.linspace(-{half!r}, {half!r}, {samples})
 x, y = {x!r} + axis, {y!r} + axis
 grid = np.stack(np.meshgrid(x, y), axis=-1)
 """
-# With engine="numpy", nothing is compiled, so the views of a new outline take no longer than
-# before.
+# A compiled engine would compile kernels for each new outline.
 _CODE: Mapping[Name, str] = {
     "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
     "wigner_nu": _GRID
@@ -66,7 +65,7 @@ values = pattern["directivity"].values  # dBi""",
 
 
 def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
-    """Return the code of a view, which runs after the code of the source."""
+    """Return the code of a view, to run after the code of the source."""
     xmin, ymin, xmax, ymax = source_of(state).bounds
     size, wavelength = _half_size(state), state.wavelength
     distance = state.distance / state.per_metre
@@ -103,10 +102,10 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A view for display in units of the page, and its values in SI units.
+    """A view in units of the page, with its values in SI units.
 
-    For an image, ``x`` and ``y`` are its axes. For curves, ``x`` is their argument and ``y``
-    contains the limits of the axis. For outlines, both contain limits.
+    Images have axes ``x`` and ``y``. Curves have arguments ``x`` and the limits ``y``. Outlines
+    have limits in both.
     """
 
     title: str
@@ -116,18 +115,14 @@ class View:
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     image: NDArray[np.float64] | None = None  # displayed values (y, x)
-    limits: tuple[float, float] = (0.0, 1.0)  # limits of the colour scale
-    colours: str = style.LEVEL_MAP  # name of a matplotlib colour map
-    quantity: str = ""  # label of the colour scale, with its unit
+    limits: tuple[float, float] = (0.0, 1.0)  # of the colour scale
+    colours: str = style.LEVEL_MAP
+    quantity: str = ""  # label of the colour scale
     curves: Mapping[str, NDArray[np.float64]] | None = None
     outlines: Sequence[Polygon] | None = None
 
 
 def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
-    """Compute a view with a number of samples along each axis.
-
-    Raises PolywignerError if the view cannot be computed.
-    """
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
@@ -193,7 +188,6 @@ def support_of(state: State) -> list[Polygon]:
 
 
 def npz(picture: View) -> bytes:
-    """Return the values and axes of a view in SI units as an ``.npz`` file."""
     buffer, labels = io.BytesIO(), {"title": picture.title, "quantity": picture.quantity}
     np.savez_compressed(buffer, **picture.arrays, **labels)  # type: ignore[arg-type]
     return buffer.getvalue()

@@ -1,11 +1,6 @@
-"""Figures: level maps in dB, rendered scenes, and transforms of apertures.
+"""Figures of transforms, fields, radiation patterns, lenses and scenes.
 
-``style`` has the maps of levels and of signed values in all figures, their axes and colour bars.
-``levels`` converts signed radiance to dB above a floor and reads labelled arrays. ``field_plots``
-and ``volumes`` draw fields in front of a source, ``far_field_plots`` radiation patterns and cross
-sections, ``scene_plots`` rendered images, channels and the power of receivers,
-``transform_plots`` the transforms of a source and projections of phase space, ``lens_plots`` spots,
-images and transfer functions. No window is opened: the caller saves the figures.
+The functions draw with matplotlib and open no window; the caller saves the figures.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -40,10 +40,8 @@ _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
-# Smallest number of meridians (angles phi) for a map over u and v.
-_LEAST_MERIDIANS = 8
-# Largest number of cuts in a figure of a tolerance analysis.
-_MOST_CUTS = 4
+_LEAST_MERIDIANS = 8  # smallest number of angles phi for a map over u and v
+_MOST_CUTS = 4  # largest number of cuts of a tolerance analysis
 
 
 @style.typeset
@@ -99,7 +97,7 @@ def draw_pattern(
             f"expected metrics as the result of beam_metrics, got {type(metrics).__name__}"
         )
     theta, phi, levels, _ = checked_pattern(pattern)
-    chosen = _chosen(panels, len(phi))
+    chosen = _panel_names(panels, len(phi))
     lines, beam = _drawn_cuts(pattern, cuts, metrics)
     theta, levels = front_of(theta, levels)
     low, high = beam.directivity + floor_db, beam.directivity
@@ -122,8 +120,7 @@ def draw_pattern(
     return figure
 
 
-def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
-    """Return the names of the panels to draw for a pattern with ``meridians`` angles phi."""
+def _panel_names(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
     if isinstance(panels, str) or not isinstance(panels, Sequence):
@@ -142,7 +139,7 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
 def _drawn_cuts(
     pattern: Any, cuts: Any, metrics: BeamMetrics | None
 ) -> tuple[list[Cut], BeamMetrics]:
-    """Return the cuts to draw, and the metrics of the beam with these cuts."""
+    """Return the cuts to draw, and the metrics of the beam in these cuts."""
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
@@ -155,13 +152,13 @@ def _drawn_cuts(
                 "expected either great circles of beam_cuts or meridians of patterns in cuts, "
                 "got both kinds; draw them separately"
             )
-        return lines, _of_lines(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
+        return lines, _with_drawn_cuts(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
         checked_choice(cuts, "cuts", get_args(PatternCuts))
     beam = beam_metrics(pattern) if metrics is None else metrics
     circles = [] if cuts == "principal" else circles_through_beam(pattern)
     if circles:
-        return circles, _of_lines(beam, circles)
+        return circles, _with_drawn_cuts(beam, circles)
     if cuts == "beam":
         raise ArgumentError(
             "cuts through the beam require a pattern over phi around the full circle, got "
@@ -172,17 +169,16 @@ def _drawn_cuts(
         min(meridians, key=lambda cut: angle_between(cut.phi, angle)) for angle in (0, math.pi / 2)
     )
     lines = [first] if first is second else [first, second]
-    return lines, _of_lines(beam, lines)
+    return lines, _with_drawn_cuts(beam, lines)
 
 
-def _of_lines(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """Return the metrics of a beam, with its cuts replaced by the drawn cuts."""
+def _with_drawn_cuts(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
 
 
-def _label(cut: Cut) -> str:
+def _cut_name(cut: Cut) -> str:
     return "across it" if cut.kind == "across" else f"$\\phi$ = {style.degrees_text(cut.phi)}"
 
 
@@ -192,13 +188,13 @@ def _draw_cuts(
     from matplotlib.ticker import MultipleLocator
 
     for number, cut in enumerate(cuts):
-        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_label(cut))
+        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_cut_name(cut))
     for number, cut in enumerate(cuts):
         if cut.cross_levels is not None and cut.cross_levels.max() > low:
             angles = np.degrees(cut.angles)
             label = "its cross-polar part" if len(cuts) > 1 else "cross-polar part"
             _plot(axes, number, angles, cut.cross_levels, low - 100, label=label, ls=":")
-    reach = _reach(cuts)
+    reach = _largest_angle(cuts)
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     entries = len(axes.get_legend_handles_labels()[0])
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
@@ -226,15 +222,14 @@ def _plot(axes: Axes, number: int, angles: Floats, levels: Floats, low: float, *
     axes.plot(angles, np.maximum(levels, low), **(default | line))
 
 
-def _reach(cuts: Sequence[Cut]) -> float:
-    """Return the largest angle of the cuts in degrees."""
+def _largest_angle(cuts: Sequence[Cut]) -> float:
     return max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
 
 
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
     for number, cut in enumerate(cuts):
         _plot(axes, number, cut.angles, cut.levels, low)
-    edge = min(180, max(90, 30 * math.ceil(_reach(cuts) / 30 - 1e-9)))
+    edge = min(180, max(90, 30 * math.ceil(_largest_angle(cuts) / 30 - 1e-9)))
     step = 10.0 if high - low > 25 else 5.0
     axes.set(
         theta_zero_location="N", theta_direction=-1, thetamin=-edge, thetamax=edge,
@@ -245,14 +240,13 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.4, lw=0.5)
     over = "$\\theta$" if cuts[0].kind == "theta" else "the angle from the beam"
-    planes = ", ".join(_label(cut) for cut in cuts)
+    planes = ", ".join(_cut_name(cut) for cut in cuts)
     axes.set_title(f"directivity (dBi) over {over}, {planes}", fontsize=8)
 
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
     axes.axis("off")
-    text = str(metrics).replace("^2", "²").replace("-", "\N{MINUS SIGN}")
-    text = text.replace(f"half{chr(0x2212)}power", "half-power")
+    text = re.sub(r"-(?=\d|inf)", "\N{MINUS SIGN}", str(metrics).replace("^2", "²"))
     axes.text(
         0.0, 0.95, text, family="DejaVu Sans Mono", fontsize=7, va="top", linespacing=1.5,
         transform=axes.transAxes,
@@ -401,13 +395,13 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
         polar.set_xlabel(text, fontsize=7, color=style.RED)
     polar.tick_params(labelsize=7)
     polar.grid(alpha=0.4, lw=0.5)
-    polar.set_rlabel_position(_clear_angle(angles, levels))
+    polar.set_rlabel_position(_label_angle(angles, levels))
     for label in polar.get_yticklabels():
         label.set_bbox({"facecolor": "w", "edgecolor": "none", "alpha": 0.7, "pad": 0.5})
 
 
-def _clear_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, midway between angle labels, at which a cut is lowest."""
+def _label_angle(angles: Floats, levels: Floats) -> float:
+    """Return the angle between angle labels, in degrees, at which a cut is lowest."""
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
     near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
@@ -415,18 +409,18 @@ def _clear_angle(angles: Floats, levels: Floats) -> float:
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Return running medians (n,) of levels over a width in rad, at evenly spaced angles."""
+    """Return running medians of levels at evenly spaced angles over a width in radians."""
+    import xarray
+
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
-    padded = np.pad(levels, half, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
-    with warnings.catch_warnings():
-        # The median of a window that contains only NaN is NaN.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.asarray(np.nanmedian(windows, axis=1))
+    windows = xarray.DataArray(levels, dims="angle").rolling(
+        angle=2 * half + 1, center=True, min_periods=1
+    )
+    return np.asarray(windows.median())
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
-    """Return azimuth (n,), elevation (m,), and levels (n, m) in dBsm."""
+    """Return azimuths (n,), elevations (m,) and levels (n, m) in dBsm."""
     names = dict.fromkeys(("azimuth", "elevation", "rcs"), "")
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
@@ -441,7 +435,7 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
 def _rcs_cuts(
     pattern: tuple[Floats, Floats, Floats], cuts: Sequence[Any] | None
 ) -> list[tuple[str, Floats, Floats]]:
-    """Return title, angles and levels of the cut over azimuth, and of the cut over elevation."""
+    """Return title, angles and levels of the cuts over azimuth and over elevation."""
     if cuts is None:
         flat = upright = pattern
         nearest = int(np.abs(pattern[1]).argmin())

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 
-Axis = tuple[str, Floats]
-"""Label of an axis, and positions in the unit of the label."""
+Axis = tuple[str, Floats]  # label, and positions in the unit of the label
 
 _COLOURS = (
     *(style.RED, style.BLUE, style.ORANGE, style.GREEN, style.VIOLET),
@@ -42,47 +41,34 @@ _COLOURS = (
 )
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)))
 
-# An axis of lengths is logarithmic if the ratio of the largest to the smallest length exceeds this
-# value.
-_DECADES = 20.0
-# Largest difference in dB on the linear part of the symlog axis. Above it, the axis is logarithmic,
-# because differences between accurate methods fall by three decades along the plotted line.
+_DECADES = 20.0  # ratio of lengths above which an axis is logarithmic
+# Limit of the linear part of the axis of differences [dB]; differences span several decades.
 _LINEAR_DB = 0.01
-# Widths in inches: of each of several maps, of a single map, and of a disc.
+# Widths of each of several maps, of a single map and of a disc [inches].
 _INCHES, _ALONE, _DISC = 3.0, 4.8, 3.3
-# Largest limit of the colour scale of differences, in dB.
-_MOST_DB = 3.0
-# Fraction of the total power in a plane that lies below the default floor of the figure.
-_FAINT = 0.01
+_MOST_DB = 3.0  # largest limit of the colour scale of differences [dB]
+_FAINT = 0.01  # fraction of the power in a plane below the default floor
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A quantity that several methods compute at the same points."""
+    """Values of a quantity from several methods at the same points."""
 
-    fields: dict[str, NDArray[Any]]
-    """Values of each method, by the name of the variable."""
-    powers: dict[str, Floats]
-    """The same values as powers: squared moduli of complex values."""
+    fields: dict[str, NDArray[Any]]  # values by the name of the variable
+    powers: dict[str, Floats]  # squared moduli of complex values
     labels: dict[str, str]
-    """Names of the methods for legends and titles, by the name of the variable."""
-    dims: tuple[str, ...]
-    """Axes with more than one sample."""
-    against: str
-    """Name of the reference variable."""
-    zero: float
-    """Power at 0 dB, which is the peak of the reference."""
+    dims: tuple[str, ...]  # axes with more than one sample
+    against: str  # name of the reference variable
+    zero: float  # power at 0 dB, the peak of the reference
     quantity: str
     unit: str
-    is_field: bool
-    """Whether the values in ``fields`` are complex."""
+    is_field: bool  # whether ``fields`` are complex
 
     @staticmethod
     def of(dataset: Any, against: str | None) -> Comparison:
         """Read the variables of a dataset; the default reference is the last variable."""
         arrays = {
-            str(name): array.squeeze()
-            for name, array in checked_dataset(dataset, "dataset").data_vars.items()
+            str(name): array.squeeze() for name, array in checked_dataset(dataset).data_vars.items()
         }
         if not arrays:
             raise ArgumentError(
@@ -112,18 +98,13 @@ class Comparison:
 
     @property
     def zero_text(self) -> str:
-        """Power at 0 dB, with its unit."""
         return style.quantity_text(self.zero, self.unit)
 
     def level_text(self, floor_db: float) -> str:
-        """Return the label of a colour bar for levels."""
         return f"{self.quantity}, dB relative to {self.zero_text}\n{style.floor_text(floor_db)}"
 
     def default_floor_db(self) -> float:
-        """Return the multiple of 5 dB, from -40 to -10 dB, below which 1 % of the power lies.
-
-        The colour scale then suits Fresnel fringes as well as sidelobes.
-        """
+        """Return the multiple of 5 dB, from -40 to -10 dB, below which 1 % of the power lies."""
         power = np.sort(np.maximum(self.powers[self.against], 0.0), axis=None)
         below = np.cumsum(power)
         level = power[int(np.searchsorted(below, _FAINT * below[-1]))]
@@ -182,14 +163,16 @@ def draw_lines(
         len(ratios), len(fields), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
     for column, (name, dataset), part in zip(panels.T, columns.items(), fields, strict=True):
-        _draw_column(column, part, _axis(dataset, part.dims))
+        _draw_column(column, part, _line_axis(dataset, part.dims))
         text = f"0 dB: {part.zero_text}"
         if name:
             text = f"{name}; {text}"
         elif is_compared:
             text += f", the peak of {part.labels[part.against]}"
         column[0].set_title(text, loc="left", fontsize=8)
-    panels[0, 0].set_ylim(*_range(fields, floor_db))
+    bottom, top = panels[0, 0].get_ylim()
+    # Curves may exceed the peak of the reference by a quarter of the scale.
+    panels[0, 0].set_ylim(max(bottom, floor_db), min(top, -floor_db / 4))
     panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
     legend: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
     if is_compared:
@@ -204,7 +187,6 @@ def draw_lines(
 
 
 def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]) -> None:
-    """Draw levels in the first panel, and differences from the reference in the second panel."""
     positions, label, is_logarithmic = axis
     styles = _styles(list(fields.powers), fields.against)
     for method, values in fields.powers.items():
@@ -219,21 +201,21 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
     if is_logarithmic:
         from matplotlib.ticker import LogFormatter, LogLocator
 
-        column[-1].set_xscale("log")  # Both panels have the same horizontal axis.
+        column[-1].set_xscale("log")  # The panels share this axis.
         ticks = column[-1].xaxis
         ticks.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ticks.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(9, 9)))
         ticks.set_minor_formatter(lambda *_: "")
 
 
-def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
-    """Return the positions, the label of their axis, and whether it is logarithmic."""
+def _line_axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
+    """Return positions, the label of their axis, and whether the axis is logarithmic."""
     if len(dims) != 1:
         raise ArgumentError(
             f"expected fields along a single axis, got fields over {', '.join(dims)}"
         )
     along = dims[0]
-    # If a line is parallel to x, y or z, this coordinate replaces the distance along the line.
+    # On a line parallel to x, y or z, this coordinate replaces the distance.
     if dataset[along].attrs.get("units") == "m":
         changing = [k for k in "xyz" if k in dataset.coords and np.ptp(dataset[k].values) > 0]
         along = changing[0] if len(changing) == 1 else along
@@ -250,7 +232,6 @@ def _axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
-    """Return line styles by method; the reference is a broad grey line."""
     if len(methods) == 1:
         return {against: {"color": _COLOURS[1], "lw": 1.2}}
     others = (method for method in methods if method != against)
@@ -260,20 +241,6 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
     }
     broad = {"color": "0.72", "lw": 4.0, "zorder": 1.5, "solid_capstyle": "butt"}
     return styles | {against: broad}
-
-
-def _range(columns: list[Comparison], floor_db: float) -> tuple[float, float]:
-    """Return the limits of levels in dB: the floor, or a higher limit just below all curves.
-
-    Curves may exceed the peak of the reference (0 dB) by up to a quarter of the floor.
-    """
-    levels = np.concatenate(
-        [v[v > 0] / fields.zero for fields in columns for v in fields.powers.values()]
-    )
-    low, high = 10 * np.log10([levels.min(), levels.max()])
-    top, bottom = min(high, -floor_db / 4), max(low, floor_db)
-    margin = 0.04 * (top - bottom) + 0.1
-    return float(bottom if low < floor_db else bottom - margin), float(top + margin)
 
 
 def _difference_axis(panels: Any, fields: Comparison) -> None:
@@ -338,8 +305,8 @@ def draw_planes(
     """
     fields = Comparison.of(dataset, against)
     floor_db = fields.default_floor_db() if floor_db is None else check_floor(floor_db)
-    across, up = _axes(dataset, fields.dims)
-    cuts = _cuts(dataset, fields.dims, obstacles)
+    across, up = _plane_axes(dataset, fields.dims)
+    cuts = _obstacle_sections(dataset, fields.dims, obstacles)
     extents = [np.ptp(axis) + axis[1] - axis[0] for _, axis in (across, up)]
     rows = 2 if fields.is_field or len(fields.powers) > 1 else 1
     ratio = float(np.clip(extents[1] / extents[0], 0.4, 2.0))
@@ -349,7 +316,7 @@ def draw_planes(
     figure = style.figure_on(figure, *size, title, is_compressed=True)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes, (method, power) in zip(panels[0], fields.powers.items(), strict=True):
-        levels = _upright(level_db(power, fields.zero, floor_db), fields)
+        levels = _as_image(level_db(power, fields.zero, floor_db), fields)
         shown = style.draw_levels(axes, levels, across[1], up[1], low=floor_db)
         axes.set_title(fields.labels[method])
     style.colour_bar(panels[0], shown, fields.level_text(floor_db))
@@ -365,8 +332,8 @@ def draw_planes(
     return figure
 
 
-def _axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
-    """Return the horizontal and the vertical axis; z, the direction of beams, is horizontal."""
+def _plane_axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
+    """Return the horizontal and the vertical axis; z is horizontal."""
     if len(dims) != 2:
         raise ArgumentError(f"expected fields over two axes, got fields over {', '.join(dims)}")
     values = {d: even_axis(d, np.asarray(dataset[d].values, dtype=np.float64)) for d in dims}
@@ -375,8 +342,8 @@ def _axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
     return (second, first) if dims[1] == "z" else (first, second)
 
 
-def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
-    """Return the intersections (k, 2, 2) of obstacles with the plane, in the unit of its axes."""
+def _obstacle_sections(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
+    """Return the intersections (n, 2, 2) of obstacles with the plane, in the unit of its axes."""
     bodies = bodies_if_any(obstacles)
     if not bodies:
         return []
@@ -395,7 +362,7 @@ def _cuts(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
     return [line[..., ::-1] if dims[1] == "z" else line for line in lines]
 
 
-def _upright(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
+def _as_image(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
     """Return values with the axes (vertical, horizontal)."""
     return values if fields.dims[1] == "z" else values.T
 
@@ -407,14 +374,14 @@ def _draw_phases(
     from matplotlib.colors import Normalize
 
     for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
-        # Phases are noise close to nulls, so their opacity decreases with the level.
+        # Phases are noise close to nulls.
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
-        phases = _upright(np.degrees(np.angle(field)), fields)
+        phases = _as_image(np.degrees(np.angle(field)), fields)
         shown: Any = style.draw_map(
             axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180
         )
-        shown.set_alpha(_upright(np.clip(3 * strength, 0, 1), fields))
-    # A colour bar made from the images would be transparent as well.
+        shown.set_alpha(_as_image(np.clip(3 * strength, 0, 1), fields))
+    # A colour bar of the translucent images would be translucent.
     opaque = ScalarMappable(Normalize(-180, 180), style.PHASE_MAP)
     style.colour_bar(panels, opaque, "phase (degrees)").set_ticks([-180, -90, 0, 90, 180])
 
@@ -428,7 +395,7 @@ def _draw_differences(panels: Any, fields: Comparison, across: Floats, up: Float
         if method == fields.against:
             axes.set_visible(False)
             continue
-        shown = style.draw_signed(axes, _upright(difference, fields), across, up, bound=bound)
+        shown = style.draw_signed(axes, _as_image(difference, fields), across, up, bound=bound)
         axes.set_facecolor("0.85")
         axes.set_title(f"minus {fields.labels[fields.against]}", fontsize=8)
     text = f"difference (dB)\ngrey: below {style.number_text(COMPARED_DB)} dB"
@@ -472,7 +439,7 @@ def draw_hemispheres(
         If the quantity or method is missing, the axes are others, or ``figure`` has another type.
     """
     check_floor(floor_db)
-    if "directivity" in checked_dataset(dataset, "dataset"):
+    if "directivity" in checked_dataset(dataset):
         raise ArgumentError(
             "expected fields on a hemisphere, got a radiation pattern with a directivity in dBi; "
             "use draw_pattern"

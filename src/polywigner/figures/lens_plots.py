@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from polywigner import Aperture, Array
 
 _STYLES = ("-", "-.", ":", (0, (1, 3)))
-# The curves along x and y are drawn as one line if they differ by at most this value.
-_ALIKE = 2e-3
+_ALIKE = 2e-3  # largest difference of curves that are drawn as one line
 
 
 @style.typeset
@@ -65,7 +64,7 @@ def draw_psf(
     panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
     for axes, spot in zip(panels, spots, strict=True):
         shown, _ = _draw_image(axes, spot, peak, floor_db)
-        axes.set_title(_of_focus(spot))
+        axes.set_title(_defocus_text(spot))
         axes.set_adjustable("box")
         axes.label_outer()
     style.colour_bar(panels, shown, _scale_text(f"{peak:.3g} /m²", floor_db))
@@ -153,7 +152,7 @@ def draw_image(
     text = f"{peak:.3g}" if units == "1" else f"{peak:.3g} {units}"
     style.colour_bar(axes, shown, _scale_text(text, floor_db))
     if mask is not None:
-        axes.autoscale(False)  # The mask may be larger than the image.
+        axes.autoscale(False)  # Keep the limits of the image.
         for polygon in polygons_of(normal_form(mask).in_plane.elements):
             style.draw_polygons(axes, polygon, unit, edgecolor="white", facecolor="none", lw=0.8)
     return figure
@@ -198,7 +197,7 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
         lines = dict(zip(("along x", "along y"), part.values, strict=True))
         if np.ptp(part.values, axis=0).max() <= _ALIKE:
             lines = {"along x and y": part.values[0]}
-        state = f", {_of_focus(part)}" if len(curves) > 1 or float(part["defocus"]) else ""
+        state = f", {_defocus_text(part)}" if len(curves) > 1 or float(part["defocus"]) else ""
         for (name, line), colour in zip(lines.items(), (style.RED, style.BLUE), strict=False):
             axes.plot(frequency, line, color=colour, ls=dashes, label=name + state)
     if "reversed" in dataset and dataset["reversed"].values.any():
@@ -213,14 +212,14 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
     return figure
 
 
-def _of_focus(part: Any) -> str:
+def _defocus_text(part: Any) -> str:
     waves = float(part["defocus"])
     unit = "wave" if waves == 1.0 else "waves"
     return f"{waves:g} {unit} of defocus" if waves else "in focus"
 
 
 def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
-    values = checked_dataset(dataset, "dataset").get(name)
+    values = checked_dataset(dataset).get(name)
     if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(
             f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_array, checked_length, checked_vectors
+from polywigner.geometry.arguments import (
+    checked_array,
+    checked_length,
+    checked_number,
+    checked_vectors,
+)
 from polywigner.numerics import Floats
 from polywigner.source.obliquities import OBLIQUITIES
 
@@ -21,32 +25,22 @@ if TYPE_CHECKING:
 PEAK_RULE = "largest 3x3 median"
 """Definition of 0 dB by :func:`image_peak`, for labels and logs."""
 COMPARED_DB = -30.0
-"""Lowest level in dB, relative to the peak of the reference, that is compared; differences in dB
-diverge at nulls.
-"""
+"""Lowest compared level in dB relative to the peak, because differences in dB diverge at nulls."""
 
 _MILLIWATT = 1e-3
-# Lowest allowed floor in dB. Lower levels are rounding errors of a field with 15 digits.
+# Lowest floor [dB]; lower levels of a field with 15 digits are rounding errors.
 _LOWEST_DB = -300.0
-# Largest relative deviation of the steps of an evenly spaced axis. In single precision, the steps
-# of a thousand samples over a hundred wavelengths deviate by 1e-5.
+# Largest relative deviation of the steps of an evenly spaced axis.
 _EVEN = 1e-3
-# Units in the form in which labels print them, by the units in files.
+# Units in labels by the units in files.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
-# Names of methods and obliquities in labels.
 _NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
 _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 
 def check_floor(floor_db: float) -> float:
-    """Return a level below 0 dB, or raise ArgumentError for other values."""
-    is_number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
-    if not is_number or not _LOWEST_DB <= floor_db < 0:
-        raise ArgumentError(
-            f"floor_db must be below 0 dB and at least {_LOWEST_DB:g} dB, got {floor_db}; pass "
-            "for example -40"
-        )
-    return float(floor_db)
+    meaning = f"a level below 0 dB and at least {_LOWEST_DB:g} dB"
+    return checked_number(floor_db, "floor_db", meaning, lambda level: _LOWEST_DB <= level < 0)
 
 
 def image_peak(values: ArrayLike) -> float | None:
@@ -110,17 +104,16 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
 
 
 def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
-    """Convert powers in W to levels in dBm, limited from below to ``floor``."""
+    """Convert powers in watts to levels in dBm, limited from below to ``floor``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
 
-def checked_dataset(dataset: Any, name: str) -> xarray.Dataset:
-    """Return an xarray.Dataset, or raise ArgumentError."""
+def checked_dataset(dataset: Any) -> xarray.Dataset:
     import xarray
 
     if not isinstance(dataset, xarray.Dataset):
-        raise ArgumentError(f"expected {name} as an xarray.Dataset, got {type(dataset).__name__}")
+        raise ArgumentError(f"expected dataset as an xarray.Dataset, got {type(dataset).__name__}")
     return dataset
 
 
@@ -137,44 +130,37 @@ class Difference(NamedTuple):
     """Number of ignored points, where the field is zero or negative."""
 
 
-def difference_db(
-    values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
-) -> NDArray[np.float64]:
-    """Return differences of levels from a reference in dB; NaN where the reference is too low."""
-    if np.shape(values) != np.shape(reference):
-        got = f"shapes {np.shape(values)} and {np.shape(reference)}"
-        raise ArgumentError(f"the compared fields must be at the same points, got {got}")
-    return np.asarray(_differences(values, reference, above_db)[0])
-
-
-def _differences(
-    values: ArrayLike | xarray.DataArray, reference: ArrayLike | xarray.DataArray, above_db: float
-) -> tuple[xarray.DataArray, int]:
-    """Return the differences in dB, and the number of compared points with a field <= 0."""
+def difference_db(values: ArrayLike, reference: ArrayLike) -> xarray.DataArray:
+    """Return level differences from a reference in dB, with NaN at points that are not compared."""
     import xarray
 
     field, true = xarray.DataArray(values), xarray.DataArray(reference)
-    compared = (true >= float(true.max()) * 10 ** (above_db / 10)) & (true > 0)
-    positive = compared & (field > 0)
-    difference = 10 * np.log10(field.where(positive) / true.where(positive))
-    return difference, int((compared & ~positive).sum())
+    return 10 * np.log10(field.where(_is_compared(true) & (field > 0)) / true)
 
 
-def summary(values: Any, reference: Any, above_db: float = COMPARED_DB) -> Difference:
+def _is_compared(reference: xarray.DataArray) -> xarray.DataArray:
+    return (reference > 0) & (reference >= float(reference.max()) * 10 ** (COMPARED_DB / 10))
+
+
+def summary(values: Any, reference: Any) -> Difference:
     """Return the largest and the rms difference of two fields in dB.
 
-    ``values`` and ``reference`` are arrays or xarray.DataArrays, which may be lazy. Complex values
-    are fields, whose squared moduli are compared.
+    Both may be lazy xarray.DataArrays. The squared moduli of complex values are compared.
     """
-    field, true = (abs(a) ** 2 if np.iscomplexobj(a) else a for a in (values, reference))
-    difference, negative = _differences(field, true, above_db)
+    import xarray
+
+    field, true = (
+        xarray.DataArray(abs(a) ** 2 if np.iscomplexobj(a) else a) for a in (values, reference)
+    )
+    difference = difference_db(field, true)
     largest = max(float(difference.min()), float(difference.max()), key=abs)
     rms = math.sqrt(float((difference**2).mean()))
+    negative = int((_is_compared(true) & (field <= 0)).sum())
     return Difference(largest, rms, int(difference.notnull().sum()), negative)
 
 
 def even_axis(name: str, values: Floats) -> Floats:
-    """Return ascending, evenly spaced values of an axis, or raise ArgumentError."""
+    """Return the values of an axis; raise ArgumentError unless they ascend in even steps."""
     step = (values[-1] - values[0]) / max(len(values) - 1, 1)
     if not (step > 0 and np.allclose(np.diff(values), step, rtol=_EVEN, atol=0.0)):
         raise ArgumentError(
@@ -185,7 +171,6 @@ def even_axis(name: str, values: Floats) -> Floats:
 
 
 def peak_of(values: NDArray[Any], name: str) -> float:
-    """Return the largest value, or raise ArgumentError if it is not above zero."""
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
         raise ArgumentError(f"expected values of {name} above zero, got at most {peak:g}")
@@ -193,13 +178,11 @@ def peak_of(values: NDArray[Any], name: str) -> float:
 
 
 def printed_unit(array: Any) -> str:
-    """Return the unit of a labelled array as it is printed in labels."""
     unit = str(array.attrs.get("units", ""))
     return _PRINTED.get(unit, unit)
 
 
 def quantity_of(array: Any) -> str:
-    """Return the quantity of a variable, by default "irradiance"."""
     return str(array.attrs.get("quantity", "irradiance"))
 
 

@@ -22,13 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 
-# Margin in dB of the axis of levels, below the noise and above the peak.
-_MARGIN_DB = 5.0
-# Smallest degree of linear polarisation for which the angle is drawn. At lower degrees, the angle
-# is noise.
+_MARGIN_DB = 5.0  # margin of level axes below the noise and above the peak [dB]
+# Smallest degree of linear polarisation with an angle; below it, the angle is noise.
 _LEAST_LINEAR = 0.05
-# Colour of the marks that show direct paths.
-_MARK = "#4dd2ff"
+_MARK = "#4dd2ff"  # colour of direct paths
 
 
 @style.typeset
@@ -72,8 +69,7 @@ def draw_scene(
     image = checked_array(radiance, "radiance", 2)
     height, width = image.shape
     levels = level_db(image, reference, floor_db)
-    # Scale in inches per pixel; the width of the figure includes the colour bar.
-    scale = 5.0 / max(width, height)
+    scale = 5.0 / max(width, height)  # inches per pixel
     axes, drawn = style.axes_on(ax, width * scale + 1.2, max(height * scale, 3.4))
     shown = style.draw_levels(axes, levels, low=floor_db)
     axes.set(xticks=[], yticks=[])
@@ -166,7 +162,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
 def _stokes_panels(
     stokes: ArrayLike, rows: int, title: str
 ) -> tuple[Floats, Figure, NDArray[np.object_]]:
-    """Return the Stokes parameters, and a figure with two columns of panels."""
+    """Return the Stokes parameters, and a figure with panels in two columns."""
     numbers = checked_array(stokes, "stokes", 3)
     if len(numbers) != 4:
         raise ArgumentError(
@@ -333,7 +329,7 @@ def draw_arrivals(
     )  # fmt: skip
     shown.set_clip_path(Circle((0, 0), 1.0, transform=axes.transData))
     style.draw_circles(axes, above=False)
-    labels = _mark(axes, direct)
+    labels = _mark_paths(axes, direct)
     for name, cosines in (names or {}).items():
         label = axes.annotate(
             name, cosines, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
@@ -341,7 +337,7 @@ def draw_arrivals(
         )  # fmt: skip
         label.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
         labels.append(label)
-    low, high = _view(levels > floor_db, [arrival.direction_cosines for arrival in direct])
+    low, high = _view_limits(levels > floor_db, [arrival.direction_cosines for arrival in direct])
     axes.set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), xlabel=r"$s_x$", ylabel=r"$s_y$")
     axes.set_title(title, fontsize=8)
     rows, columns = values.shape
@@ -352,14 +348,14 @@ def draw_arrivals(
     return drawn
 
 
-# Margin around the bright region, and smallest half width of the view, both in direction cosines.
+# Margin around bright pixels, and smallest half width of the view, in direction cosines.
 _MARGIN, _LEAST_HALF = 0.05, 0.1
 
 
-def _view(
+def _view_limits(
     bright: NDArray[np.bool_], directions: Sequence[tuple[float, float]]
 ) -> tuple[Floats, Floats]:
-    """Return two corners of the square of cosines that contains bright pixels and directions."""
+    """Return the lowest and the highest corner of a square around bright pixels and directions."""
     points = np.asarray(directions, np.float64).reshape(-1, 2)
     if bright.any():
         pixels = np.argwhere(bright)[:, ::-1]
@@ -373,8 +369,7 @@ def _view(
     return centre - half, centre + half
 
 
-def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
-    """Mark direct paths, and return their labels."""
+def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
             f"expected direct as a sequence of DirectArrival objects, got {value_text(direct)}"
@@ -392,10 +387,9 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     return labels
 
 
-# Largest number of pairs of emitter and receiver in a figure; number of samples of an impulse
-# response; and extent of the response before the first and after the last path, in units of
-# 1/bandwidth.
-_MOST_PAIRS, _DELAYS, _BEYOND = 6, 2001, 6.0
+_MOST_PAIRS = 6  # largest number of emitter-receiver pairs in a figure
+_DELAYS = 2001  # samples of an impulse response
+_BEYOND = 6.0  # extent of a response before the first and after the last path [1/bandwidth]
 _HERTZ = ((1e12, "THz"), (1e9, "GHz"), (1e6, "MHz"), (1.0, "Hz"))
 
 
@@ -452,27 +446,26 @@ def draw_channel(
     line = "-" if len(frequencies) > 1 else "o"
     for (left, right), (k, j) in zip(panels, pairs, strict=True):
         response, paths = h[:, k, j], amplitude[:, k, j]
-        left.plot(frequencies / scale, _levels(response), line, lw=1.0)
+        left.plot(frequencies / scale, _decibels(response), line, lw=1.0)
         left.set(xlabel=f"frequency ({unit})", ylabel="|h|², received over sent (dB)")
         left.set_title(f"{receivers[k]} from {emitters[j]}", fontsize=8)
         _draw_response(right, frequencies, response, paths[len(frequencies) // 2], delay[k, j],
                        [str(name) or "direct" for name in mirrors])  # fmt: skip
         for axes, values in ((left, response), (right, paths)):
-            top = float(_levels(np.abs(values).max(initial=0.0)))
-            low = float(_levels(values).min()) - _MARGIN_DB if axes is left else -math.inf
+            top = float(_decibels(np.abs(values).max(initial=0.0)))
+            low = float(_decibels(values).min()) - _MARGIN_DB if axes is left else -math.inf
             style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
     return drawn
 
 
-def _levels(amplitudes: Any) -> Floats:
-    """Convert amplitudes to dB; the level of zero is -3000 dB, which is below any floor."""
+def _decibels(amplitudes: Any) -> Floats:
+    """Convert amplitudes to dB; zero becomes -3000 dB, below any floor."""
     return np.asarray(20 * np.log10(np.maximum(np.abs(amplitudes), 1e-150)))
 
 
 def _draw_response(
     axes: Axes, frequencies: Floats, h: Any, amplitudes: Any, delays: Floats, names: list[str]
 ) -> None:
-    """Draw the impulse response of a channel h over frequency, and its paths as stems."""
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")
@@ -485,9 +478,9 @@ def _draw_response(
         window = np.hanning(len(frequencies) + 2)[1:-1]
         cycles = np.outer(times, frequencies) % 1.0
         response = np.exp(-2j * np.pi * cycles) @ (window * h) / window.sum()
-        axes.plot(1e9 * times, _levels(response), lw=1.0, label="impulse response")
+        axes.plot(1e9 * times, _decibels(response), lw=1.0, label="impulse response")
     for number in np.flatnonzero(exists):
-        delay, level, ink = 1e9 * delays[number], _levels(amplitudes[number]), f"C{number + 1}"
+        delay, level, ink = 1e9 * delays[number], _decibels(amplitudes[number]), f"C{number + 1}"
         axes.plot(delay, level, "o", ms=4, color=ink, label=names[number])
         axes.vlines(delay, level - 1e3, level, color=ink, lw=1.0)
     axes.legend(frameon=False, fontsize=7, loc="upper right")

@@ -1,4 +1,4 @@
-"""Common style of all figures: maps of levels and of signed values, axes, colour bars, layouts."""
+"""Common style of all figures: colour maps, axes, colour bars and layouts."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ LEVEL_MAP = "inferno"  # colour map of levels: perceptually uniform, black at th
 SIGNED_MAP = "RdBu_r"  # colour map of signed values: diverging, white at zero
 PHASE_MAP = "twilight"  # colour map of phases: the same colour at -180 and 180 degrees
 
-# colours of outlines, of regions around them, and of marks
+# colours of outlines, filled regions and marks
 INK, TINT, ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"
 # colours of lines
 RED, BLUE, ORANGE, GREEN, VIOLET = "#d7301f", "#2166ac", "#e69f00", "#1b9e77", "#7b3294"
 
 TYPOGRAPHY: dict[Any, Any] = {
-    # This font comes with matplotlib, so it is the same on every machine.
+    # Matplotlib includes this font.
     "font.family": "DejaVu Sans",
     "font.size": 9,
     "axes.titlesize": 9,
@@ -51,7 +51,7 @@ Result = TypeVar("Result")
 
 
 def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return a drawing function that uses TYPOGRAPHY, and then restores the caller's settings."""
+    """Decorate a drawing function to use TYPOGRAPHY."""
 
     @wraps(draw)
     def drawn(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
@@ -63,7 +63,7 @@ def typeset(draw: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     return drawn
 
 
-# Fraction of the peak up to which maps of signed values are linear. Above it, they are logarithmic.
+# Fraction of the peak up to which the colour scale of signed values is linear.
 _LINEAR = 0.01
 
 
@@ -74,7 +74,7 @@ def draw_levels(
 ) -> Map:  # fmt: skip
     """Draw levels from ``low`` (black) to ``high``, by default the largest level.
 
-    With a ``label``, the axes get a colour bar. :func:`draw_map` explains ``across`` and ``up``.
+    A ``label`` adds a colour bar. See :func:`draw_map` for ``across`` and ``up``.
     """
     shown = draw_map(axes, levels, across, up, cmap=LEVEL_MAP, vmin=low, vmax=high, **options)
     if label is not None:
@@ -88,8 +88,8 @@ def draw_signed(
 ) -> Map:  # fmt: skip
     """Draw signed values on a symmetric colour scale up to ``bound``.
 
-    Without a bound, values range from -1 to 1 on a logarithmic scale. With a ``label``, the axes
-    get a :func:`signed_bar`. :func:`draw_map` explains ``across`` and ``up``.
+    Without a bound, the scale is logarithmic and ranges from -1 to 1. A ``label`` adds a colour
+    bar. See :func:`draw_map` for ``across`` and ``up``.
     """
     if bound is None:
         from matplotlib.colors import SymLogNorm
@@ -106,14 +106,13 @@ def draw_signed(
 def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> Map:
     """Draw values (rows, columns) as an image, or as a mesh if ``options`` specifies a shading.
 
-    Columns have the horizontal positions ``across``, and rows the vertical positions ``up``. The
-    positions of an image are evenly spaced. Without positions, the first row is at the top.
+    ``across`` and ``up`` are the positions of columns and rows, evenly spaced for an image. Without
+    positions, the first row is at the top.
     """
     if "shading" in options:
         return axes.pcolormesh(across, up, values, rasterized=True, **options)
     if across is None:
         return axes.imshow(values, **options)
-    # The positions are the centres of the pixels.
     half = (across[1] - across[0]) / 2, (up[1] - up[0]) / 2
     extent = across[0] - half[0], across[-1] + half[0], up[0] - half[1], up[-1] + half[1]
     return axes.imshow(
@@ -122,7 +121,7 @@ def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> M
 
 
 def number_text(value: float) -> str:
-    """Format a number with a typographic minus sign, as on matplotlib's axes."""
+    """Format a number with a typographic minus sign."""
     return f"{value:g}".replace("-", "−")
 
 
@@ -132,17 +131,17 @@ def quantity_text(value: float, unit: str) -> str:
 
 
 def floor_text(floor: float, unit: str = "dB") -> str:
-    """Format the lowest level of a figure, for the label of its colour bar."""
+    """Format the lowest level of a colour scale for its label."""
     return f"floor {number_text(floor)} {unit}"
 
 
 def new_figure(
     width: float, height: float, spacing: float = 0.02, *, is_compressed: bool = False
 ) -> Figure:
-    """Return an empty figure with a size in inches, which is not registered with pyplot.
+    """Return an empty figure with a size in inches, not registered with pyplot.
 
-    The spacing of panels is a fraction of their size. In a compressed layout, panels with a fixed
-    aspect ratio are adjacent.
+    ``spacing`` is a fraction of the panel size. A compressed layout places panels with a fixed
+    aspect ratio next to each other.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -156,26 +155,17 @@ def new_figure(
     return figure
 
 
-def figure_on(
-    figure: Any,
-    width: float,
-    height: float,
-    title: str,
-    *,
-    spacing: float = 0.02,
-    is_compressed: bool = False,
-) -> Figure:
+def figure_on(figure: Any, width: float, height: float, title: str, **layout: Any) -> Figure:
     """Return the caller's figure or subfigure with a title, or a :func:`new_figure` for None.
 
-    An empty figure without a layout engine gets the constrained layout, which prevents colour bars
-    from overlapping. An empty title keeps the caller's title. The declared type is Figure also for
-    a subfigure, so that type checkers accept ``savefig``. Raises ArgumentError for other types.
+    An empty figure without a layout engine gets the constrained layout, in which colour bars do not
+    overlap panels. An empty title keeps the caller's title. Raises ArgumentError for other types.
     """
     from matplotlib.figure import Figure, FigureBase
 
     if figure is None:
-        figure = new_figure(width, height, spacing, is_compressed=is_compressed)
-    if not isinstance(figure, FigureBase):  # FigureBase is the base class of Figure and SubFigure.
+        figure = new_figure(width, height, **layout)
+    if not isinstance(figure, FigureBase):
         raise ArgumentError(
             f"expected figure as a matplotlib Figure or SubFigure, got {type(figure).__name__}; "
             "pass a figure instead of axes, because several panels are drawn"
@@ -189,7 +179,7 @@ def figure_on(
 
 
 def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
-    """Return the axes to draw on, and the object that the caller returns.
+    """Return the axes to draw on, and the return value of a drawing function.
 
     The return value is ``ax``, or a new figure if ``ax`` is None. Raises ArgumentError for other
     types.
@@ -208,10 +198,7 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
 
 
 def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
-    """Set labels and limits of axes with lines, and add a faint grid and a legend.
-
-    ``legend`` is the font size of the legend.
-    """
+    """Set labels and limits of axes, and add a grid and a legend with a font size."""
     axes.set(**labels)
     axes.grid(alpha=0.3, lw=0.5)
     if legend:
@@ -219,12 +206,12 @@ def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
 
 
 def degrees_text(angle: float) -> str:
-    """Format an angle in rad as degrees with at most two decimals."""
+    """Format an angle in radians as degrees with at most two decimals."""
     return f"{number_text(round(float(np.degrees(angle)), 2))}°"
 
 
 def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Colorbar:
-    """Draw a labelled colour bar next to axes, or at the right of a row of panels."""
+    """Draw a labelled colour bar next to axes, or to the right of a row of panels."""
     row = [panels] if hasattr(panels, "figure") else list(panels)
     options = {"aspect": 18} if len(row) > 1 or row[0] is not panels else {}
     bar: Colorbar = row[0].figure.colorbar(
@@ -236,7 +223,6 @@ def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") 
 
 
 def signed_bar(axes: Any, mappable: Any, label: str) -> None:
-    """Draw the colour bar of :func:`draw_signed` without a bound."""
     set_ticks(colour_bar(axes, mappable, label).ax.yaxis, [-1, -0.1, -0.01, 0, 0.01, 0.1, 1])
 
 
@@ -247,14 +233,13 @@ def set_ticks(axis: Any, values: Any) -> None:
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> None:
-    """Draw a shapely polygon or multipolygon in metres on axes with a unit of length."""
     rings = [ring for polygon in polygons_in(shape) for ring in rings_of_polygon(polygon)]
     if rings:
         draw_rings(axes, rings, unit.metres, **options)
 
 
 def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
-    """Draw lines of points (line, point, 2 or 3) in two colours, visible on any background.
+    """Draw lines (line, point, 2 or 3) in two colours, which are visible on any background.
 
     The limits of the axes do not change.
     """
@@ -276,8 +261,8 @@ def draw_disc(
 ) -> Map:  # fmt: skip
     """Draw levels (theta, phi) over direction cosines.
 
-    ``names`` contains the letters of the two cosines; without it the axes have no labels. If phi
-    ends one step before the full circle, the first meridian is repeated.
+    ``names`` contains the letters of the two cosines, for labels of the axes. If phi ends one step
+    before the full circle, the disc is closed.
     """
     step = phi[1] - phi[0] if len(phi) > 1 else 0.0
     if abs(phi[-1] + step - phi[0] - 2 * np.pi) <= 1e-6 * max(step, 1e-6):
@@ -311,17 +296,17 @@ def draw_circles(axes: Axes, *, above: bool) -> None:
 
 
 def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
-    """Move annotations about their points so that none overlaps another or leaves the axes."""
+    """Move annotations so that they neither overlap nor leave the axes."""
     from matplotlib.transforms import Bbox
 
     figure: Any = axes.get_figure(root=True)
-    figure.draw_without_rendering()  # Drawing computes the final sizes of labels.
+    figure.draw_without_rendering()  # Compute the sizes of labels.
     frame = axes.get_window_extent()
     occupied: list[Bbox] = []
     directions = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
     for label in labels:
         first, size = label.get_position(), label.get_window_extent()
-        gap = float(np.hypot(*first))  # Sizes are in points.
+        gap = float(np.hypot(*first))  # points
         width, height = (72 / figure.dpi * n + gap for n in (size.width / 2, size.height))
         rings = [(n * x * width, n * y * height) for n in (1, 2, 3) for x, y in directions]
         for offset in (first, *rings):
@@ -337,7 +322,7 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
 
 
 def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -> None:
-    """Draw the dotted circle |nu| = 1/wavelength; waves outside the circle are evanescent."""
+    """Draw the dotted circle |nu| = 1/wavelength, outside which waves are evanescent."""
     from matplotlib.patches import Circle
 
     radius = unit.metres / wavelength
@@ -345,28 +330,26 @@ def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -
 
 
 def is_spectral(name: str) -> bool:
-    """Return whether a coordinate is a spatial frequency."""
     return name.startswith(("nu", "upsilon"))
 
 
 def latex(name: str) -> str:
-    """Return a coordinate as LaTeX, with Greek letters."""
     return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
 
 
 def axis_label(name: str, unit: LengthUnit) -> str:
-    """Return the label of a coordinate with its unit: ``x (mm)``, ``nu_x (1/mm)``."""
+    """Return the label of a coordinate with its unit, such as ``nu_x (1/mm)``."""
     return f"${latex(name)}$ ({'1/' if is_spectral(name) else ''}{unit.name})"
 
 
 def label_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
-    """Label axes with the components of ``symbol``: (x, y), (xi_x, xi_y), (nu_x, nu_y), ..."""
+    """Label axes with the components of a symbol, such as xi_x and xi_y."""
     across, up = ("x", "y") if symbol == "x" else (f"{symbol}_x", f"{symbol}_y")
     axes.set(xlabel=axis_label(across, unit), ylabel=axis_label(up, unit))
 
 
 def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
-    """Set equal scales, limits around the drawing, and labels with components of ``symbol``."""
+    """Label axes of lengths, with equal scales and limits around the drawing."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
     axes.autoscale_view()
@@ -374,6 +357,5 @@ def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
 
 
 def letter_panels(panels: Iterable[Axes]) -> None:
-    """Write (a), (b), ... in the upper left corners of panels."""
     for letter, axes in zip(ascii_lowercase, panels, strict=False):
         axes.set_title(f"({letter})", loc="left", fontweight="bold")

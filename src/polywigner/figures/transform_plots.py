@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 LARGEST_SAMPLES = 4096
 """Largest number of samples along each axis. A complex array of this size takes 256 MiB."""
 
-# Half width of the frequency axes in units of 1/diameter if there is no wavelength: five lobes of a
-# square.
+# Half width of frequency axes without a wavelength [1/diameter]: five lobes of a square.
 _LOBES = 8.0
 
 Point = tuple[float, float]
@@ -129,7 +128,7 @@ def transform_slices(
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
-    in_plane: Any = source  # Only an array of dimension 2 accepts nu with two components.
+    in_plane: Any = source  # Arrays in 3D accept no nu with two components.
     if isinstance(source, pw.Array) and source.dimension == 3:
         in_plane = pw.Array(source.elements_in_plane, source.weights)
     fourier, wigner = pw.fourier(in_plane, grid), pw.wigner(source, position, grid)
@@ -181,7 +180,6 @@ def _point(value: ArrayLike) -> Point:
 
 
 def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Point:
-    """Return the centre if it is inside the support, otherwise another point inside."""
     import shapely
 
     point, region = shapely.Point(centre), support.polygons
@@ -190,7 +188,6 @@ def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Poin
 
 
 def _default_lag(aperture: pw.Aperture) -> Point:
-    """Return a lag at which the aperture and its shifted copy have a large overlap."""
     xmin, ymin, xmax, ymax = aperture.bounds
     width, height = xmax - xmin, ymax - ymin
     for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
@@ -290,7 +287,6 @@ def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> No
 
 
 def _write_legend(axes: Axes, columns: int) -> None:
-    """Write a legend below the axes."""
     axes.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, frameon=False,
         fontsize=7.5, handlelength=1.2, handletextpad=0.5, columnspacing=1.0,
@@ -324,7 +320,7 @@ def _draw_real(
 def _frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
-    # A circle far outside the axes is not drawn, because it would consist of millions of dots.
+    # A dotted circle far outside the axes would consist of millions of dots.
     if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
         style.mark_evanescent(axes, wavelength, unit, ink)
     style.label_axes(axes, symbol, unit)
@@ -350,7 +346,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# Closed forms of some tiles, for their titles.
+# Closed forms in the titles of tiles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
@@ -361,10 +357,9 @@ _KNOWN = {
 }
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
-# Negative values below this fraction of the peak are rounding errors.
+# Negative values up to this fraction of the peak are rounding errors.
 _NEGATIVE = 1e-9
-# Width in inches of a panel with its colour bar.
-_INCHES = 3.3
+_INCHES = 3.3  # width of a panel with its colour bar
 
 
 @style.typeset
@@ -423,7 +418,7 @@ def draw_projections(
         if position not in cells:
             axes.set_axis_off()
             continue
-        _draw(axes, dataset, cells[position], unit, floor_db)
+        _draw_tile(axes, dataset, cells[position], unit, floor_db)
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(style.axis_label(cells[position][1], unit))
         if position[1] == 0:
@@ -436,9 +431,9 @@ Cells = dict[tuple[int, ...], tuple[str, str, str]]
 
 
 def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
-    names = list(checked_dataset(dataset, "dataset").data_vars)
+    names = list(checked_dataset(dataset).data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
-        # A dataset of slits has a single tile.
+        # Slits have a single tile.
         return {(0, 0): (names[0], *dataset[names[0]].dims)}
     p, q, r, s = _COORDINATES[dataset.attrs["kind"]]
     if checked_choice(layout, "layout", get_args(Layout)) == "paper":
@@ -455,7 +450,7 @@ def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
     return {cell: (named[frozenset(pair)], *pair) for cell, pair in pairs.items()}
 
 
-def _draw(
+def _draw_tile(
     axes: Axes, data: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
 ) -> None:
     name, across, up = cell
@@ -467,7 +462,7 @@ def _draw(
         tile.attrs["units"]
     ]
     scale, printed = float(unit.metres**power), unit.name + exponent if power else ""
-    # The size is printed in the form 2.56·10⁴ mm⁴.
+    # 2.56e+04 becomes 2.56·10⁴.
     digits, _, tens = f"{peak / scale:.3g}".partition("e")
     times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
     size = f"{digits}{times} {printed}".rstrip()
@@ -484,11 +479,10 @@ def _draw(
     else:
         options |= {"low": 0.0, "high": None, "label": printed}
         style.draw_levels(axes, values / scale, *grid, **options)
-    axes.set_title(_integral(data.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
+    axes.set_title(_tile_title(data.attrs["kind"], tile.dims, np.iscomplexobj(tile.values)))
 
 
-def _integral(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
-    """Return the quantity of a tile as a formula: a function with its variables of integration."""
+def _tile_title(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
     letter = _LETTERS[kind]
     integrated = [name for name in _COORDINATES[kind] if name not in dims]
     real = r"\mathrm{Re}\," if is_complex else ""

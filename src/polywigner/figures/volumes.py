@@ -34,24 +34,19 @@ if TYPE_CHECKING:
 
 Projection = Literal["maximum", "mean"]
 
-# Largest number of samples along an axis; longer axes are decimated.
-_MOST = 128
-_SURFACES = (0.15, 0.3, 0.45, 0.6)  # default levels of surfaces, as fractions of the floor in dB
+_MOST = 128  # largest number of samples along an axis; longer axes are decimated
+_SURFACES = (0.15, 0.3, 0.45, 0.6)  # default surface levels, as fractions of the floor in dB
 _FAINTEST, _DENSEST = 0.28, 0.95  # opacities of the outermost and of the innermost surface
 _SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
-# pale colours of the walls, which are behind the surfaces
 _WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")
 _WALL_LEVELS = 80
 _INKS = "white", "#101010"
 
-# Viewing angles in degrees, from above and behind the aperture: z points to the right and away from
-# the viewer.
+# Viewing angles [degrees]: z points to the right and away from the viewer.
 _ELEVATION, _AZIMUTH = 24.0, -133.0
-# Levels are clipped at this distance in dB below the level of a surface. Otherwise, interpolation
-# next to a null, whose level is minus infinity, would shift the surface.
+# Clip levels this far below a surface [dB]; interpolation towards a null would shift the surface.
 _BELOW = 20.0
-# Smallest ratio of a side of the box in the figure to its longest side; shorter sides are
-# stretched.
+# Smallest drawn ratio of a side of the box to the longest side.
 _FLATTEST = 0.25
 _AMBIENT, _DIFFUSE = 0.45, 0.55
 
@@ -128,7 +123,7 @@ def draw_volume(
     volume = volume._replace(lower=lower, upper=upper)
     if ax is None:
         figure = style.new_figure(7.2, 5.4)
-        figure.set_layout_engine("none")  # A layout engine would add margins around the box.
+        figure.set_layout_engine("none")  # Layout engines add margins around 3D axes.
         axes: Any = figure.add_axes((0.03, 0.0, 0.84, 0.95), projection="3d")
         bar_options: dict[str, Any] = {"cax": figure.add_axes((0.88, 0.12, 0.02, 0.76))}
     elif hasattr(ax, "get_proj"):
@@ -140,8 +135,8 @@ def draw_volume(
             'figure.add_subplot(projection="3d")')  # fmt: skip
     _draw_box(axes, front / unit.metres, upper, unit.name)
     count = len(shells)
-    shades = _map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count))
-    colours: Floats = np.array(shades)[:, :3]  # RGB colours, from the lowest to the highest level
+    shades = _colour_map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count))
+    colours: Floats = np.array(shades)[:, :3]  # RGB, lowest level first
     with np.errstate(divide="ignore"):
         levels = 10 * np.log10(np.maximum(volume.values, 0) / zero)
     projected = np.max if projection == "maximum" else np.mean
@@ -150,7 +145,7 @@ def draw_volume(
         _draw_wall(axes, volume, axis, wall, floor_db, shells, colours)
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(shells))
     for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
-        # Surfaces of lower levels enclose the other surfaces, and are drawn later.
+        # Surfaces of lower levels enclose surfaces of higher levels.
         _draw_surface(axes, volume, levels, shell, colour, opacity, zorder=20 - k)
     if source is None and SOURCE_COORDINATE in dataset.coords:
         source = read_source(dataset)  # type: ignore[assignment]
@@ -160,9 +155,9 @@ def draw_volume(
         lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
         style.draw_cut(axes, np.concatenate(lines), _INKS, 30)
     for body in bodies_if_any(obstacles):
-        style.draw_cut(axes, obstacle_of(body).outline(_viewer()) / unit.metres, _INKS, 30)
+        style.draw_cut(axes, obstacle_of(body).outline(_view_direction()) / unit.metres, _INKS, 30)
     extend = "max" if np.max(volume.values) > zero else "neither"
-    walls = ScalarMappable(Normalize(floor_db, 0.0), _map(_WALL_COLOURS))
+    walls = ScalarMappable(Normalize(floor_db, 0.0), _colour_map(_WALL_COLOURS))
     bar = axes.figure.colorbar(walls, extend=extend, **bar_options)
     bar.outline.set_linewidth(0.6)
     bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
@@ -195,23 +190,16 @@ def check_volume_options(
 
 
 class _Volume(NamedTuple):
-    """Samples of a quantity on evenly spaced axes x, y and z."""
-
     label: str
-    """Name of the quantity."""
     unit: str
-    """Unit of the values, for labels."""
-    values: Floats
-    """Real values over x, y and z, shape (nx, ny, nz)."""
-    lower: Floats
-    """Position of the first sample, shape (3,)."""
-    upper: Floats
-    """Position of the last sample, shape (3,)."""
+    values: Floats  # shape (nx, ny, nz)
+    lower: Floats  # position of the first sample, shape (3,)
+    upper: Floats  # position of the last sample, shape (3,)
 
 
 def _samples(dataset: Any, name: str | None) -> _Volume:
-    """Return the real samples of ``dataset[name]``, at most 128 along each axis."""
-    variables = checked_dataset(dataset, "dataset").data_vars
+    """Return the samples of a real variable, at most 128 along each axis."""
+    variables = checked_dataset(dataset).data_vars
     if name is None and len(variables) == 1:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:
@@ -238,18 +226,16 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
     return _Volume(quantity_of(array), printed_unit(array), values.astype(np.float64), *ends)
 
 
-def _viewer() -> Floats:
-    """Return the unit vector (3,) from the box to the viewer."""
+def _view_direction() -> Floats:
     elevation, azimuth = np.radians([_ELEVATION, _AZIMUTH])
     across = np.cos(elevation) * np.array([np.sin(azimuth), np.cos(azimuth)])
     return np.array([across[0], np.sin(elevation), across[1]])
 
 
 def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
-    """Set the limits, the view and the labels of the axes, and draw the edges of the walls."""
     from matplotlib.ticker import MaxNLocator
 
-    # All artists have explicit zorders, because matplotlib would sort them by their mean depth.
+    # Matplotlib would sort artists by their mean depth.
     axes.computed_zorder = False
     extent = upper - lower
     axes.set_proj_type("ortho")
@@ -265,7 +251,7 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     for corner, axis in product(product((0, 1), repeat=3), range(3)):
         start, end = list(corner), list(corner)
         end[axis] = 1
-        fronts = sum((_viewer()[k] > 0) == start[k] for k in range(3) if k != axis)
+        fronts = sum((_view_direction()[k] > 0) == start[k] for k in range(3) if k != axis)
         if start[axis] == 0 and fronts < 2:
             line = [[ends[k][start[k]], ends[k][end[k]]] for k in range(3)]
             axes.plot(*line, color="0.25", lw=0.7, zorder=2)
@@ -275,16 +261,15 @@ def _draw_wall(
     axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
     contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
-    """Draw projected levels on the back wall normal to an axis, with contours."""
     lower, upper = volume.lower, volume.upper
-    position = (lower if _viewer()[axis] > 0 else upper)[axis]
+    position = (lower if _view_direction()[axis] > 0 else upper)[axis]
     shape = volume.values.shape
     along = [np.linspace(lower[k], upper[k], shape[k]) for k in range(3) if k != axis]
     arguments = list(np.meshgrid(*along, indexing="ij"))
     arguments.insert(axis, wall)
     at = {"zdir": "xyz"[axis], "offset": position}
     shades = np.linspace(floor_db, 0.0, _WALL_LEVELS + 1)
-    axes.contourf(*arguments, shades, cmap=_map(_WALL_COLOURS), extend="max", zorder=0, **at)
+    axes.contourf(*arguments, shades, cmap=_colour_map(_WALL_COLOURS), extend="max", zorder=0, **at)
     if wall.min() < max(contours) and wall.max() > min(contours):
         axes.contour(*arguments, contours, colors=colours, linewidths=0.7, zorder=1, **at)
 
@@ -293,10 +278,10 @@ def _draw_surface(
     axes: Any, volume: _Volume, levels: Floats, shell: float, colour: Floats, opacity: float,
     zorder: float,
 ) -> None:  # fmt: skip
-    """Draw the isosurface of a level, closed at the faces of the box.
+    """Draw an isosurface, closed at the faces of the box.
 
-    The surface is drawn opaque, and then its image is made translucent. This hides the back of the
-    surface and the edges of its triangles.
+    The opaque surface is made translucent as an image, which hides its back and the edges of its
+    triangles.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from skimage.measure import marching_cubes
@@ -311,17 +296,17 @@ def _draw_surface(
     vertices = np.clip(lower + (vertices - 1) * spacing, lower, upper)
     across = normals[faces].mean(axis=1) / spacing
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    shade = _AMBIENT + _DIFFUSE * np.abs(across @ _viewer())
+    shade = _AMBIENT + _DIFFUSE * np.abs(across @ _view_direction())
     colours = colour * shade[:, None]
     drawn = Poly3DCollection(
         vertices[faces], facecolors=colours, edgecolors=colours, linewidths=0.3, zorder=zorder
     )
-    drawn.set_rasterized(True)  # SVG and PDF output contains the surface as an image.
+    drawn.set_rasterized(True)  # Embed the surface in SVG and PDF files as an image.
     drawn.set_agg_filter(lambda image, _dpi: (image * [1.0, 1.0, 1.0, opacity], 0, 0))
     axes.add_collection3d(drawn, autolim=False)
 
 
-def _map(colours: tuple[str, ...]) -> Colormap:
+def _colour_map(colours: tuple[str, ...]) -> Colormap:
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("polywigner", colours)

@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
-from polywigner.geometry.arguments import Immutable, Outline, checked_length, rigid_pose
+from polywigner.geometry.arguments import Immutable, Outline, checked_length, frozen, rigid_pose
 from polywigner.geometry.convex import convex_pieces, mean_polygon, triangulate_part
 from polywigner.geometry.illumination import (
     Illumination,
@@ -40,18 +40,6 @@ from polywigner.geometry.wavefront import TakesWaves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    if not array.flags.writeable and array.flags.owndata:
-        return array
-    copy = np.ascontiguousarray(array).copy()
-    copy.setflags(write=False)
-    return copy
-
-
-def _frozen_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
-    return tuple(tuple(map(_frozen, part)) for part in parts)
 
 
 @final
@@ -94,19 +82,8 @@ class Aperture(TakesWaves):
     """Field on the aperture; None for the field 1."""
 
     def __init__(self, vertices: Outline) -> None:
-        self._set(merge_parts(parts_from(vertices)))
-
-    def _set(
-        self,
-        parts: Sequence[Part],
-        illumination: Illumination | None = None,
-        segments: Sequence[Part] | None = None,
-    ) -> None:
-        self.__dict__.update(
-            _parts=_frozen_parts(parts),
-            _segments=segments and _frozen_parts(segments),
-            illumination=illumination,
-        )
+        parts = tuple(merge_parts(parts_from(vertices)))
+        self._set(_parts=parts, _segments=None, illumination=None)
 
     @classmethod
     def _of_parts(
@@ -115,14 +92,12 @@ class Aperture(TakesWaves):
         illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
-        """Make an aperture from parts that are known to be valid."""
-        aperture = object.__new__(cls)
-        aperture._set(parts, illumination, segments)
-        return aperture
+        """Make an aperture from valid parts, without checks."""
+        segments = segments and tuple(segments)
+        return cls._of(_parts=tuple(parts), _segments=segments, illumination=illumination)
 
     @classmethod
     def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
-        """Make an aperture whose :attr:`segments` are simple rings, which may touch."""
         parts = cls(rings)._parts
         return cls._of_parts(
             parts, None, [(ring,) for ring in rings] if len(parts) < len(rings) else None
@@ -131,7 +106,7 @@ class Aperture(TakesWaves):
     def _mapped(
         self, image: Callable[[Ring], Ring], image_of_field: Callable[[Illumination], Illumination]
     ) -> Aperture:
-        """Return the image of the aperture, its segments and its field under a similarity."""
+        """Apply a similarity transform to the outline, the segments and the field."""
         field = self.illumination
         parts, segments = (
             parts and [tuple(map(image, part)) for part in parts]
@@ -185,8 +160,7 @@ class Aperture(TakesWaves):
         IlluminationError
             If the field is a field on slits.
         """
-        field = None if illumination is None else checked_field(illumination, 2)
-        return Aperture._of_parts(self._parts, field, self._segments)
+        return Aperture._of_parts(self._parts, checked_field(illumination, 2), self._segments)
 
     def moved(self, shift: ArrayLike) -> Aperture:
         """Return the aperture and its field, translated.
@@ -347,7 +321,7 @@ class Aperture(TakesWaves):
     def centre(self) -> Ring:
         """Centre of the bounds in metres, shape (2,), read-only."""
         xmin, ymin, xmax, ymax = self.bounds
-        return _frozen(np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2]))
+        return frozen(np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2]))
 
     @cached_property
     def diameter(self) -> float:
@@ -361,15 +335,12 @@ class Aperture(TakesWaves):
 
         All their vertices are vertices of the aperture. A convex part stays in one piece.
         """
-        return tuple(_frozen(piece) for part in self._parts for piece in convex_pieces(part))
+        return tuple(frozen(piece) for part in self._parts for piece in convex_pieces(part))
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, independent of the order of parts and of the first vertices."""
+        """Field and outline, independent of the order of parts and of starting vertices."""
         return self.illumination, shapely.normalize(self.polygons).wkb
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Aperture._of_parts, (self._parts, self.illumination, self._segments)
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
         """Plot the outline as a filled area.
@@ -408,19 +379,9 @@ class Aperture(TakesWaves):
 
 
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
-    """Split an aperture into constrained Delaunay triangles, for meshes.
+    """Return constrained Delaunay triangles of an aperture: vertices (n, 2) and indices (m, 3).
 
-    Parameters
-    ----------
-    aperture : Aperture
-        The aperture.
-
-    Returns
-    -------
-    vertices : ndarray, shape (n, 2)
-        Vertices of the aperture.
-    triangles : ndarray of int, shape (m, 3)
-        Vertex numbers of each triangle, counter-clockwise. Triangles without area are left out.
+    The triangles are counter-clockwise. Triangles without area are left out.
     """
     vertices: list[Ring] = []
     triangles: list[NDArray[np.intp]] = []
@@ -443,12 +404,7 @@ class PlacedAperture(Immutable):
     """Rigid transformation (4, 4) from the plane of the aperture to the world, read-only."""
 
     def __init__(self, aperture: Aperture, pose: NDArray[np.float64]) -> None:
-        fixed = np.array(pose, dtype=np.float64)
-        fixed.setflags(write=False)
-        self.__dict__.update(aperture=aperture, pose=fixed)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return PlacedAperture, (self.aperture, self.pose)
+        self._set(aperture=aperture, pose=np.array(pose, dtype=np.float64))
 
     def __repr__(self) -> str:
         return f"PlacedAperture({self.aperture!r}, pose={self.pose.tolist()})"
@@ -526,7 +482,6 @@ def automean(aperture: Aperture) -> Aperture:
 def _overlap(
     aperture: Aperture, *images: Callable[[Ring], Ring]
 ) -> shapely.Polygon | shapely.MultiPolygon:
-    """Return the intersection of two images of an aperture."""
     _require_aperture(aperture)
     first, second = (shapely.transform(aperture.polygons, image) for image in images)
     parts = polygons_in(shapely.intersection(first, second))

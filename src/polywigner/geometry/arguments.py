@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from numbers import Real
 from pathlib import Path
-from typing import Any, NoReturn, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
+from typing import Any, NoReturn, ParamSpec, Protocol, Self, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import shapely
@@ -27,6 +27,8 @@ from polywigner.errors import (
 )
 from polywigner.interruption import atomic_path
 from polywigner.quantities import SPEED_OF_LIGHT
+
+T = TypeVar("T")
 
 
 class DrJitArray(Protocol):
@@ -64,6 +66,8 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
         raw = np.asarray(values)
     except ValueError:
         raise ValueError("lists of different lengths") from None
+    if raw.dtype.kind == "c":
+        raise ValueError("complex numbers")
     try:
         if raw.dtype.kind not in "iufO":
             raise TypeError
@@ -80,8 +84,7 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Largest absolute value of a coordinate or parameter. Products of a few larger numbers would
-# overflow.
+# Largest absolute value of an argument; products of a few larger values overflow.
 _LARGEST = 1e100
 
 
@@ -100,10 +103,10 @@ def real_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return real numbers as a float64 copy, whose shape must be one of ``shapes``.
+    """Return a float64 copy of real numbers, whose shape must match one of ``shapes``.
 
-    In a shape, None stands for any length above zero, and ``...`` at the start for any leading
-    axes. Error messages start with ``expected``.
+    In a shape, None matches any length above zero, and a leading ``...`` any number of axes. Error
+    messages start with ``expected``.
     """
     try:
         array = real_numbers(values)
@@ -120,7 +123,7 @@ def finite_array(
     *shapes: tuple[Any, ...],
     error: type[PolywignerError] = ArgumentError,
 ) -> NDArray[np.float64]:
-    """Return a :func:`real_array` whose numbers are finite and below 1e100."""
+    """Return a :func:`real_array` with finite numbers below 1e100."""
     array = real_array(values, expected, *shapes, error=error)
     is_finite = np.abs(array) < _LARGEST
     if not is_finite.all():
@@ -131,15 +134,35 @@ def finite_array(
     return array
 
 
+def complex_array(
+    values: Any,
+    expected: str,
+    *shapes: tuple[Any, ...],
+    error: type[PolywignerError] = ArgumentError,
+) -> NDArray[np.complex128]:
+    """Return finite complex numbers as a copy; shapes and errors as in :func:`real_array`."""
+    try:
+        if np.ma.is_masked(values) or np.asarray(values).dtype.kind in "US":
+            raise TypeError
+        array = np.array(values, dtype=np.complex128)
+    except (TypeError, ValueError, OverflowError):
+        raise error(f"{expected}, got {value_text(values)}") from None
+    if not any(_fits(array.shape, shape) for shape in shapes):
+        raise error(f"{expected}, got an array of shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise error(f"{expected}, got {value_text(values)}; numbers must be finite")
+    return array
+
+
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return one or more real numbers (k,); error messages start with ``expected``."""
+    """Return one or more real numbers, shape (k,)."""
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
 
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Return real numbers (..., *last); error messages start with ``expected``."""
+    """Return an array of real numbers of shape (..., *last)."""
     return real_array(values, expected, (..., *last), error=error)
 
 
@@ -149,10 +172,38 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
     return real_array(values, expected, (None,) * dimension)
 
 
+def frozen(value: T) -> T:
+    """Return a value, with its arrays and the arrays in nested tuples read-only and contiguous."""
+    result: Any = value
+    if isinstance(value, tuple):
+        result = tuple(map(frozen, value))
+    elif isinstance(value, np.ndarray):
+        result = np.ascontiguousarray(value)
+        result.setflags(write=False)
+    return result
+
+
 class Immutable:
-    """Base of read-only values, which are equal if their class and their ``_key`` are equal."""
+    """Base class of read-only objects; equality compares the class and ``_key``."""
 
     _key: Any
+
+    @classmethod
+    def _of(cls, **fields: Any) -> Self:
+        """Make an object from valid fields, without checks."""
+        new = object.__new__(cls)
+        new._set(**fields)
+        return new
+
+    def _set(self, **fields: Any) -> None:
+        self.__dict__.update(frozen(tuple(fields.items())))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Cached values are not pickled.
+        return {name: getattr(self, name) for name in type(self).__annotations__}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._set(**state)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Immutable) or type(other) is not type(self):
@@ -170,17 +221,16 @@ class Immutable:
     __delattr__ = __setattr__
 
 
-# Largest count for parameters without a specific limit. Larger counts would exhaust the memory.
+# Default upper limit of counts; larger counts exhaust memory.
 _LARGEST_COUNT = 1_000_000
 
 
 def checked_number(
     value: Any, name: str, meaning: str, is_valid: Callable[[float], bool] = math.isfinite
 ) -> float:
-    """Return a finite number that is valid; raise ArgumentError for other values.
+    """Return a finite number that satisfies ``is_valid``; raise ArgumentError for other values.
 
-    The message is "expected ``name`` as ``meaning``". ``is_valid``: condition that a finite number
-    has to satisfy, by default none.
+    The error message is "expected ``name`` as ``meaning``".
     """
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
@@ -272,19 +322,15 @@ def checked_path(path: Any) -> Path:
     return Path(os.path.abspath(text))  # noqa: PTH100 (pathlib does not resolve "..")
 
 
-# Range of numbers, in metres, that are probably frequencies in Hz instead of wavelengths: no
-# antenna has such a long wavelength.
+# Range of wavelengths [m] that are probably frequencies in Hz.
 _LIKE_A_FREQUENCY = 1e6, 1e17
-# Largest plausible ratio of the wavelength to the diameter of the source.
+# Largest plausible ratio of wavelength to source diameter.
 _LONGEST = 1e4
-# Largest plausible ratio of the diameter of a source to the wavelength. Few radio sources exceed a
-# thousand wavelengths. Optical sources reach a million wavelengths, which is a metre at 1 µm. A
-# length in mm that is passed as m is too large by a factor of a thousand.
+# Largest plausible source diameter in wavelengths, for radio and for optical sources.
 _WIDEST_RADIO, _WIDEST_OPTICAL = 1e3, 1e6
-# Shortest radio wavelength in m.
+# Shortest radio wavelength [m].
 _SHORTEST_RADIO = 1e-4
-# Largest plausible ratio of the length of a link to the diameter of its source or to the
-# wavelength, whichever is larger. Automotive radar reaches a hundredth of this ratio.
+# Largest plausible ratio of link length to source diameter; automotive radar reaches 1e3.
 _LONGEST_LINK = 1e5
 
 
@@ -304,7 +350,6 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 
 
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
-    """Warn if a wavelength in m looks like a frequency, or is implausible for the source."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
             f"a wavelength of {wavelength:g} m, which looks like a frequency in Hz; pass it "
@@ -329,7 +374,7 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
 
 
 def _diameter(source: Any) -> float | None:
-    """Return the diagonal of the bounds of a source in m; None for other objects."""
+    """Return the diagonal of a source's bounding box in m; None if it has no bounds."""
     outline = getattr(source, "source", source)
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
@@ -342,26 +387,21 @@ def _diameter(source: Any) -> float | None:
 
 
 def warn_caller(message: str, stacklevel: int = 3) -> None:
-    """Issue a :class:`PolywignerWarning` that points to the caller of the calling function."""
+    """Issue a :class:`PolywignerWarning` at the line that called the public function."""
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# Whether a function that takes a wavelength is being called. Nested calls do not repeat its
-# warnings.
+# Suppresses repeated warnings when one public function calls another one.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
-# Lowest frequency in Hz, whose wavelength is a thousand kilometres. Lower numbers are probably
-# meant in GHz.
+# Lowest frequency [Hz]; smaller values are probably in GHz.
 _LOWEST_FREQUENCY = 300.0
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
-T = TypeVar("T")
 
 
 class _WithFrequency(Protocol[P, R]):
-    """A function that accepts a wavelength in m or a frequency in Hz."""
-
     __name__: str
 
     @overload
@@ -372,17 +412,16 @@ class _WithFrequency(Protocol[P, R]):
 
 
 def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
-    """Add a keyword ``frequency`` (Hz) to a function with a parameter ``wavelength`` (m).
+    """Add a keyword ``frequency`` in Hz to a function with a parameter ``wavelength`` in m.
 
-    A call with the frequency omits the wavelength, even as a positional argument:
-    ``radiation_pattern(source, theta, phi, frequency=77e9)``. Sources among the arguments are
-    converted by their ``at_wavelength``, and implausible wavelengths cause a warning.
+    Calls with the keyword omit the wavelength, even in a positional call:
+    ``radiation_pattern(source, theta, phi, frequency=77e9)``. The sources among the arguments are
+    converted to the wavelength, and implausible wavelengths cause a warning.
     """
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # If the next parameter has no default, a number at the position of the wavelength may be the
-    # value of that parameter, in a call that omits the wavelength.
+    # If the call omits the wavelength, a number in its position is the next argument.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -423,7 +462,6 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
 
 def _at_wavelength(value: T, length: float) -> T:
-    """Return a source, or a container with its sources, converted to a wavelength in m."""
     result: Any = value
     if isinstance(value, dict):
         result = {name: _at_wavelength(item, length) for name, item in value.items()}
@@ -445,30 +483,15 @@ def _checked(frequency: Any) -> float:
     return number
 
 
-# Largest deviation of a matrix from a rotation that counts as rounding. Scene files contain angles
-# in single precision, so products of a few rotations deviate by about 1e-6. Scale factors that
-# users intend deviate by more.
+# Largest deviation from a rotation that counts as rounding; scene files have float32 angles.
 RIGID_TOLERANCE = 1e-4
 
 
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
-    """Return the rigid pose nearest to a matrix: a rotation and a translation.
+    """Return the rigid pose (4, 4) nearest to a matrix: a rotation and a translation.
 
-    Parameters
-    ----------
-    to_world : array_like, shape (4, 4)
-        Transformation to the world. Deviations from a rotation up to 1e-4, such as the rounding of
-        single precision, are removed.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        The pose, read-only.
-
-    Raises
-    ------
-    GeometryError
-        If the matrix scales, shears or mirrors.
+    Deviations from a rotation up to 1e-4 are removed. Raises GeometryError if the matrix scales,
+    shears or mirrors.
     """
     expected = "expected to_world as a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")

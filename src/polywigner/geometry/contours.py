@@ -1,7 +1,7 @@
 """Net contours of the surfaces that are visible from a point: the edges of their shadow.
 
-Triangles are clipped to pyramids around the observer and projected. Their visible parts are exact
-polygons. Segments that two polygons have in common cancel, and the other segments bound the shadow.
+Triangles are clipped to pyramids around the observer and projected. Sides that two visible parts
+share cancel, and the remaining sides bound the shadow.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import shapely
@@ -24,24 +24,21 @@ from polywigner.geometry.hidden_parts import (
 )
 from polywigner.numerics import Floats, Indices
 
-# Cosine of the largest half-angle of a cone of triangles that is projected onto one plane.
+# Cosine of the largest half-angle of a cone that is projected onto one plane.
 _NARROW = 0.5
 # Relative rounding error of a difference of coordinates.
 _ULPS = 8.0 * float(np.finfo(float).eps)
-# Largest distance of contours that count as coincident, as a fraction of the extent of the figure.
+# Largest distance of coincident contours, as a fraction of the extent of the projection.
 _COINCIDENT = 1e-10
-# Largest distance along the line of sight between surfaces that count as touching, as a fraction of
-# the extent of the figure.
+# Largest gap between touching surfaces along the line of sight, as a fraction of the extent.
 _TOUCHING = 1e-6
-# Largest distance from the border of a figure at which a triangle side counts as lying on the
-# border, as a fraction of half the width of the figure.
+# Largest distance of triangle sides on the border, as a fraction of half the width.
 _BORDER = 1e-11
-# Value that is stored instead of an edge number for triangle sides on the border of a figure.
+# Edge number of triangle sides on the border of a projection.
 _BORDER_SIDE = -2
-# Largest difference of two silhouettes that count as equal, as a fraction of their extent.
+# Largest difference of equal silhouettes, as a fraction of their extent.
 _EQUAL = 1e-6
-# Axes of the six pyramids around the observer, rotated away from the planes in which faces of
-# bodies usually lie.
+# Axes of the six pyramids, rotated away from the usual planes of faces.
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
 
@@ -50,12 +47,10 @@ class _Columns:
 
     @classmethod
     def of(cls, parts: Sequence[Self]) -> Self:
-        """Concatenate the rows of all parts."""
         names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def subset(self, rows: NDArray[np.bool_] | Indices) -> Self:
-        """Return the items that a mask or indices select."""
         arrays = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
         return type(self)(*(array[rows] for array in arrays))
 
@@ -102,14 +97,13 @@ class Silhouette:
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
         """Concatenate silhouettes, without their planes."""
         names = ("edges", "numbers", "bodies", "behind")
-        edges, numbers, bodies, behind = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in names
-        )
-        touching = frozenset[tuple[int, int]]().union(*(part.touching for part in parts))
-        return cls(edges, numbers, bodies, behind, touching)
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        }
+        return cls(**columns, touching=frozenset().union(*(part.touching for part in parts)))
 
     def is_like(self, other: Silhouette) -> bool:
-        """Return whether another silhouette has the same edges, which may be split differently."""
+        """Return whether the edges are equal, apart from their division into pieces."""
         keys, sums = self._lengths()
         other_keys, other_sums = other._lengths()
         within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
@@ -118,7 +112,7 @@ class Silhouette:
         )
 
     def _lengths(self) -> tuple[Indices, Floats]:
-        """Return lengths (k,) and centroids of all edges with the same number and face behind."""
+        """Return edge keys (k, 3), and length and centroid (k, 4) of the edges with each key."""
         keys = np.column_stack([self.numbers, self.bodies, self.behind])
         unique, which = np.unique(keys, axis=0, return_inverse=True)
         length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
@@ -129,15 +123,10 @@ class Silhouette:
 
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
         """Return the edges of a mask, shortened to ``edges`` (m, 2, 3)."""
-        return replace(
-            self,
-            edges=edges[rows],
-            planes=self.planes[rows],
-            numbers=self.numbers[rows],
-            bodies=self.bodies[rows],
-            behind=self.behind[rows],
-            is_closed=self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all()),
-        )
+        is_closed = self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all())
+        names = ("numbers", "bodies", "behind", "planes")
+        columns = {name: getattr(self, name)[rows] for name in names}
+        return replace(self, edges=edges[rows], is_closed=is_closed, **columns)
 
 
 _NONE = np.empty(0, np.intp)
@@ -147,34 +136,19 @@ _NO_EDGES = Silhouette(np.empty((0, 2, 3)), _NONE, _NONE, _NONE)
 def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Silhouette:
     """Return the net contours of the visible parts of a surface.
 
-    Parameters
-    ----------
-    surface : Surface
-        The triangles that face the observer.
-    observer : ndarray, shape (3,)
-        Position of the observer.
-    closed : float, default 0.0
-        Approximate width up to which slits between bodies have no contours.
-
-    Returns
-    -------
-    Silhouette
-        Directed edges of the shadow.
-
-    Raises
-    ------
-    ArgumentError
-        If too many triangles overlap in projection.
+    ``surface``: the triangles that face the observer. ``closed``: approximate width up to which
+    slits between bodies have no contours. Raises ArgumentError if too many triangles overlap in
+    projection.
     """
-    figures = _figures(surface, observer)
+    figures = _projections(surface, observer)
     parts = [
         _contours_in(figure, clipped, closed) for figure, clipped in figures if len(clipped.faces)
     ]
     return Silhouette.of([_NO_EDGES, *parts])
 
 
-def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
-    """Project a surface; yield figures with their triangles, without triangles of zero width."""
+def _projections(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
+    """Yield projections of a surface onto one plane, or onto the six faces of a cube."""
     if not len(surface.faces):
         return
     corners = surface.corners - observer
@@ -198,7 +172,7 @@ def _figures(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Su
 def _projected(
     surface: Surface, observer: Floats, frame: Floats, border: bool
 ) -> tuple[Projected, Surface]:
-    """Project a surface along the z axis of a frame; ``border``: whether it was clipped before."""
+    """Project a surface along the z axis of a frame; drop triangles of zero width."""
     corners = surface.corners - observer
     distance = float(np.exp(np.log(corners @ frame[2]).mean()))
     figure = in_perspective(corners, frame, distance, 1.0)
@@ -224,24 +198,15 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
     reaches = np.any(heights > 0.0, axis=1)
     crossing = ~inside & np.all(reaches, axis=1)
     corners, sides, owner = [], [], []
-    following = int(surface.sides.max(initial=0)) + 1
     for t in np.flatnonzero(crossing):
         ring = [*zip(surface.corners[t], surface.sides[t], strict=True)]
         for plane in planes:
             ring = _cut_ring(ring, plane, observer)
-        # The diagonals that divide a clipped polygon into triangles are not edges of the mesh and
-        # get new numbers.
-        for k in range(1, len(ring) - 1):
-            three = ring[0], ring[k], ring[k + 1]
-            diagonals = following + t * 16 + k
-            corners.append([corner for corner, _ in three])
-            sides.append(
-                [
-                    ring[0][1] if k == 1 else diagonals - 1,
-                    ring[k][1],
-                    ring[k + 1][1] if k == len(ring) - 2 else diagonals,
-                ]
-            )
+        last = len(ring) - 2
+        for k in range(1, last + 1):
+            first = ring[0][1] if k == 1 else -1
+            sides.append([first, ring[k][1], ring[k + 1][1] if k == last else -1])
+            corners.append([ring[0][0], ring[k][0], ring[k + 1][0]])
             owner.append(t)
     complete = surface.subset(inside)
     if not owner:
@@ -267,7 +232,6 @@ def _cut_ring(
 
 
 def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouette:
-    """Return the net contours within one figure."""
     polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
     hidden, left = less_shadows(figure, polygons, polygons)
     visible = np.setdiff1d(np.arange(len(polygons)), hidden)
@@ -285,8 +249,6 @@ def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouet
 
 @dataclass(frozen=True)
 class _Segments(_Columns):
-    """Segments of the boundaries of visible parts in a figure."""
-
     begin: Floats
     """Start points of the segments, shape (n, 2)."""
     end: Floats
@@ -300,17 +262,14 @@ class _Segments(_Columns):
 
     @cached_property
     def length(self) -> Floats:
-        """Lengths of the segments, shape (n,)."""
         return np.asarray(np.linalg.norm(self.end - self.begin, axis=1))
 
     @cached_property
     def unit(self) -> Floats:
-        """Unit vectors from start to end, shape (n, 2)."""
         return np.asarray((self.end - self.begin) / np.maximum(self.length, 1e-300)[:, None])
 
 
 def _triangle_sides(figure: Projected, surface: Surface, rows: Indices) -> _Segments:
-    """Return all sides of the triangles that are completely visible."""
     points = figure.points[rows]
     return _Segments(
         points.reshape(-1, 2),
@@ -324,12 +283,10 @@ def _triangle_sides(figure: Projected, surface: Surface, rows: Indices) -> _Segm
 def _part_boundaries(
     figure: Projected, surface: Surface, rows: Indices, parts: NDArray[np.object_], within: float
 ) -> _Segments:
-    """Return the boundaries of the visible parts of the triangles ``rows``."""
     polygons, owner = shapely.get_parts(parts, return_index=True)
     has_width = shapely.area(polygons) > NOTHING * figure.size * shapely.length(polygons)
     number, begin, end = edges_around(polygons[has_width])
     triangle = rows[owner[has_width]][number]
-    # A segment of an outline lies on the side of its triangle that contains both of its ends.
     corners = figure.points[triangle]
     along = np.roll(corners, -1, axis=1) - corners
     along /= np.linalg.norm(along, axis=2, keepdims=True)
@@ -341,32 +298,27 @@ def _part_boundaries(
     return _Segments(begin, end, triangle, side, edge)
 
 
+@dataclass
 class _Pairing:
-    """Segments in one figure, without the intervals that two surfaces have in common."""
+    """Segments of a projection, and the intervals that two of them have in common."""
 
-    def __init__(
-        self,
-        figure: Projected,
-        surface: Surface,
-        segments: _Segments,
-        within: float,
-        beside: float,
-        touching: float,
-    ) -> None:
-        self.figure, self.surface, self.segments = figure, surface, segments
-        # ``within``: distance below which points coincide. ``beside``: largest distance of segments
-        # that run along each other. ``touching``: largest distance along the line of sight of
-        # surfaces that touch.
-        self.within, self.beside, self.touching = within, beside, touching
-        # ``free``: for each segment, the intervals of its length that it does not have in common
-        # with another segment.
-        self.free = [[(0.0, float(length))] for length in segments.length]
+    figure: Projected
+    surface: Surface
+    segments: _Segments
+    within: float
+    """Largest distance of coincident points."""
+    beside: float
+    """Largest distance of segments that run along each other."""
+    touching: float
+    """Largest gap between touching surfaces along the line of sight."""
+
+    def __post_init__(self) -> None:
+        # Intervals of each segment that no other segment shares.
+        self.free = [[(0.0, float(length))] for length in self.segments.length]
 
     def resolved(self) -> Silhouette:
-        """Return the net contours, with only the nearer of segments that run along each other."""
         s, bodies = self.segments, self.surface.bodies
-        # Each piece is a tuple: segment, start and end of an interval along it, and the segment
-        # behind it.
+        # Segment, start and end of an interval along it, segment behind it.
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
@@ -385,13 +337,12 @@ class _Pairing:
             pieces += [
                 (k, low, high, -1)
                 for low, high in intervals
-                # Pieces shorter than the width of closed slits are the ends of such slits and are
-                # dropped.
+                # Shorter pieces are the ends of closed slits.
                 if high - low > self.beside or high - low == s.length[k]
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
         rows, behind = (np.array([piece[k] for piece in pieces], np.intp) for k in (0, 3))
-        ends = [self._lifted(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
+        ends = [self._in_space(rows, np.array([piece[k] for piece in pieces])) for k in (1, 2)]
         faces = np.where(behind >= 0, self.surface.faces[s.triangle[behind]], -1)
         edges = np.stack(ends, axis=1)
         return Silhouette(edges, s.edge[rows], bodies[s.triangle[rows]], faces, frozenset(touching))
@@ -404,8 +355,6 @@ class _Pairing:
         j, k = shapely.STRtree(boxes).query(boxes)
         is_opposite = (j < k) & (np.einsum("nk,nk->n", s.unit[j], s.unit[k]) < -0.5)
         j, k = j[is_opposite], k[is_opposite]
-        # The ends of the second segment are converted to coordinates along and across the first
-        # segment.
         unit, to_end, to_begin = s.unit[j], s.end[k] - s.begin[j], s.begin[k] - s.begin[j]
         t0, t1 = (np.einsum("nk,nk->n", point, unit) for point in (to_end, to_begin))
         off0, off1 = (_cross(unit, point) for point in (to_end, to_begin))
@@ -414,7 +363,7 @@ class _Pairing:
             slope = (off1 - off0) / (t1 - t0)
             off = np.abs([off0 + slope * (t - t0) for t in (low, high)]).max(axis=0)
         is_near = (high - low > self.within) & (off <= self.beside)
-        # Slits within one body stay open; only slits between different bodies are closed.
+        # Only slits between different bodies are closed.
         bodies = self.surface.bodies[s.triangle]
         is_near &= (off <= self.within) | (bodies[j] != bodies[k])
         j, k, off = j[is_near], k[is_near], off[is_near]
@@ -423,13 +372,12 @@ class _Pairing:
         return list(zip(j[order].tolist(), k[order].tolist(), strict=True))
 
     def _converted(self, j: int, k: int, *lengths: float) -> list[float]:
-        """Convert lengths along segment j to lengths along segment k."""
         s = self.segments
         points = (s.begin[j] + t * s.unit[j] for t in lengths)
         return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]
 
     def _shared(self, j: int, k: int) -> Iterator[tuple[float, float, float]]:
-        """Remove the intervals that two opposite segments have in common from their free intervals.
+        """Remove the intervals that two opposite segments have in common.
 
         Yields start and end along segment j, and the midpoint along segment k.
         """
@@ -457,7 +405,7 @@ class _Pairing:
         return 1 if gap > 0 else -1
 
     def _depth(self, row: int, at: float) -> tuple[float, float]:
-        """Return the depth of a segment, and its slope in the figure if it is not on a side."""
+        """Return the depth of a point on a segment, and its slope; 0 on a triangle's side."""
         s = self.segments
         t, k = s.triangle[row], s.side[row]
         point = s.begin[row] + at * s.unit[row]
@@ -469,8 +417,7 @@ class _Pairing:
         slope = self.figure.subset(np.array([t])).slopes[0]
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
-    def _lifted(self, rows: Indices, at: Floats) -> Floats:
-        """Return the points (m, 3) in space at given lengths along segments."""
+    def _in_space(self, rows: Indices, at: Floats) -> Floats:
         s = self.segments.subset(rows)
         points = s.begin + at[:, None] * s.unit
         corners, k = self.figure.points[s.triangle], np.maximum(s.side, 0)
@@ -485,8 +432,7 @@ class _Pairing:
         near, far = fraction * ranges[n, k], (1.0 - fraction) * ranges[n, (k + 1) % 3]
         fraction = (near / (near + far))[:, None]
         on_side = (1.0 - fraction) * space[n, k] + fraction * space[n, (k + 1) % 3]
-        # Points on the edge of a shadow lie inside the triangle and are interpolated with
-        # barycentric coordinates.
+        # Points inside a triangle are interpolated with barycentric coordinates.
         edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
         inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
         weights = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
@@ -500,7 +446,7 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 
 def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
-    """Return a mask (n,) of segments on a mesh edge that occur in both directions."""
+    """Return a mask (n,) of segments that occur in both directions."""
     edge, begin, end = segments.edge, segments.begin, segments.end
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]
@@ -515,6 +461,5 @@ def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
 def _without(
     intervals: list[tuple[float, float]], low: float, high: float
 ) -> list[tuple[float, float]]:
-    """Subtract an interval from a list of intervals."""
     parts = [[(a, min(b, low)), (max(a, high), b)] for a, b in intervals]
     return [(a, b) for pair in parts for a, b in pair if b > a]

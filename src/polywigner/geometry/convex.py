@@ -1,8 +1,6 @@
 """Tilings of outlines: triangles, convex pieces, and trapezoids for random points.
 
-Samples of the unit square are mapped to trapezoids: the first coordinate selects the trapezoid and
-x. Stratified samples remain stratified. A map to triangles would fold the square and destroy the
-strata.
+Trapezoids keep stratified samples of the unit square stratified; triangles would fold the square.
 """
 
 from __future__ import annotations
@@ -30,7 +28,6 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     vertices, numbers = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     triangles = numbers.reshape(-1, 3)
     if shoelace(vertices[triangles]) < 0:
-        # Triangles of zero area are kept, because every inner edge must belong to two triangles.
         triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
@@ -42,7 +39,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 
 
 class _Merger:
-    """Convex pieces (lists of vertex indices), which are merged as long as they stay convex."""
+    """Greedy merging of triangles (lists of vertex indices) into convex polygons."""
 
     def __init__(self, vertices: Ring, triangles: Indices) -> None:
         self.points = [(float(x), float(y)) for x, y in vertices]
@@ -62,8 +59,6 @@ class _Merger:
         at_j = back[q - 2], j, ahead[(p + 1) % len(ahead)]
         if left == right or any(turn(*(self.points[k] for k in at)) < 0 for at in (at_i, at_j)):
             return
-        # The merged outline runs from j around the left piece to i, then around the right piece
-        # back to j.
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
         self.pieces[left], self.pieces[right] = merged, []
         for k in range(len(merged)):
@@ -79,10 +74,8 @@ class _Merger:
 def convex_pieces(part: Part) -> list[Ring]:
     """Split a part into convex counter-clockwise polygons without new vertices.
 
-    Constrained Delaunay triangles are merged greedily as long as they stay convex, which yields at
-    most four times the minimum number of pieces (Hertel and Mehlhorn 1983). Triangles are merged in
-    two orders, across the longest or across the shortest diagonals first, and the smaller set is
-    returned.
+    Delaunay triangles are merged greedily, which gives at most four times the minimum number of
+    pieces (Hertel and Mehlhorn 1983).
     """
     if len(part) == 1:
         ring = part[0]
@@ -101,41 +94,31 @@ def convex_pieces(part: Part) -> list[Ring]:
 
 
 def mean_polygon(first: Ring, second: Ring) -> Ring:
-    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings.
-
-    Its sides are the sides of both rings, sorted by direction. GEOS' convex hull of the midpoints
-    of vertices is wrong for points that lie nearly on a line.
-    """
+    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings."""
     rings, angles = [], []
     for ring in (first, second):
         lowest_first = np.roll(ring, -int(np.lexsort(ring.T)[0]), axis=0)
         side = np.roll(lowest_first, -1, axis=0) - lowest_first
         direction = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
         rings.append(lowest_first)
-        # The directions of the sides are made ascending, because rounding may have reversed two of
-        # them.
+        # Rounding may swap the directions of two sides.
         angles.append(np.maximum.accumulate(direction))
     is_of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
-    # ``k`` and ``j``: indices of the vertices of the second and the first ring whose midpoint is a
-    # vertex of the result.
     k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second
     j = np.arange(len(is_of_second)) - k
     a, b = rings
     return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
 
 
-# Largest area of a trapezoid that is dropped, as a fraction of the total area. Such trapezoids lie
-# between vertices whose x differs only by rounding. Without them, the density of random points
-# changes by less than the rounding of single precision.
+# Largest area of a dropped trapezoid, as a fraction of the total: below single precision.
 _NEGLIGIBLE = 1e-12
 
-# Smallest divisor. It is smaller than the height of any aperture, and above zero in single
-# precision.
+# Smallest divisor, above zero in single precision.
 _TINY = 1e-30
 
 
 class Trapezoids(NamedTuple):
-    """Trapezoids with vertical parallel sides; all fields have shape (n,) and are in metres."""
+    """Trapezoids with vertical parallel sides; all fields have shape (n,) in metres."""
 
     left: NDArray[np.float64]
     width: NDArray[np.float64]
@@ -163,17 +146,17 @@ class Trapezoids(NamedTuple):
 
     @property
     def midpoints(self) -> NDArray[np.float64]:
-        """Centre points of the trapezoids, midway between the parallel sides, shape (n, 2)."""
+        """Centres of the trapezoids, shape (n, 2)."""
         height = self.height_left + self.height_right
         y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
 
     def divided(self, count: int) -> Trapezoids:
-        """Split each trapezoid into ``count`` strips, and each strip into ``count`` pieces."""
+        """Divide each trapezoid into ``count`` x ``count`` pieces."""
         step = np.arange(count + 1) / count
         u, v = step[:, None, None], step[:-1, None]
         height = self.height_left + u * (self.height_right - self.height_left)
-        # The axes of the following arrays are strip, piece and trapezoid.
+        # Axes: strip, piece, trapezoid.
         low = self.low_left + u * (self.low_right - self.low_left) + v * height
         left, part = self.left + u[:-1] * self.width, height / count
         parts = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]
@@ -181,7 +164,7 @@ class Trapezoids(NamedTuple):
 
 
 def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
-    """Split the region inside boundary rings (n, 2) into trapezoids, from left to right."""
+    """Divide the region inside rings (n, 2) into trapezoids, from left to right."""
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     rightwards = start[:, :1] <= end[:, :1]
@@ -197,15 +180,13 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
 def _slab(
     start: NDArray[np.float64], end: NDArray[np.float64], left: float, right: float
 ) -> NDArray[np.float64]:
-    """Return the trapezoids (k, 6) between two vertical lines, from below upwards."""
+    """Return the trapezoids (k, 6) between two vertical lines, from bottom to top."""
     across = (start[:, 0] <= left) & (end[:, 0] >= right)
     a, b = start[across], end[across]
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
     at_left = a[:, 1] + slope * (left - a[:, 0])
     at_right = a[:, 1] + slope * (right - a[:, 0])
     order = np.argsort(at_left + at_right, kind="stable")
-    # From below, edges alternately enter and leave the aperture. Edges of parts that touch
-    # coincide, and their order does not matter.
     low, high = order[0::2], order[1::2]
     heights = at_left[high] - at_left[low], at_right[high] - at_right[low]
     sides = np.full(low.shape, left), np.full(low.shape, right - left), *heights
@@ -213,13 +194,12 @@ def _slab(
 
 
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
-    """Map (u, v), uniform in the unit square, to a point uniform in a trapezoid.
+    """Map uniform random numbers (u, v) in [0, 1] to uniform random points of a trapezoid.
 
-    ``row``: the six numbers of a trapezoid. ``ops``: the operations namespace of their type.
+    ``row``: the six coordinates of the trapezoid. ``ops``: namespace of operations for their type.
     """
     left, width, height_left, height_right, low_left, low_right = row
-    # This expression solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without
-    # cancellation.
+    # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without cancellation.
     root = ops.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
     below = height_left + root
     t = u * (height_left + height_right) / ops.select(below > _TINY, below, _TINY)

@@ -1,8 +1,4 @@
-"""Visible parts of projected triangles, as exact polygons.
-
-Radar cross sections integrate over the visible parts, and silhouettes are their contours. The end
-of the module contains set operations on arrays of polygons.
-"""
+"""Visible parts of projected triangles as exact polygons, and set operations on such polygons."""
 
 from __future__ import annotations
 
@@ -23,15 +19,11 @@ from polywigner.numerics import Floats, Indices
 
 Shapes = NDArray[np.object_]
 
-# Largest length that counts as zero, as a fraction of the size of the body. It is a hundred times
-# the rounding error of a projection, and a part of this size casts no shadow.
+# Lengths below this fraction of the body's size are treated as zero.
 NOTHING = 1e-12
-# Smallest width of triangles, in units of NOTHING. Parts whose area is below NOTHING times their
-# perimeter count as hidden, and complete triangles must be wider.
+# Smallest width of a triangle, in units of NOTHING.
 _WIDTH = 8.0
-# Largest number of pairs of triangles whose projections overlap, which need half a gigabyte for
-# polygons. Largest number of crossings, which are pairs of triangles in front of one triangle.
-# Unions with more crossings take minutes.
+# Limits on overlapping pairs of triangles (0.5 GB of polygons) and on crossings (minutes of time).
 _MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e8
 
 
@@ -81,26 +73,9 @@ class Projected:
 def in_perspective(corners: Floats, frame: Floats, distance: float, size: float) -> Projected:
     """Project triangles (n, 3, 3) in front of an observer at the origin.
 
-    Parameters
-    ----------
-    corners : ndarray, shape (n, 3, 3)
-        Corners of the triangles, relative to the observer.
-    frame : ndarray, shape (3, 3)
-        Axes x, y and z of the observer as rows; the observer looks along z.
-    distance : float
-        Distance of the projection plane from the observer.
-    size : float
-        Size of the body. Lengths far below this size are negligible.
-
-    Returns
-    -------
-    Projected
-        The projected triangles.
-
-    Notes
-    -----
-    The map is projective: it maps lines through the observer to parallel lines, and planes to
-    planes.
+    ``frame``: x, y and z axes of the observer as rows, with z the line of sight. ``distance``:
+    distance of the projection plane. ``size``: size of the body, relative to which small lengths
+    are negligible.
     """
     x, y, z = np.moveaxis(corners @ frame.T, -1, 0)
     scale = distance / z
@@ -116,10 +91,6 @@ def _too_many(triangles: int) -> ArgumentError:
 
 
 def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
-    """Return the indices (m,) and (m,) of all pairs of triangles that overlap in projection.
-
-    ``polygons``: the triangles, or boxes around them. Pairs whose boxes do not overlap are skipped.
-    """
     tree, pairs, total = shapely.STRtree(polygons), [np.empty((2, 0), np.intp)], 0
     for start in range(0, len(polygons), _BLOCK):
         one, other = tree.query(polygons[start : start + _BLOCK])
@@ -135,7 +106,6 @@ def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indic
 
 
 def _apart(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
-    """Return a mask of the pairs that are separated by an edge of the first triangle."""
     apart = np.zeros(len(one), np.bool_)
     points, least = projected.points, NOTHING * projected.size
     for k in range(3):
@@ -153,7 +123,6 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
     plane = projected.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
-    # ``ahead``: distances of the corners in front of the plane of the hidden triangle.
     ahead = plane - projected.depth[before]
     steep = 1 + np.abs(slopes[hidden]).sum(axis=1) + np.abs(slopes[before]).sum(axis=1)
     level = (NOTHING * projected.size * steep)[:, None]
@@ -168,11 +137,7 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
 
 
 def _cut(points: Floats, ahead: Floats) -> Shapes:
-    """Return the parts of triangles (n, 3, 2) in which a linear function is positive.
-
-    ``ahead`` (n, 3): values of the function at the corners, at least one of them positive for each
-    triangle (Sutherland and Hodgman 1974). Parts without area may be lines.
-    """
+    """Clip triangles (n, 3, 2) to the positive side of linear functions ``ahead`` (n, 3)."""
     following, there = np.roll(points, -1, axis=1), np.roll(ahead, -1, axis=1)
     crosses = (ahead > 0) != (there > 0)
     share = (ahead / np.where(crosses, ahead - there, 1.0))[..., None]
@@ -182,8 +147,6 @@ def _cut(points: Floats, ahead: Floats) -> Shapes:
     owner = np.repeat(np.arange(len(points)), used.sum(axis=1))
     rings = shapely.linearrings(candidates[used], indices=owner)
     parts = np.asarray(shapely.polygons(rings), dtype=object)
-    # Parts of triangles are convex, except for rounding errors, so an invalid part is replaced by
-    # its hull.
     bent = ~shapely.is_valid(parts)
     parts[bent] = shapely.convex_hull(parts[bent])
     return parts
@@ -192,40 +155,19 @@ def _cut(points: Floats, ahead: Floats) -> Shapes:
 def less_shadows(
     projected: Projected,
     polygons: Shapes,
-    lit: Shapes,
+    illuminated: Shapes,
     boxes: Shapes | None = None,
     grid: float | None = None,
 ) -> tuple[Indices, Shapes]:
-    """Subtract from each triangle the parts that other triangles hide.
+    """Subtract from each illuminated part of a triangle the parts that other triangles hide.
 
-    If two triangles coincide, the first one hides the second one.
+    ``polygons`` (n,): the triangles in the projection plane. ``illuminated`` (n,): the illuminated
+    part of each triangle. ``boxes`` (n,): only triangles with overlapping boxes hide each other.
+    ``grid``: grid spacing, needed if illuminated parts have edges along shadows, up to rounding.
 
-    Parameters
-    ----------
-    projected : Projected
-        The n triangles.
-    polygons : ndarray of shapely.Polygon, shape (n,)
-        The same triangles as polygons in the projection plane.
-    lit : ndarray of shapely geometries, shape (n,)
-        Illuminated part of each triangle, from which the hidden parts are subtracted.
-    boxes : ndarray of shapely.Polygon, shape (n,), optional
-        Boxes around the triangles. Triangles with separate boxes do not hide each other. By
-        default, all triangles may hide each other.
-    grid : float, optional
-        Grid size of the result. It is needed if edges of ``lit`` coincide with edges of shadows up
-        to rounding.
-
-    Returns
-    -------
-    touched : ndarray of int, shape (m,)
-        Numbers of the triangles with another triangle in front of them.
-    visible : ndarray of shapely geometries, shape (m,)
-        Visible parts of these triangles.
-
-    Raises
-    ------
-    ArgumentError
-        If too many pairs of triangles overlap in projection.
+    Returns the numbers (m,) of the partly hidden triangles and their visible parts (m,). Of two
+    triangles that coincide, the first one hides the second one. Raises ArgumentError if too many
+    pairs of triangles overlap in projection.
     """
     one, other = _overlapping(projected, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
@@ -239,11 +181,11 @@ def less_shadows(
     shadows = unions(
         shadows[order], numbers, max(projected.size, float(abs(projected.points).max()))
     )
-    return touched, differences(lit[touched], shadows, grid)
+    return touched, differences(illuminated[touched], shadows, grid)
 
 
 def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
-    """Transform shapes (m,) in the projection plane to coordinates of triangles (m, 3, 2)."""
+    """Transform shapes (m,) in the projection plane to coordinates in triangles (m, 3, 2)."""
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     vertices, owner = shapely.get_coordinates(shapes, return_index=True)
     inside = np.einsum("nij,nj->ni", inverse[owner], vertices - points[owner, 0])
@@ -266,8 +208,7 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # The orientation of a ring follows from its area. The test of shapely looks at one corner,
-    # which may be the corner of a spike after rounding.
+    # Shapely's test looks at one corner, which may be a spike after rounding.
     crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
     swapped = turned[of_edge][:, None]
@@ -275,31 +216,24 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     return owner[of_polygon[of_edge]], begin, end
 
 
-# The following set operations on arrays of polygons return only polygons. GEOS also returns the
-# lines and points in which polygons touch, but refuses such mixtures as arguments. If edges almost
-# coincide, it may fail or silently lose a polygon.
+# GEOS returns lines and points where polygons touch, refuses them as arguments, and may lose a
+# polygon if edges almost coincide.
 
-# Grid spacing of set operations, as a fraction of the size of the figure. It is above the rounding
-# errors.
+# Grid spacing as a fraction of the extent, above rounding errors.
 GRID = 1e-14
-# Grid spacings that are tried after GEOS has failed, as fractions of the extent. The last one moves
-# edges by less than the rounding of single precision.
+# Grid spacings tried after a failure of GEOS, as fractions of the extent.
 _GRIDS = (GRID, 1e-12, 1e-10)
-# Rounding error of areas, as a fraction of the extent times a length of the outline.
+# Rounding error of areas, as a fraction of the extent times the perimeter.
 _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Return the intersections of pairs of polygons (m,), rounded to a grid of a given size."""
+    """Return the intersections of pairs of polygons (m,), rounded to a grid of a given spacing."""
     return _overlay(shapely.intersection, one, other, grid)
 
 
 def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Subtract the second polygon of each pair from the first one.
-
-    Without a grid, GEOS may lose a narrow polygon. If the areas of difference and intersection do
-    not add up, the difference is computed again on a grid.
-    """
+    """Subtract the second polygon of each pair from the first one."""
     result = _overlay(shapely.difference, one, other, grid)
     if grid is None and len(one):
         common = _overlay(shapely.intersection, one, other, None)
@@ -311,26 +245,9 @@ def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes
 
 
 def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
-    """Return the unions of the polygons (m,) that have the same number.
+    """Return the union of the polygons (m,) with the same number, for each number.
 
-    Parameters
-    ----------
-    polygons : ndarray of shapely.Polygon, shape (m,)
-        The polygons.
-    numbers : ndarray of int, shape (m,)
-        Number of the union to which each polygon belongs, from 0 on, in ascending order.
-    extent : float
-        Size of the figure, to which the grid and the rounding of areas are relative.
-
-    Returns
-    -------
-    ndarray of shapely geometries
-        The union for each number.
-
-    Notes
-    -----
-    GEOS may lose one of two polygons whose common edges differ by rounding. A grid prevents this,
-    but takes twice as long. It is used only if areas show an overlap or a loss.
+    ``numbers`` (m,) start at 0 and ascend. ``extent``: size of the figure.
     """
     groups = np.asarray(shapely.geometrycollections(polygons, indices=numbers))[:, None]
     sums = np.bincount(numbers, shapely.area(polygons))
@@ -340,16 +257,12 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
         result[some] = shapely.union_all(groups[some], grid_size=GRID * extent, axis=1)
     except GEOSException:
         every = groups[:, 0]
-        result = [_alone(partial(shapely.union_all, group), group) for group in every]
+        result = [_retried(partial(shapely.union_all, group), group) for group in every]
     return polygonal(result)
 
 
 def mended(shapes: Shapes) -> Shapes:
-    """Repair polygons that rounding has made invalid.
-
-    Each of the two methods of GEOS may lose a part, so the result with the more similar area is
-    used.
-    """
+    """Repair polygons that rounding has made invalid."""
     bent = ~shapely.is_valid(shapes)
     result, some = shapes.copy(), shapes[bent]
     methods: tuple[dict[str, Any], ...] = (
@@ -386,18 +299,18 @@ def _overlay(
 ) -> Shapes:
     try:
         return polygonal(operation(one, other, grid_size=grid))
-    # GEOS does not report the pair of polygons that fails.
+    # GEOS does not report which pair of polygons fails.
     except GEOSException:
         pairs = zip(mended(one), mended(other), strict=True)
-        return polygonal([_alone(partial(operation, *pair), pair, grid) for pair in pairs])
+        return polygonal([_retried(partial(operation, *pair), pair, grid) for pair in pairs])
 
 
-def _alone(
+def _retried(
     compute: Callable[..., BaseGeometry],
     shapes: BaseGeometry | Sequence[BaseGeometry],
     first: float | None = None,
 ) -> BaseGeometry:
-    """Return the result of an operation, on the first grid on which GEOS does not fail."""
+    """Repeat an operation on coarser grids until GEOS succeeds."""
     extent = float(np.ptp(shapely.get_coordinates(shapes), axis=0).max(initial=0.0))
     *grids, last = first, *(size * extent for size in _GRIDS)
     for grid in grids:

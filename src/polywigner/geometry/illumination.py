@@ -17,8 +17,8 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_vectors,
+    complex_array,
     finite_array,
-    real_numbers,
 )
 
 
@@ -37,7 +37,7 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     if radians == quarters * (math.pi / 2):
         c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
     x, y = points.T
-    # The addition of 0.0 replaces negative zeros.
+    # Adding 0.0 turns -0.0 into 0.0.
     return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0
 
 
@@ -74,10 +74,8 @@ class Illumination(Immutable):
     """Frequencies kappa_m in cycles per metre, shape (m, d), lexicographic order, read-only."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
-        waves = _merged(*_checked(amplitudes, frequencies))
-        for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        waves, kappa = _merged(*_checked(amplitudes, frequencies))
+        self._set(amplitudes=waves, frequencies=kappa)
 
     @property
     def dimension(self) -> int:
@@ -162,11 +160,7 @@ class Illumination(Immutable):
     def _key(self) -> tuple[int, bytes, bytes]:
         return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Illumination, (self.amplitudes, self.frequencies)
-
     def __len__(self) -> int:
-        """Return the number of waves."""
         return len(self.amplitudes)
 
     def __repr__(self) -> str:
@@ -192,39 +186,26 @@ def shift_phases(
 def _checked(
     amplitudes: Any, frequencies: Any
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    try:
-        if np.ma.is_masked(amplitudes):
-            raise ValueError
-        waves = np.atleast_1d(np.array(amplitudes, dtype=np.complex128))
-        kappa = real_numbers(frequencies)
-    except (TypeError, ValueError, OverflowError):
-        raise IlluminationError(
-            "expected complex amplitudes of shape (m,) and real frequencies of shape (m, d), "
-            f"got {type(amplitudes).__name__} and {type(frequencies).__name__}"
-        ) from None
+    expected = (
+        "expected complex amplitudes of shape (m,), and one real frequency of shape (d,) for "
+        "each amplitude, d = 1 or 2"
+    )
+    waves = complex_array(amplitudes, expected, (), (None,), error=IlluminationError)
+    shapes = (None,), (None, 1), (None, 2)
+    kappa = finite_array(frequencies, expected, *shapes, error=IlluminationError)
     if kappa.ndim == 1:
         kappa = kappa[None, :] if waves.size == 1 and kappa.size == 2 else kappa[:, None]
-    if waves.ndim != 1 or kappa.ndim != 2 or len(waves) != len(kappa) or not waves.size:
+    if waves.size != len(kappa):
         raise IlluminationError(
-            "expected one frequency for each amplitude, got amplitudes of shape "
-            f"{waves.shape} and frequencies of shape {kappa.shape}"
+            f"{expected}, got {waves.size} amplitudes and {len(kappa)} frequencies"
         )
-    if kappa.shape[1] not in (1, 2):
-        raise IlluminationError(
-            f"expected frequencies with one or two components, got {kappa.shape[1]} components"
-        )
-    if not (np.isfinite(waves).all() and np.isfinite(kappa).all()):
-        raise IlluminationError("expected finite amplitudes and frequencies, got inf or nan")
-    return waves, kappa
+    return np.atleast_1d(waves), kappa
 
 
 def _merged(
     amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Merge waves of equal frequencies, in lexicographic order, without negative zeros.
-
-    Sums of amplitudes below the rounding error of the amplitudes count as zero.
-    """
+    """Merge waves of equal frequency, sort them, and drop waves whose amplitudes cancel."""
     distinct, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
     total, size = np.zeros(len(distinct), np.complex128), np.zeros(len(distinct))
     np.add.at(total, number.ravel(), amplitudes)
@@ -235,8 +216,10 @@ def _merged(
     return total[nonzero] + 0.0, distinct[nonzero]
 
 
-def checked_field(field: Any, dimension: int) -> Illumination:
-    """Return a valid field; raise ArgumentError or IlluminationError if the dimension differs."""
+def checked_field(field: Any, dimension: int) -> Illumination | None:
+    """Return a field or None; raise ArgumentError or IlluminationError if the field is invalid."""
+    if field is None:
+        return None
     if not isinstance(field, Illumination):
         advice = (
             "pass its .illumination"

@@ -1,7 +1,6 @@
 """Valid sets of polygons from rings: simple polygons that do not overlap, merged if they touch.
 
-The exact predicates of GEOS decide whether a polygon is valid. Vertices that differ only by
-rounding, such as corners of rotated tiles, are welded within 64 ulp before parts are merged.
+GEOS tests the validity of polygons exactly. Vertices that differ by up to 64 ulp are merged.
 """
 
 from __future__ import annotations
@@ -33,19 +32,18 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
-# Grid spacing as a fraction of the extent: 256 ulp. This is above the rounding errors of computed
-# vertices, and a factor of 20 below 1e-12, the stated accuracy of areas and transforms.
+# Grid spacing as a fraction of the extent: above rounding errors, below the accuracy of 1e-12.
 _GRID = 2.0**-44
 
 
 def grid_size(points: Ring) -> float:
-    """Return a power of two near 2^-44 times the extent, or the largest coordinate if larger."""
+    """Return a power of two near 2^-44 of the extent or of the largest coordinate."""
     scale = max(extent(points), float(np.abs(points).max()))
     return float(_GRID * 2.0 ** np.ceil(np.log2(scale)))
 
 
 def polygons_in(geometry: BaseGeometry) -> list[shapely.Polygon]:
-    """Return the polygons of any geometry, without its points and lines."""
+    """Return the polygons of a geometry, without its points and lines."""
     if geometry.geom_type == "Polygon":
         return [] if geometry.is_empty else [geometry]
     return [p for part in getattr(geometry, "geoms", ()) for p in polygons_in(part)]
@@ -58,8 +56,8 @@ def shifted(polygons: NDArray[Any], shifts: Ring) -> NDArray[Any]:
     return moved
 
 
-def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
-    """Move vertices to the nearest `originals` (n, 2) within `reach`, if the result stays valid."""
+def snapped(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
+    """Move vertices to the nearest `originals` (n, 2) within `reach`, if the result is valid."""
     tree = shapely.STRtree(shapely.points(originals))
 
     def moved(points: Ring) -> Ring:
@@ -75,9 +73,8 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
-    """Drop vertices within `reach` of the line between neighbours, if the result stays valid."""
-    # Normalised rings start at the lowest vertex, so the result does not depend on the first
-    # vertex.
+    """Drop vertices within `reach` of the line between their neighbours, if the result is valid."""
+    # Normalised, so that the result does not depend on the starting vertex.
     polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
     fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
@@ -89,7 +86,7 @@ def _is_hairline(region: BaseGeometry, width: float) -> bool:
 
 
 def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return labels (count,), which are equal for items connected by pairs (first, second)."""
+    """Return labels (count,) of the connected components of a graph with edges (first, second)."""
     labels = np.arange(count)
     while True:
         least = np.minimum(labels[first], labels[second])
@@ -102,10 +99,7 @@ def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
 
 
 def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
-    """Return the union of geometries, computed separately for each group of overlapping boxes.
-
-    GEOS takes ten times as long if it unites many separate geometries in one call.
-    """
+    """Return the union of geometries, computed for each group of overlapping boxes."""
     array = np.array(geometries, dtype=object)
     boxes = shapely.box(*(shapely.bounds(array) + grid * np.array([-1, -1, 1, 1])).T)
     labels = connected(len(array), *shapely.STRtree(boxes).query(boxes))
@@ -121,9 +115,9 @@ def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
 def union_on_grid(
     geometries: Sequence[BaseGeometry], originals: Ring | None = None
 ) -> BaseGeometry:
-    """Return the union of polygons, with hairline gaps and overlaps closed.
+    """Return the union of polygons, with gaps and overlaps of rounding errors closed.
 
-    Vertices near `originals` (n, 2) become equal to them; None: the vertices of `geometries`.
+    Vertices near `originals` (n, 2) become equal to them; by default, these are the input vertices.
     """
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
@@ -133,7 +127,7 @@ def union_on_grid(
 def combined_on_grid(
     operation: Callable[..., BaseGeometry], first: BaseGeometry, second: BaseGeometry
 ) -> BaseGeometry:
-    """Apply a set operation of shapely, and clean the result like :func:`union_on_grid`."""
+    """Apply a set operation of shapely; clean the result like :func:`union_on_grid`."""
     points = shapely.get_coordinates([first, second])
     grid = grid_size(points)
     result = operation(first, second, grid_size=grid)
@@ -143,18 +137,16 @@ def combined_on_grid(
 
 
 def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
-    """Remove gaps and slivers narrower than ``grid``, and restore the positions of ``points``."""
     polygons = []
     for polygon in polygons_in(region):
         holes = [h for h in polygon.interiors if not _is_hairline(shapely.Polygon(h), grid)]
         polygons.append(shapely.Polygon(polygon.exterior, holes))
     wide = [polygon for polygon in polygons if not _is_hairline(polygon, grid)] or polygons
     joined = wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
-    return straightened(restored(joined, points, grid), grid)
+    return straightened(snapped(joined, points, grid), grid)
 
 
 def _joined_vertices(points: Ring, reach: float) -> Ring:
-    """Replace each point by the first point of the set within ``reach``."""
     geometries = shapely.points(points)
     later, earlier = shapely.STRtree(geometries).query(
         geometries, predicate="dwithin", distance=reach
@@ -165,7 +157,6 @@ def _joined_vertices(points: Ring, reach: float) -> Ring:
 
 
 def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, reach: float) -> Ring:
-    """Insert into each edge of a ring the points within ``reach`` of the edge."""
     following = np.roll(ring, -1, axis=0)
     edges = shapely.linestrings(np.stack([ring, following], axis=1))
     edge, point = tree.query(edges, predicate="dwithin", distance=reach)
@@ -185,9 +176,8 @@ def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, rea
 def weld(parts: Sequence[Part]) -> list[Part]:
     """Make nearly equal vertices equal, and insert vertices into the edges that they touch.
 
-    A part is a tuple of rings. Vertices move by at most 64 ulp of the largest coordinate.
-    Afterwards, two parts that touch along an edge have the same vertices on that edge. A ring that
-    is smaller than this distance becomes empty.
+    Vertices move by at most 64 ulp of the largest coordinate. Rings smaller than this distance
+    become empty.
     """
     rings = [ring for part in parts for ring in part]
     reach = max(rounding_tolerance(ring) for ring in rings)
@@ -202,23 +192,20 @@ def weld(parts: Sequence[Part]) -> list[Part]:
     return [tuple(next(welded) for _ in part) for part in parts]
 
 
-# Largest distance of a dropped vertex from the line between its neighbours, as a multiple of
-# area/diameter. With this definition, the relative change of the area is about the same for thin
-# and for compact parts. For a unit square this distance is 16 ulp.
+# Largest distance of a dropped vertex from its chord, as a fraction of area/diameter. The change of
+# area is then the same for thin and compact parts.
 _STRAIGHT = 2.0**-48
 
-# Largest number of vertices that are intersected at once, which takes about a second if all parts
-# overlap.
+# Largest number of vertices intersected at once, to limit the memory.
 _VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
-# Position in an error message of GEOS.
 _COORDINATES = re.compile(r"\[(\S+) (\S+)\]")
 
 
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
-    """Convert a simple ring to a part without holes; GeometryError for other rings."""
+    """Convert a simple ring to a part without holes; raise GeometryError for other rings."""
     ring = clean_ring(vertices, name)
     spans = spans_area(ring)
     if not spans and not hull_spans_area(ring):
@@ -238,7 +225,6 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
-    """Drop vertices that lie on straight lines, up to rounding, until none is left."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
@@ -270,12 +256,7 @@ def part_of_rings(
 def _check_overlaps(
     parts: Sequence[Part], polygons: Sequence[shapely.Polygon], remedy: str
 ) -> bool:
-    """Return whether any parts touch; raise GeometryError if parts overlap by more than rounding.
-
-    Parts are tested in blocks to limit the memory: a thousand parts on top of each other form a
-    million pairs.
-    """
-    # Parts of an aperture at a distance of a rounding error count as touching.
+    """Return whether any parts touch; raise GeometryError if parts overlap."""
     shift = max(rounding_tolerance(part[0]) for part in parts)
     array = np.array(polygons, dtype=object)
     tree = shapely.STRtree(array)
@@ -300,10 +281,10 @@ def check_pairs(
     things: str,
     remedy: str,
 ) -> None:
-    """Raise GeometryError if pairs of polygons overlap by more than a rounding error `shift`."""
+    """Raise GeometryError if pairs of polygons overlap by more than the rounding error `shift`."""
     common = shapely.intersection(array[first], array[second])
-    # An edge that is displaced by the rounding tolerance sweeps an area of the tolerance times its
-    # length. For slivers, which may be thinner than the tolerance, the limit is half of their area.
+    # A shift of an edge by the rounding error changes the area by the error times the length.
+    # Slivers may be thinner than the error.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
     smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
     excess = shapely.area(common) - np.minimum(allowed, smaller / 2)
@@ -320,9 +301,9 @@ def check_pairs(
 
 
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
-    """Return the union of touching parts; None if GEOS changes its area or adds vertices."""
+    """Return the union of touching parts; None if GEOS changes the area or adds vertices."""
     if any(len(ring) < 3 for part in parts for ring in part):
-        # The vertices of a sliver may coincide after welding.
+        # Vertices of a sliver may coincide after welding.
         return None
     try:
         merged = shapely.union_all([polygon_of_part(part) for part in parts])
@@ -338,23 +319,22 @@ def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
 
 
 def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
-    """Join parts that touch, without inner edges; raise GeometryError if parts overlap."""
+    """Join parts that touch; raise GeometryError if parts overlap."""
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not _check_overlaps(parts, polygons, remedy):
         return list(parts)
     merged = _clean_union(weld(parts)) or _clean_union(parts)
     if merged is not None:
-        # The corners of tiles along a side of the union lie on one line, up to rounding.
+        # Corners of merged tiles lie on one line, up to rounding.
         union = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
         reach = max(rounding_tolerance(part[0]) for part in merged)
         return [part_of_polygon(polygon) for polygon in polygons_in(straightened(union, reach))]
-    # In rare cases, two edges without common vertices run along each other at the distance of a
-    # rounding error.
+    # Rarely, two edges without common vertices run along each other within a rounding error.
     return _joined_on_grid(polygons)
 
 
 def union_parts(parts: Sequence[Part]) -> list[Part]:
-    """Return the union of parts that may overlap, or of :func:`merge_parts` if they do not."""
+    """Return the union of parts that may overlap."""
     try:
         return merge_parts(parts)
     except GeometryError:
@@ -366,11 +346,7 @@ def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
 
 
 def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
-    """Return the winding numbers (m,) of closed rings, with edges from start to end (n, 2).
-
-    The number counts signed crossings of the ray towards +x. A point on a ring gets the winding
-    number of one side of the ring.
-    """
+    """Return the winding numbers (m,) of edges from start to end (n, 2) about points (m, 2)."""
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
     rays = shapely.linestrings(np.stack([points, farthest], axis=1))
@@ -385,7 +361,7 @@ def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the region inside a ring, by the rule "nonzero" or "evenodd", as parts."""
+    """Return the parts inside a ring by the rule "nonzero" or "evenodd"."""
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
@@ -399,15 +375,11 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
 
 
 def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
-    """Return the region inside rings (n, 2), which may cross, by the rule "nonzero" or "evenodd".
-
-    The polygons are separate or touch in points. The list is empty if no area is enclosed.
-    """
-    # The edges, split at their crossings on a grid, divide the plane into faces. Because of the
-    # grid, a curve that is traversed twice with different rounding errors leaves no hairline faces.
+    """Return the polygons inside rings (n, 2), which may cross, by a fill rule."""
+    # The grid avoids hairline faces along a curve that is traversed twice with different rounding.
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    # Each ring is one line, because GEOS takes many times as long with one line per edge.
+    # One line per ring, because GEOS takes many times as long with one line per edge.
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
     noded = shapely.union_all(lines, grid_size=grid_size(points))
     faces = polygons_in(shapely.polygonize([noded]))
@@ -419,7 +391,6 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
 
 
 def _is_ring(vertices: Any) -> bool:
-    """Return whether vertices form one ring of (x, y) pairs, rather than a sequence of rings."""
     if isinstance(vertices, np.ndarray) and vertices.dtype != object:
         return vertices.ndim <= 2
     if not len(vertices) or isinstance(vertices[0], shapely.Polygon):

@@ -13,40 +13,33 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import Immutable, finite_array, warn_caller
+from polywigner.geometry.arguments import Immutable, finite_array, frozen, warn_caller
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 from polywigner.numerics import Indices
 
-# Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter.
-# Coordinates with ten digits satisfy this limit. Deviations up to the limit change the volume by
-# less than 1e-9 of diameter^3.
+# Largest distance of a vertex from its face's plane, as a fraction of the diameter; coordinates of
+# ten digits pass.
 _PLANAR = 1e-9
 
-# Relative rounding error of radii and distances, which are computed from a few terms.
+# Relative rounding error of radii and distances.
 _ROUNDING = 1e-14
-# Largest number of points whose distances from all other points are computed at once: 80 MB for
-# 10,000 points.
+# Number of points whose distances are computed at once: 80 MB for 10,000 points.
 _ROWS = 1024
 
-# Smallest sine of the angle between adjacent sides of a strictly convex face. It is above the
-# rounding errors of the sides.
+# Smallest sine of an angle between adjacent sides of a convex face.
 _BEND = 1e-9
-# Largest change of a face's area by triangulation, as a fraction of the area. It exceeds rounding
-# errors.
+# Largest relative change of a face's area by triangulation.
 _LOST = 1e-9
-# Largest distance from a surface at which a point counts as lying on the surface, as a fraction of
-# the size of the surface.
+# Distance from a surface that counts as zero, as a fraction of the size of the surface.
 _ON_SURFACE = 1e-9
-# Number of triangles whose centroids are used to test whether a surface lies inside another
-# surface.
+# Number of triangles that are tested for lying inside another surface.
 _SAMPLES = 16
 
-# Largest number of pairs of a point and a triangle that are processed at once, which takes about 50
-# MB.
+# Number of point-triangle pairs processed at once: about 50 MB.
 _PAIRS = 1 << 18
-# Smallest divisor, which replaces lengths and areas of zero.
+# Replaces divisors of zero.
 _TINY = 1e-300
 
 Vertices = NDArray[np.float64]
@@ -100,8 +93,7 @@ class Polyhedron(Immutable):
         numbers, volume = _oriented(points, numbers)
         if volume <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
             raise GeometryError("expected faces that enclose a volume, got a volume of zero")
-        points.setflags(write=False)
-        self.__dict__.update(vertices=points, faces=numbers)
+        self._set(vertices=points, faces=numbers)
 
     @cached_property
     def volume(self) -> float:
@@ -121,16 +113,11 @@ class Polyhedron(Immutable):
     @cached_property
     def triangles(self) -> NDArray[np.intp]:
         """Vertex indices (m, 3) of triangles that cover the faces, with the same orientation."""
-        result = triangulate_faces(self.vertices, self.faces)
-        result.setflags(write=False)
-        return result
+        return frozen(triangulate_faces(self.vertices, self.faces))
 
     @property
     def _key(self) -> tuple[bytes, tuple[tuple[int, ...], ...]]:
         return self.vertices.tobytes(), self.faces
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.vertices, self.faces)
 
     def __repr__(self) -> str:
         return (
@@ -139,23 +126,13 @@ class Polyhedron(Immutable):
         )
 
 
-def _restored(vertices: Vertices, faces: tuple[tuple[int, ...], ...]) -> Polyhedron:
-    """Return a body from valid vertices and faces, without checking them."""
-    body = object.__new__(Polyhedron)
-    vertices.setflags(write=False)
-    body.__dict__.update(vertices=vertices, faces=faces)
-    return body
-
-
 def _largest_distance(points: Vertices) -> float:
-    """Return the largest distance between two of n points, shape (n, 3)."""
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     offsets = points - centre
     radii = np.linalg.norm(offsets, axis=1)
     farthest = offsets[int(radii.argmax())]
     largest = float(np.linalg.norm(offsets - farthest, axis=1).max())
-    # A point at radius r is at most r + max(radii) away from any other point, so points at small
-    # radii need no test.
+    # A point at radius r is at most r + max(radii) from any other point.
     ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
     squares = (ends**2).sum(axis=1)
     for k in range(0, len(ends), _ROWS):
@@ -211,7 +188,6 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
 
 
 def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
-    """Raise GeometryError for a face that is not planar or crosses itself."""
     heights = heights_of(points, faces)
     diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
     for n in np.flatnonzero(heights > _PLANAR * diameter).tolist():
@@ -225,7 +201,7 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 def _oriented(
     points: Vertices, faces: tuple[tuple[int, ...], ...]
 ) -> tuple[tuple[tuple[int, ...], ...], float]:
-    """Return the faces, counter-clockwise as seen from outside the solid, and its volume."""
+    """Return the faces, counter-clockwise seen from outside the solid, and its volume."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
     volumes = [_volume_inside(points, member) for member in members]
@@ -251,7 +227,6 @@ def _oriented(
 
 
 def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
-    """Return the signed volume inside a closed surface, the sum of the pyramids over its faces."""
     centred = points - points.mean(axis=0)
     return sum(
         float((centred[indices[:, 0]] * normals_of(centred[indices])).sum()) / 6
@@ -260,26 +235,13 @@ def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
 
 
 def normals_of(corners: Vertices) -> Vertices:
-    """Return normals (k, 3) of faces (k, n, 3); the length of a normal is twice the area."""
+    """Return normals (k, 3) of faces (k, n, 3), whose lengths are twice the areas."""
     relative = corners - corners[:, :1]
     return np.cross(relative[:, :-1], relative[:, 1:]).sum(axis=1)
 
 
 def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
-    """Return the largest distance of each face's vertices from the plane of the face.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Positions of all vertices.
-    faces : sequence of sequences of int
-        Vertex numbers of each face.
-
-    Returns
-    -------
-    ndarray, shape (number of faces,)
-        Distances in the unit of the points.
-    """
+    """Return the largest distance (f,) of each face's vertices from the plane of the face."""
     heights = np.zeros(len(faces))
     for numbers, indices in _by_size(faces):
         corners = points[indices]
@@ -292,27 +254,10 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 
 
 def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indices:
-    """Return triangles that cover each face once, whether the face is convex or not.
+    """Return triangles (m, 3) that cover each face once, in the order of the faces.
 
-    Convex faces become fans of triangles. Other faces become constrained Delaunay triangles in
-    their plane. A face may contain an edge in both directions, as a bridge to a hole.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Positions of all vertices.
-    faces : sequence of sequences of int
-        Three or more vertex numbers for each face.
-
-    Returns
-    -------
-    ndarray of int, shape (m, 3)
-        Vertex numbers of the triangles, in the order and with the orientation of the faces.
-
-    Raises
-    ------
-    GeometryError
-        If a face crosses itself.
+    Faces that are not convex become constrained Delaunay triangles. A face may contain an edge in
+    both directions, as a bridge to a hole. Raises GeometryError if a face crosses itself.
     """
     triangles, owners = [np.empty((0, 3), np.intp)], [np.empty(0, np.intp)]
     for numbers, indices in _by_size(faces):
@@ -332,7 +277,7 @@ def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indic
 
 
 def _by_size(faces: Sequence[Sequence[int]]) -> list[tuple[Indices, Indices]]:
-    """Return face indices (k,) and vertex indices (k, n) for each number n of vertices."""
+    """Group faces by their number n of vertices: face numbers (k,) and vertex indices (k, n)."""
     sizes = np.array([len(face) for face in faces])
     groups = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
     return [
@@ -346,7 +291,6 @@ def _unit(vectors: Vertices) -> Vertices:
 
 
 def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
-    """Return a mask (k,) of convex faces, whose bends are all to the left and add up to 2 pi."""
     sides = _unit(np.roll(corners, -1, axis=1) - corners)
     following = np.roll(sides, -1, axis=1)
     normals = _unit(normals_of(corners))
@@ -356,7 +300,6 @@ def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
 
 
 def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
-    """Return constrained Delaunay triangles (m, 3) of one face."""
     corners = points[face]
     normal = _unit(normals_of(corners[None]))[0]
     x = _unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin()]))
@@ -364,8 +307,7 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
-    # The function make_valid removes the bridge to a hole, an edge that the outline contains in
-    # both directions.
+    # make_valid removes bridges to holes, which the outline contains in both directions.
     valid = outline if outline.is_valid else shapely.make_valid(outline)
     pieces = [np.empty((0, 2))]
     for part in polygons_in(shapely.orient_polygons(valid)):
@@ -382,10 +324,10 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
 
 
 def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
-    """Split the faces of a closed mesh into closed surfaces, as lists of face numbers.
+    """Split the faces of a closed mesh into closed surfaces, as arrays of face numbers.
 
-    Surfaces that touch in vertices or along edges are separate. Surfaces with a common face, such
-    as two boxes side by side, count as one.
+    Surfaces that touch in vertices or edges are separate. Surfaces with a common face, such as two
+    boxes side by side, count as one.
     """
     if not len(faces):
         return []
@@ -412,18 +354,7 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
 
 
 def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
-    """Return which closed surfaces enclose which other surfaces.
-
-    Parameters
-    ----------
-    surfaces : sequence of ndarray, shape (m, 3, 3)
-        Corners of the triangles of each of n surfaces.
-
-    Returns
-    -------
-    ndarray of bool, shape (n, n)
-        Element [i, j] is true if surface i encloses surface j.
-    """
+    """Return a matrix (n, n): whether closed surface i, triangles (m, 3, 3), encloses surface j."""
     low = np.array([triangles.min(axis=(0, 1)) for triangles in surfaces])
     high = np.array([triangles.max(axis=(0, 1)) for triangles in surfaces])
     around = np.logical_and(low[:, None] <= low, high[:, None] >= high).all(axis=2)
@@ -435,7 +366,6 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 
 
 def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
-    """Return whether a surface lies inside another one, judged by centroids of its triangles."""
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())
     centroids = centroids[distances_from(outer, centroids) > _ON_SURFACE * size]
@@ -444,7 +374,7 @@ def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
 
 
 def distances_from(corners: Vertices, points: Vertices) -> Vertices:
-    """Return the distances (n,) of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
+    """Return the distances (n,) of points (n, 3) from the nearest triangle of (m, 3, 3)."""
     step = max(1, _PAIRS // len(corners))
     blocks = [points[low : low + step, None] for low in range(0, len(points), step)]
     return np.concatenate(
@@ -453,7 +383,7 @@ def distances_from(corners: Vertices, points: Vertices) -> Vertices:
 
 
 def point_distances(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the distances of points (..., 3) from triangles (..., 3, 3), with broadcasting."""
+    """Return the distances of points (..., 3) from triangles (..., 3, 3)."""
     best = np.array(np.inf)
     above = np.array(True)
     normal = np.cross(
@@ -472,23 +402,10 @@ def point_distances(points: Vertices, corners: Vertices) -> Vertices:
 
 
 def windings_about(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the winding numbers of a closed surface about points, computed from solid angles.
+    """Return the winding numbers (n,) of a closed surface (m, 3, 3) about points (n, 3).
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        The points.
-    corners : ndarray, shape (m, 3, 3)
-        Corners of the triangles of the surface.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Winding numbers: integers up to rounding, and about 1/2 for points on a face.
-
-    References
-    ----------
-    A. Van Oosterom and J. Strackee, "The solid angle of a plane triangle", 1983.
+    The numbers are sums of solid angles: 1/2 for points on a face. Source: A. Van Oosterom and J.
+    Strackee, "The solid angle of a plane triangle", 1983.
     """
     windings = np.empty(len(points))
     step = max(1, _PAIRS // len(corners))

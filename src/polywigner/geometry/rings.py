@@ -1,7 +1,4 @@
-"""Rings of vertices: exact orientations and areas, rings cleaned from user input, and plots.
-
-Clean rings are finite float64 arrays without repeated vertices.
-"""
+"""Rings of vertices: exact orientations and areas, cleaning of user input, and plots."""
 
 from __future__ import annotations
 
@@ -26,16 +23,14 @@ Ring = NDArray[np.float64]
 Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 
-# Exact predicates: floating-point arithmetic decides nearly every case, and integer arithmetic
-# decides the rest.
 
-# Bound on the rounding error of the cross product in `turn`, (3 + 16 u) u with u = 2^-53, in units
-# of |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
+# Rounding error of a cross product, relative to |product 1| + |product 2| (Shewchuk 1997,
+# "ccwerrboundA").
 _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
 
 
 def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    """Return twice the signed area of a triangle (a, b, c); its sign is exact."""
+    """Return twice the signed area of a triangle; the sign is exact."""
     first = (b[0] - a[0]) * (c[1] - a[1])
     second = (b[1] - a[1]) * (c[0] - a[0])
     value = first - second
@@ -46,7 +41,7 @@ def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float])
 
 
 def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
-    """Return the exact sign of the turn a -> b -> c: +1 for left, -1 for right, 0 for straight.
+    """Return the exact orientation of triangles (a, b, c): +1 for counter-clockwise, -1, or 0.
 
     The points have shape (..., 2) and are broadcast against each other.
     """
@@ -64,9 +59,9 @@ def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
 
 
 def whole_numbers(values: NDArray[np.float64]) -> tuple[NDArray[Any], int]:
-    """Convert finite floats to Python integers n and an exponent: n * 2^exponent is the float.
+    """Convert floats to Python integers n and one exponent, so that n * 2^exponent is exact.
 
-    Sums and products of the integers are exact, and tens of times faster than with fractions.
+    Integer arithmetic is exact and tens of times faster than Fractions.
     """
     mantissas, exponents = np.frexp(values)
     exponent = int(exponents.min()) - 53
@@ -75,7 +70,7 @@ def whole_numbers(values: NDArray[np.float64]) -> tuple[NDArray[Any], int]:
 
 
 def shoelace(rings: Iterable[Ring]) -> Fraction:
-    """Return the exact sum of the signed areas of rings; counter-clockwise areas are positive."""
+    """Return the exact total signed area of rings; counter-clockwise rings are positive."""
     rings = list(rings)
     if not rings:
         return Fraction(0)
@@ -94,77 +89,65 @@ def signed_area(ring: Ring) -> float:
     x, y = (ring - ring[0]).T
     first, second = x[:-1] * y[1:], x[1:] * y[:-1]
     area = float((first - second).sum()) / 2
-    # Each difference, product and sum has a rounding error of at most u = 2^-53 times the sum of
-    # the absolute products. The bound on the total error below is twice as large, to be safe.
+    # Twice the rounding error of the sum.
     error = (len(ring) + 8) * 2.0**-53 * float((np.abs(first) + np.abs(second)).sum())
     return area if abs(area) > error else float(shoelace([ring]))
 
 
-# Largest area that counts as zero, relative to m d for a ring of diameter d and largest coordinate
-# m. Points on a slanted line deviate from the line by about u m with u = 2^-53, so a ring on a line
-# has an area of up to a few u m d.
+# Largest area that counts as zero, relative to the diameter times the largest coordinate.
 _ZERO_AREA = 2.0**-50
 
 
 def rounding_tolerance(coordinates: Ring) -> float:
-    """Return 64 ulp of the largest coordinate, more than the rounding of rotations and shifts."""
+    """Return 64 ulp of the largest coordinate, above the rounding of rotations and shifts."""
     return float(2.0**-46 * np.abs(coordinates).max())
 
 
-def extent(points: Ring) -> float:
+def extent(points: NDArray[np.floating[Any]]) -> float:
     """Return the diagonal of the bounding box, an upper bound on the diameter."""
-    size = points.max(axis=0) - points.min(axis=0)
-    return float(np.hypot(size[0], size[1]))
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def sides_of(bounds: Sequence[float]) -> NDArray[np.float64]:
-    """Return the sides (d,) of a box, from the coordinates of its lower and its upper corner."""
+    """Return the side lengths (d,) of a box given as lower and upper corner."""
     return np.ptp(np.reshape(bounds, (2, -1)), axis=0)
 
 
 def without_straight_vertices(ring: Ring) -> Ring:
-    """Drop vertices that lie exactly on the segment between their neighbours.
-
-    The tips of spikes are kept, so that validation detects them.
-    """
+    """Drop vertices that lie exactly between their neighbours; the tips of spikes stay."""
     previous, following = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     is_forward = np.sum((ring - previous) * (following - ring), axis=1) > 0
     corners = ring[~(is_forward & (orientations(previous, ring, following) == 0))]
     return corners if len(corners) >= 3 else ring
 
 
-def different_vertices(ring: Ring) -> int:
-    """Return the number of different vertices of a ring."""
-    return len(np.unique(ring, axis=0))
-
-
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
-    """Return a ring as float64, without repeated and exactly straight vertices.
+    """Return a ring as float64, without repeated and collinear vertices.
 
     Raises GeometryError unless there are three different vertices with finite coordinates.
     """
     expected = f"expected {name} as real numbers of shape (n, 2), without z"
-    # The addition of 0.0 replaces -0.0 by 0.0, so that equal rings have equal bytes.
+    # Adding 0.0 turns -0.0 into 0.0, so that equal rings have equal bytes.
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError) + 0.0
-    count = different_vertices(ring)
+    count = len(np.unique(ring, axis=0))
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
     return without_straight_vertices(ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)])
 
 
 def spans_area(ring: Ring) -> bool:
-    """Return whether the area of a ring exceeds the rounding errors of its coordinates."""
+    """Return whether the area of a ring exceeds its rounding error."""
     zero = _ZERO_AREA * extent(ring) * float(np.abs(ring).max())
     return abs(signed_area(ring)) > zero
 
 
 def hull_spans_area(ring: Ring) -> bool:
-    """Return whether the vertices span an area, even if positive and negative areas cancel."""
-    return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring))))
+    """Return whether the convex hull of a ring has an area."""
+    return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.linestrings(ring))))
 
 
 def oriented(ring: Ring, counter_clockwise: bool) -> Ring:
-    """Return the ring, reversed if it has the opposite orientation."""
+    """Return the ring, reversed if it has the other orientation."""
     return ring if (signed_area(ring) > 0) == counter_clockwise else ring[::-1]
 
 
@@ -197,10 +180,7 @@ _FILL, _LINE = "#9ecae1", "#2166ac"
 
 
 def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
-    """Plot filled rings on ``ax``, or on new axes of pyplot, in a unit of length.
-
-    Raises ArgumentError if ``ax`` is not axes, and QuantityError for an unknown unit.
-    """
+    """Plot filled rings on ``ax`` or on new axes; ``unit`` is a unit of length such as "mm"."""
     scale = parse_unit(unit)
     if ax is None:
         from matplotlib import pyplot
@@ -218,7 +198,7 @@ def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
 
 
 def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **style: Any) -> None:
-    """Draw closed rings in m as one patch with holes; ``metres``: unit of the axes in metres."""
+    """Draw closed rings in m as one patch with holes; ``metres``: unit of the axes in m."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

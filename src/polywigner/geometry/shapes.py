@@ -61,13 +61,12 @@ def _circle(radius: float, n: int) -> Ring:
 
 
 def _equal_area_factor(n: int) -> float:
-    """Return the radius of the vertices of a regular n-gon with the area of the unit disc."""
+    """Return the circumradius of a regular n-gon with the area of the unit disc."""
     step = 2 * math.pi / n
     return math.sqrt(step / math.sin(step))
 
 
 def _box(x: float, y: float, width: float, height: float) -> list[tuple[float, float]]:
-    """Return the corners of a rectangle around (x, y)."""
     left, right, bottom, top = x - width / 2, x + width / 2, y - height / 2, y + height / 2
     return [(left, bottom), (right, bottom), (right, top), (left, top)]
 
@@ -293,7 +292,7 @@ def vee(width: float, height: float, thickness: float) -> Aperture:
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     length = math.hypot(x, 2 * y)
-    # ``across``, ``along``: extent of a slanted arm of the letter V along x and along y.
+    # Extent of a slanted arm along x and along y.
     across, along = t * length / (2 * y), t * length / x
     _require(
         across < x,
@@ -378,7 +377,6 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
 
 
 def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
-    """Return the centres and widths of two slits; a single number means two equal slits."""
     single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
     pair = _pair((widths, widths) if single else widths, "widths")
     centres = _pair(offsets, "offsets")
@@ -453,13 +451,10 @@ def grating(count: int, width: float, pitch: float) -> Slits:
 
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
-    """Return the centres of honeycomb cells, as multiples of (3/2 side length, half the height)."""
-    cells = []
-    for q in range(-rings, rings + 1):
-        for r in range(max(-rings, -rings - q), min(rings, rings - q) + 1):
-            if centre or (q, r) != (0, 0):
-                cells.append((q, 2 * r + q))
-    return cells
+    """Return the centres of honeycomb cells in units of 3/2 side and half the height."""
+    columns = range(-rings, rings + 1)
+    cells = [(q, 2 * r + q) for q in columns for r in columns if abs(q + r) <= rings]
+    return [cell for cell in cells if centre or cell != (0, 0)]
 
 
 def hexagonal_segments(
@@ -493,12 +488,10 @@ def hexagonal_segments(
     has_centre = checked_flag(centre, "centre")
     cells = _hexagon_centres(_count(rings, "rings", 0 if has_centre else 1), has_centre)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
-    # The corners of the hexagons lie at multiples of half a side along x, and of half the height
-    # along y.
+    # Units of the corner coordinates: half a side along x, half the height along y.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
-    # The class Aperture raises an error for coordinates that overflow.
     with np.errstate(over="ignore"):
         return Aperture._of_segments([(corners + at) * unit + at * extra for at in centres])
 

@@ -28,27 +28,22 @@ from polywigner.geometry.polyhedron import (
 )
 from polywigner.numerics import Floats, Indices
 
-# Largest distance at which points count as lying on an edge or in a plane, as a fraction of the
-# size of a body.
+# Distance from an edge or a plane that counts as zero, as a fraction of the size of a body.
 ON = 1e-9
-# Distance of a source that counts as infinitely far away, in sizes of a body.
+# Distance of a source at infinity, in sizes of a body.
 _AFAR = 1e6
-# Largest number of pairs of a point, a ray or a triangle with a triangle that are processed at
-# once, which takes some 50 MB.
+# Number of pairs with a triangle processed at once: about 50 MB.
 PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
-# Largest product of the number of faces and the number of source points for which each source point
-# has a separate silhouette.
+# Largest number of faces times source points with separate silhouettes.
 _MOST_FACES = 1 << 15
-# Angle in radians by which cones around bodies are enlarged. It is above the rounding errors.
+# Margin of cones around bodies [rad], above rounding errors.
 _WIDER = 1e-6
-# Smallest winding number of a body about a point that counts as inside the body, with a margin for
-# rounding.
+# Smallest winding number of points inside a body; 1 without rounding.
 _IN = 0.9975
-# Largest distance of bodies that count as being in contact: in wavelengths, because the field in a
-# narrower slit is negligible, and as a fraction of the extent of the bodies, for coordinates in
-# single precision.
+# Largest distance of bodies in contact: in wavelengths, because a narrower slit transmits no field;
+# and as a fraction of the extent, for float32 coordinates.
 _CLOSED, _ROUNDED = 0.05, 1e-6
-# Largest difference of the components of normals of faces that count as lying in one plane.
+# Largest difference of the normals of faces in one plane.
 _SKEW = 1e-5
 _NOTHING_BEHIND = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -87,13 +82,13 @@ class Obstacle:
 
     @property
     def rim(self) -> Floats | None:
-        """Ends of edges that belong to one triangle, shape (m, 2, 3); None for closed meshes."""
+        """Ends (m, 2, 3) of edges that belong to one triangle; None for closed meshes."""
         ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
         keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
 
     def silhouette(self, source: Floats) -> Indices:
-        """Return vertex numbers (m, 2) of the directed edges of the silhouette, hidden or not."""
+        """Return vertex numbers (m, 2) of the directed edges of the silhouette."""
         facing = self.facing(source)
         start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
         sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
@@ -107,10 +102,9 @@ class Obstacle:
         return ends[net != 0.0]
 
     def spanned(self, source: Floats) -> Obstacle:
-        """Return a surface that hides what a convex body hides from near a source.
+        """Return a surface across the silhouette of a convex body; other bodies are unchanged.
 
-        Its rim is the silhouette for this source, so that the shadows of other points of the
-        source end at the same edges. Other bodies are returned as they are.
+        The shadows of all points near the source then end at the same edges.
         """
         ends = self.silhouette(source) if self.is_solid and self.is_simple else np.empty(0)
         if not len(ends):
@@ -120,12 +114,12 @@ class Obstacle:
         return replace(self, vertices=np.concatenate([self.vertices, [centre]]), triangles=fan)
 
     def outline(self, towards: Floats) -> Floats:
-        """Return the silhouette's edges (m, 2, 3) for a distant source in the direction (3,)."""
+        """Return the edges (m, 2, 3) of the silhouette for a distant source in a direction (3,)."""
         size = np.linalg.norm(self.vertices, axis=1).max()
         return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
 
     def cut(self, origin: Floats, along: Floats) -> Floats:
-        """Return the segments (k, 2, 2) in which a plane with axes (2, 3) cuts the surface."""
+        """Return the intersections (k, 2, 2) of the surface with a plane with axes (2, 3)."""
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
         if np.abs(height).max() <= ON * np.ptp(self.vertices, axis=0).max():
@@ -155,7 +149,7 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((len(body.faces), 3))
     np.add.at(normals, owner, areas)
-    return Obstacle(points, triangles, owner, normals, True, _is_convex(points, triangles, areas))
+    return Obstacle(points, triangles, owner, normals, True, is_convex(points, triangles, areas))
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
@@ -172,12 +166,12 @@ def shells(body: Obstacle) -> list[Obstacle]:
         faces, owner = np.unique(body.owner[rows], return_inverse=True)
         points, normals = body.vertices[used], body.normals[faces]
         triangles = corners.reshape(-1, 3)
-        simple = _is_convex(points, triangles, normals[owner.ravel()])
+        simple = is_convex(points, triangles, normals[owner.ravel()])
         bodies.append(Obstacle(points, triangles, owner.ravel(), normals, True, simple))
     return bodies
 
 
-def _is_convex(points: Floats, triangles: Indices, normals: Floats) -> bool:
+def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float = ON) -> bool:
     """Return whether no triangle of a closed surface lies in front of a neighbour's plane.
 
     ``normals`` (t, 3): normals of the triangles, of any length. If the surface is connected, it is
@@ -192,17 +186,17 @@ def _is_convex(points: Floats, triangles: Indices, normals: Floats) -> bool:
     across = np.concatenate([triangles[:, (k + 2) % 3] for k in range(3)])[other]
     height = np.einsum("ek,ek->e", points[across] - points[triangles[near, 0]], normals[near])
     size = float(np.ptp(points, axis=0).max()) * np.linalg.norm(normals[near], axis=1)
-    return bool((height <= ON * size).all())
+    return bool((height <= error * size).all())
 
 
 def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Return :func:`listed_bodies` of obstacles; () for None and for an empty list."""
+    """Return the obstacles as a tuple, which is empty for None."""
     is_none = bodies is None or (isinstance(bodies, (list, tuple)) and not bodies)
     return () if is_none else listed_bodies(bodies)
 
 
 def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Return one or several obstacles, Polyhedra or placed apertures, as a tuple."""
+    """Return one or several obstacles as a tuple; raise ArgumentError for other objects."""
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
         raise ArgumentError(
@@ -223,14 +217,14 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def obstacles_of(bodies: Any, unit: float) -> Obstacles:
-    """Convert obstacles to triangles, in units of ``unit`` metres."""
+    """Convert obstacles to triangles, with coordinates in units of ``unit`` metres."""
     surfaces = [shell for body in listed_bodies(bodies) for shell in shells(obstacle_of(body))]
     return Obstacles([replace(body, vertices=body.vertices / unit) for body in surfaces])
 
 
 @dataclass(frozen=True)
 class Obstacles:
-    """Opaque bodies and plates in space: silhouettes, contacts and visibility."""
+    """Opaque bodies and plates in space."""
 
     bodies: list[Obstacle]
 
@@ -240,44 +234,25 @@ class Obstacles:
         return np.concatenate([body.vertices for body in self.bodies])
 
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
-        """Return a mask of points (n, 3) beyond all bodies, with no body behind the source.
-
-        The line through the source and such a point meets bodies only between the two.
-        """
+        """Return a mask of points (n, 3) behind all bodies, if no body is behind the source."""
         rays, (axis, angle) = points - source, _cone(self.vertices - source)
         away = np.linalg.norm(rays, axis=1)
         reach = np.linalg.norm(self.vertices - source, axis=1).max()
         return (away > reach) & (rays @ -axis < np.cos(min(angle + _WIDER, np.pi)) * away)
 
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
-        """Return a silhouette for each point (k, 3) of a source.
+        """Return a silhouette for each source point (k, 3).
 
         For large meshes, all source points share the silhouette of their mean.
         """
-        if self._is_large(len(sources)):
+        faces = sum(len(body.triangles) for body in self.bodies)
+        if faces * len(sources) > _MOST_FACES:
             return [self.silhouette(np.mean(sources, axis=0))] * len(sources)
         return [self.silhouette(point) for point in sources]
 
-    def shared_silhouette(self, sources: Floats) -> Silhouette | None:
-        """Return the silhouette that all points (k, 3) in one plane share, or None.
-
-        For large meshes, all points share the silhouette of their mean.
-        """
-        low, high = sources.min(axis=0), sources.max(axis=0)
-        shared = self.silhouette(0.5 * (low + high))
-        if self._is_large(len(sources)):
-            return shared
-        corners = [np.where(k, high, low) for k in ([0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0])]
-        is_like = all(shared.is_like(self.silhouette(corner)) for corner in corners)
-        return shared if is_like else None
-
-    def _is_large(self, count: int) -> bool:
-        """Return whether ``count`` source points share the silhouette of their mean."""
-        return count * sum(len(body.triangles) for body in self.bodies) > _MOST_FACES
-
     def silhouette(self, source: Floats) -> Silhouette:
         """Return the edges of the shadows of all bodies for a point source at a position (3,)."""
-        alone = self._alone(source)
+        alone = self._hide_nothing(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
             parts.append(
@@ -296,7 +271,7 @@ class Obstacles:
         bodies, behind = np.full(len(ends), number), np.full(len(ends), -1)
         return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), bodies, behind)
 
-    def _alone(self, source: Floats) -> NDArray[np.bool_]:
+    def _hide_nothing(self, source: Floats) -> NDArray[np.bool_]:
         """Return a mask of the bodies that hide no part of themselves or of another body."""
         cones = [_cone(body.vertices - source) for body in self.bodies]
         axes = np.array([axis for axis, _ in cones])
@@ -310,24 +285,24 @@ class Obstacles:
 
     @cached_property
     def contact(self) -> float:
-        """Largest distance of bodies that count as being in contact."""
+        """Largest distance of bodies in contact."""
         return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
 
     @cached_property
     def contacts(self) -> Indices:
-        """Pairs of bodies, shape (n, 2), that nearly touch, cross or contain each other."""
+        """Pairs of bodies (n, 2) that touch, cross or contain each other."""
         pairs = contacts(
             [body.vertices[body.triangles] for body in self.bodies],
             [body.rim for body in self.bodies],
             self.contact,
         )
-        # Bodies with a vertex inside another body are in contact with it.
+        # A body with a vertex inside another body is in contact with it.
         corners = np.array([body.vertices[0] for body in self.bodies])
         numbers = range(len(self.bodies))
-        alone = np.array([self._turns(corners[[k]], [k])[0] for k in numbers])
-        (inner,) = np.nonzero(self._turns(corners, numbers) - alone > _IN)
+        alone = np.array([self._winding_numbers(corners[[k]], [k])[0] for k in numbers])
+        (inner,) = np.nonzero(self._winding_numbers(corners, numbers) - alone > _IN)
         for k in numbers if len(inner) else ():
-            within = inner[self._turns(corners[inner], [k]) > _IN].tolist()
+            within = inner[self._winding_numbers(corners[inner], [k]) > _IN].tolist()
             pairs += [(k, number) for number in within if number != k]
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
@@ -338,7 +313,7 @@ class Obstacles:
 
     @cached_property
     def groups(self) -> Indices:
-        """Labels (k,), which are equal for bodies connected by contacts."""
+        """Labels (k,) of the groups of bodies connected by contacts."""
         return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
@@ -350,17 +325,17 @@ class Obstacles:
         return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
 
     def _edge_numbers(self, number: int, ends: Indices) -> Indices:
-        """Return numbers of edges between vertices (..., 2), which are unique among all bodies."""
+        """Return numbers of edges between vertices (..., 2), unique among all bodies."""
         low, high = ends.min(axis=-1), ends.max(axis=-1)
         count = len(self.bodies[number].vertices)
         return np.asarray(self._first_edges[number] + low * count + high)
 
     def body_of_face(self, faces: Indices) -> Indices:
-        """Return the numbers of the bodies to which faces belong."""
+        """Return the numbers of the bodies of faces."""
         return np.searchsorted(self._first_faces, faces, side="right") - 1
 
     def face_planes(self, source: Floats) -> Floats:
-        """Return the planes (f, 4) of all faces, with the source on their positive sides."""
+        """Return the planes (f, 4) of all faces, with the source on their positive side."""
         rows = []
         for body in self.bodies:
             normals = body.normals / np.linalg.norm(body.normals, axis=1)[:, None]
@@ -373,7 +348,7 @@ class Obstacles:
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Return the bodies, connected to a body by contacts, that have a face in a plane (4,).
+        """Return the bodies in contact with a body that have a face in a plane (4,).
 
         ``planes`` (f, 4): planes of all faces.
         """
@@ -388,7 +363,7 @@ class Obstacles:
     ) -> Surface:
         """Return the triangles of some bodies that face a source.
 
-        ``plane``: if given, only triangles behind this plane whose planes have the source in front.
+        With ``plane`` (4,), only triangles behind this plane.
         """
         parts = []
         for number in numbers:
@@ -419,8 +394,8 @@ class Obstacles:
     ) -> NDArray[np.bool_]:
         """Return a mask of points (n, 3) that a surface hides from a source.
 
-        The surface lies strictly between the source and the point. A surface is ignored if its
-        plane contains the source or the point, up to a distance ``within`` (n,).
+        Surfaces whose planes are within a distance ``within`` (n,) of the source or the point are
+        ignored.
         """
         hidden = np.zeros(len(points), bool)
         within = np.broadcast_to(within, len(points))
@@ -438,9 +413,9 @@ class Obstacles:
 
     def inside(self, points: Floats) -> NDArray[np.bool_]:
         """Return a mask of points (n, 3) inside a body, without points on surfaces."""
-        return self._turns(points, range(len(self.bodies))) > _IN
+        return self._winding_numbers(points, range(len(self.bodies))) > _IN
 
-    def _turns(self, points: Floats, numbers: Iterable[int]) -> Floats:
+    def _winding_numbers(self, points: Floats, numbers: Iterable[int]) -> Floats:
         """Return the winding numbers (n,) of some bodies about points (n, 3)."""
         turns = np.zeros(len(points))
         for body in (self.bodies[number] for number in numbers):
@@ -461,16 +436,15 @@ def _cone(points: Floats) -> tuple[Floats, float]:
         return np.array([0.0, 0.0, 1.0]), np.pi
     axis = axis / length
     angle = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
-    # A cone with a half-angle of pi/2 or more is not convex and may not contain all parts of a
-    # face.
+    # A wider cone is not convex and may miss parts of a face.
     return axis, angle if angle < 0.5 * np.pi else np.pi
 
 
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Intersect rays (k, 3) from the origin with triangles (t, 3, 3).
+    """Intersect rays (k, 3) from the origin with triangles (t, 3, 3), in blocks of rays.
 
-    Yields slices of the rays, intersections (k, t) as fractions of the lengths of the rays
-    (infinite if there is none), and the heights (t,) of the origin above the triangles.
+    Yields slices of the rays, intersections (k, t) as fractions of the ray lengths, infinite if
+    there is none, and the heights (t,) of the origin above the triangles.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
@@ -491,14 +465,13 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
 def contacts(
     meshes: Sequence[Floats], rims: Sequence[Floats | None], within: float
 ) -> list[tuple[int, int]]:
-    """Return pairs of meshes that cross or have a corner at most ``within`` from the other.
+    """Return pairs of meshes (t, 3, 3) that cross or have a corner within a distance of each other.
 
-    Each mesh has triangles with corners (t, 3, 3). ``rims`` contains the edges (m, 2, 3) around
-    each sheet, or None for a closed mesh. A body is in contact with a sheet if it is close to the
-    rim or passes through the sheet, but not if it stands on the sheet.
+    ``rims``: boundary edges (m, 2, 3) of each sheet, or None for a closed mesh. A body that stands
+    on the inside of a sheet is not in contact with it.
     """
     boxes = np.array([[mesh.min(axis=(0, 1)), mesh.max(axis=(0, 1))] for mesh in meshes])
-    # The edges of a rim are represented as triangles without area.
+    # Edges of a rim are triangles without area.
     ends = [
         mesh if rim is None else rim[:, [0, 1, 1]] for mesh, rim in zip(meshes, rims, strict=True)
     ]
@@ -513,7 +486,7 @@ def contacts(
 
 
 def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
-    """Return pairs of boxes that are near; each box has a lowest and a highest corner (2, 3)."""
+    """Return pairs of boxes (n, 2, 3), lower and upper corners, at most ``within`` apart."""
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
     tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
     one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))
@@ -522,7 +495,6 @@ def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices,
 
 
 def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, Floats]]:
-    """Yield pairs of triangles (n, 3, 3) of two meshes whose boxes are near, in blocks."""
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []
     for mine, theirs in (boxes, boxes[::-1]):
@@ -537,7 +509,6 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether any pair of triangles (n, 3, 3) crosses, or has a corner near the other."""
     is_near = any(
         (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
         for corners, triangles in ((one, other), (other, one))

@@ -13,8 +13,7 @@ from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.illumination import Illumination, checked_field, checked_shift
 from polywigner.geometry.wavefront import TakesWaves
 
-# Largest overlap of intervals that count as touching, as a fraction of the largest coordinate;
-# equal to ``rings.rounding_tolerance``.
+# Largest overlap of touching intervals, as a fraction of the largest coordinate.
 _ROUNDING = 2.0**-46
 
 
@@ -48,9 +47,7 @@ class Slits(TakesWaves):
     """Field on the slits; None for the field 1."""
 
     def __init__(self, intervals: ArrayLike) -> None:
-        array = _ascending(intervals)
-        array.setflags(write=False)
-        self.__dict__.update(intervals=array, illumination=None)
+        self._set(intervals=_ascending(intervals), illumination=None)
 
     def with_illumination(self, illumination: Illumination | None) -> Slits:
         """Return the slits with another field.
@@ -72,7 +69,7 @@ class Slits(TakesWaves):
         IlluminationError
             If the field has two dimensions.
         """
-        return _restored(self.intervals, illumination)
+        return Slits._of(intervals=self.intervals, illumination=checked_field(illumination, 1))
 
     def moved(self, shift: ArrayLike) -> Slits:
         """Return the slits and their field, translated.
@@ -94,7 +91,7 @@ class Slits(TakesWaves):
         """
         offset = checked_shift(shift, 1)
         field = None if self.illumination is None else self.illumination.moved(offset)
-        return _restored(self.intervals + offset, field)
+        return Slits._of(intervals=self.intervals + offset, illumination=field)
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
@@ -125,21 +122,9 @@ class Slits(TakesWaves):
     def _key(self) -> tuple[bytes, Illumination | None]:
         return (self.intervals + 0.0).tobytes(), self.illumination
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.intervals, self.illumination)
-
     def __repr__(self) -> str:
         field = "" if self.illumination is None else f", {self.illumination!r}"
         return f"Slits({self.intervals.tolist()}{field})"
-
-
-def _restored(intervals: NDArray[np.float64], illumination: Illumination | None) -> Slits:
-    slits = object.__new__(Slits)
-    field = None if illumination is None else checked_field(illumination, 1)
-    intervals = intervals.copy()
-    intervals.setflags(write=False)
-    slits.__dict__.update(intervals=intervals, illumination=field)
-    return slits
 
 
 def _ascending(intervals: Any) -> NDArray[np.float64]:

@@ -148,12 +148,8 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # The combined coherence width is 1/sqrt(1/least^2 + 1/most^2), here computed without
-        # squares that could overflow.
+        # Equals 1/sqrt(1/least^2 + 1/most^2), without squares that could overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
-
-
-_PROPERTIES = ("source", "curvature", "centre", "coherence_width", "wavelength")
 
 
 @final
@@ -226,15 +222,10 @@ class Wavefront(TakesWaves):
         c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if not np.array_equal(q, q.T):
             raise IlluminationError(f"{expected}, got {value_text(curvature)}")
-        # The centre of a flat wave has no effect and is set to the origin.
         c = c.copy() if q.any() else np.zeros(d)
         width = _checked_width(coherence_width, "coherence_width")
         length = None if wavelength is None else checked_wavelength(wavelength)
-        for array in (q, c):
-            array.setflags(write=False)
-        self.__dict__.update(
-            source=source, curvature=q, centre=c, coherence_width=width, wavelength=length
-        )
+        self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
         length = checked_wavelength(wavelength)
@@ -245,7 +236,7 @@ class Wavefront(TakesWaves):
         return self._with(source=source, curvature=q, wavelength=length)
 
     def _with(self, **changes: Any) -> Wavefront:
-        return Wavefront(*(changes.get(name, getattr(self, name)) for name in _PROPERTIES))
+        return Wavefront(**{**self.__getstate__(), **changes})
 
     @property
     def dimension(self) -> int:
@@ -290,7 +281,6 @@ class Wavefront(TakesWaves):
         return self._of_source("plot")(ax, unit)
 
     def _of_source(self, name: str) -> Any:
-        """Return a method of the underlying source; raise ArgumentError if the source has none."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
@@ -338,9 +328,6 @@ class Wavefront(TakesWaves):
         design = None if self.is_flat else self.wavelength
         return self.source, q.tobytes(), c.tobytes(), self.coherence_width, design
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Wavefront, tuple(getattr(self, name) for name in _PROPERTIES)
-
     def __repr__(self) -> str:
         properties = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]
         properties += [] if self.is_coherent else [f"coherent over {self.coherence_width:g} m"]
@@ -350,7 +337,7 @@ class Wavefront(TakesWaves):
 def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
-    """Return the curvature matrix Q (d, d) in 1/m^2 for one radius, or for one radius per axis."""
+    """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m."""
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"
     expected = (
@@ -363,7 +350,6 @@ def _curvature_of(
 
 
 def _checked_width(value: Any, name: str) -> float:
-    """Return a coherence width in m, infinite for coherent waves; ArgumentError if invalid."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
     return checked_length(value, name)

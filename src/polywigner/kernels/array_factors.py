@@ -1,21 +1,13 @@
 """Array factors of arrays with any positions, and of arrays on a lattice.
 
-The Fourier transform of an array is the transform of its element times the array factor, which is
-the sum of w_k exp(-2 pi i nu.p_k) over the elements with weights w_k and positions p_k
-(docs/theory.md, (L3)). If the array is a lattice and its weights are a product of two profiles, the
-array factor is the product of two sums, one along each direction of the lattice. Otherwise the sum
-is computed element by element.
-
-The Wigner function W of equal elements on a lattice is a sum over the midpoints of pairs of
-elements, (L1). Each term is W of one element at that midpoint, times the discrete Wigner function
-of the weights. The ambiguity function A is a similar sum over the differences of two positions,
-(L2). If the weights are a product of two profiles, these array factors are products as well. Along
-one direction an array factor is
+The array factor of F is the sum of w_k exp(-2 pi i nu.p_k) over elements with weights w_k and
+positions p_k, (L3) of docs/theory.md. For W and A of a lattice, array factors are sums over pairs
+of elements with the same midpoint (L1) or difference (L2). If the weights are a product of two
+profiles, the factor is a product of two sums of N terms, one for each lattice direction:
 
     sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
 
-where N is the number of terms, t is a frequency in cycles per period, and c_k is the product of two
-amplitudes of the profile. For equal amplitudes of 1 the sum is sin(pi N t)/sin(pi t).
+where t is a frequency in cycles per period. For c_k = 1 the sum is sin(pi N t)/sin(pi t).
 """
 
 from __future__ import annotations
@@ -23,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -41,29 +33,17 @@ Row = tuple[float, ...]
 
 # Number of coefficients that Dr.Jit reads with one load instruction.
 _PACKET = 4
-# Largest number of terms in a temporary array. Together with intermediate results, the array takes
-# some tens of megabytes.
+# Largest number of terms in a temporary array, some tens of megabytes with intermediate results.
 _BLOCK = 1 << 18
 
 
-def partner(index: Any, number: Any, count: int, by_mean: bool) -> Any:
-    """Return the index of the second element of a pair along one direction of a lattice.
-
-    ``index`` is the index of the first element, and ``count`` is the number of elements along the
-    direction. If ``by_mean`` is true, ``number`` is the sum of the two indices. Otherwise it is
-    their difference plus count - 1. It lies between 0 and 2 count - 2.
-    """
-    return number - index if by_mean else index - number + (count - 1)
-
-
 def _odd(ops: Any, number: Any) -> Number:
-    """Return 1 for an odd number and 0 for an even number."""
     return abs(number - 2.0 * ops.round(0.5 * number))
 
 
 @dataclass(frozen=True, eq=False)
 class ProfileFactor:
-    """Array factors along one direction of a lattice, for the amplitudes of a profile."""
+    """Array factors along one lattice direction, for the amplitudes of a profile."""
 
     profile: Profile
 
@@ -77,7 +57,7 @@ class ProfileFactor:
 
     @cached_property
     def means(self) -> _Series:
-        """Products a_i a_j* of two amplitudes, with one row for each sum i + j of their indices."""
+        """Products a_i a_j* of two amplitudes, with one row for each sum i + j."""
         return self._mutual(by_mean=True)
 
     @cached_property
@@ -87,7 +67,6 @@ class ProfileFactor:
 
     @cached_property
     def _all(self) -> _Series:
-        """Amplitudes of all elements, in a single row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _mutual(self, by_mean: bool) -> _Series:
@@ -95,17 +74,16 @@ class ProfileFactor:
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
             site = np.maximum(0, number - last) + k
-            products: Complex = a[site] * a[partner(site, number, self.count, by_mean)].conj()
-            return products
+            other = number - site if by_mean else site - number + last
+            return np.asarray(a[site] * a[other].conj())
 
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
         """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-        The midpoint (``by_mean``) or the difference is specified by ``number``, which
-        :func:`partner` defines. ``cycles`` is the frequency along the direction of the profile, in
-        cycles per period.
+        ``number`` is the sum of both indices if ``by_mean``, and their difference plus count - 1
+        otherwise. ``cycles`` is a frequency in cycles per period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -115,10 +93,9 @@ class ProfileFactor:
         return series.value(ops, number, 2.0 * last, pairs, cycles)
 
     def total(self, ops: Any, cycles: Any) -> Pair:
-        """Return the array factor of all elements along one direction of a lattice.
+        """Return the array factor of all elements along one lattice direction.
 
-        The amplitude of element k has a phase of -t (k - (n - 1)/2) cycles, where t is the
-        frequency ``cycles``, modulo 2, and n is the number of elements.
+        ``cycles`` is a frequency in cycles per period, modulo 2.
         """
         count = float(self.count) + 0.0 * cycles
         if self.profile.is_uniform:
@@ -147,28 +124,22 @@ def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
 class _Series:
     """Trigonometric sums, one for each row of a table of coefficients.
 
-    A row contains complex coefficients p_k and q_k, and its sum is that of the terms p_k cos(2 pi t
-    m_k) - i q_k sin(2 pi t m_k). The multiple m_k is k for an odd number of terms, and k + 1/2 for
-    an even number.
+    The sum of a row consists of the terms p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with complex
+    coefficients p_k and q_k. The multiple m_k is k for an odd number of terms, and k + 1/2 for an
+    even number.
     """
 
     packets: int
-    """Number of packets in each row. A packet contains up to four coefficients."""
     tables: tuple[DeviceTable | None, ...]
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the trigonometric sum of a row at the frequency ``cycles``.
-
-        ``pairs`` is the number of pairs of elements, and ``last`` is the index of the last row. If
-        the row does not exist, the sum is 0.
-        """
+        """Return the trigonometric sum of a row, which is 0 if the row does not exist."""
         exists = (row >= 0.0) & (row <= last)
-        # Row indices are integers, because float32 rounds integers above 2^24. The tables of
-        # profiles with more than 8,200 elements have more rows.
+        # float32 rounds integers above 2^24, and tables of profiles with more than 8,200 elements
+        # have more rows.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
-        # If the number of terms is even, the centre of the row lies between two terms.
         is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5
         basis = _Basis(ops, cycles, is_even)
         ends = (basis.cosine, basis.cosine, basis.sine, basis.sine)
@@ -202,8 +173,7 @@ class _Series:
 class _Basis:
     """Clenshaw's recurrence for sums of cosines and sines, in Reinsch's form.
 
-    Reinsch's form is stable at multiples of half a cycle. Clenshaw's original form of a sum of n
-    terms loses n^2 ulps there.
+    Near multiples of half a cycle, Clenshaw's original form of a sum of n terms loses n^2 ulps.
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
@@ -225,10 +195,7 @@ class _Basis:
 def _series(
     lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complex]
 ) -> _Series:
-    """Return trigonometric sums for rows of coefficients.
-
-    Row r has ``lengths[r]`` coefficients, and ``product(r, k)`` is its coefficient k.
-    """
+    """Return trigonometric sums with the ``lengths[r]`` coefficients ``product(r, k)`` in row r."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
@@ -242,7 +209,7 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        # In a row of odd length, the central term is counted twice.
+        # The central term of a row of odd length is counted twice.
         odd = rows[n % 2 == 1]
         p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
@@ -256,44 +223,31 @@ def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
     return DeviceTable(np.ascontiguousarray(parts).reshape(-1, packet))
 
 
-def factor_of(
-    ops: Any, profiles: tuple[ProfileFactor, ProfileFactor], by_mean: bool, cycles: Pair2
-) -> Callable[[Pair2, Pair2], Pair]:
-    """Return a function that computes the array factor for a midpoint or a difference.
+def pair_factor(
+    ops: Any,
+    profiles: tuple[ProfileFactor, ProfileFactor],
+    by_mean: bool,
+    numbers: Pair2,
+    cycles: Pair2,
+) -> Pair:
+    """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-    ``cycles`` contains the frequencies along both directions of the lattice. The returned function
-    takes the steps from the first contributing midpoint (or difference), along both directions, and
-    the two numbers that :func:`partner` defines.
+    ``numbers`` and ``cycles`` contain the arguments of :meth:`ProfileFactor.at` along both lattice
+    directions.
     """
     first, second = (
-        _remembered(partial(profile.at, ops, by_mean, cycles=along))
-        for profile, along in zip(profiles, cycles, strict=True)
+        profile.at(ops, by_mean, number, along)
+        for profile, number, along in zip(profiles, numbers, cycles, strict=True)
     )
-    return lambda steps, numbers: first(steps[0], numbers[0]) * second(steps[1], numbers[1])
+    return first * second
 
 
-def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a function (step, argument) that computes ``compute(argument)`` once per step."""
-    known: dict[float, Any] = {}
-
-    def of(step: Any, argument: Any) -> Any:
-        # A Dr.Jit array cannot be a key of the cache.
-        if not isinstance(step, float):
-            return compute(argument)
-        if step not in known:
-            known[step] = compute(argument)
-        return known[step]
-
-    return of
-
-
-# Largest deviation of elements from a lattice for which the array factor is a product, as a
-# fraction of the lattice's extent D. At |nu| D = 1000 the phase error in radians is 6e3 times this
-# fraction. Rounded multiples of a pitch deviate by less, and rounded positions far from the origin
-# deviate by more.
+# Largest deviation of elements from a lattice, relative to the lattice's extent D. At |nu| D = 1000
+# the phase error in radians is 6e3 times this fraction. Rounded multiples of a pitch deviate by
+# less.
 _MISFIT = 2.0**-52
-# Smallest number of elements for which the array factor of a lattice is computed as a product. For
-# fewer elements a plain sum is as fast and compiles in less time (benchmarks/array_cost.py).
+# Number of elements from which the array factor of a lattice is a product. For fewer elements a
+# plain sum is as fast and compiles in less time (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
 
@@ -302,8 +256,8 @@ class _Tables:
     frame: LinearFrame
     """Frame whose rows are the basis vectors of the lattice; it has no rows for other arrays."""
     rows: tuple[Row, ...] = ()
-    """Position relative to the centre and weight of each element; empty for a lattice. Each
-    coordinate is the sum of two floats."""
+    """Position relative to the centre, each coordinate as two floats, and weight of each element;
+    empty for a lattice."""
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
     cycles: tuple[float, ...] = ()
@@ -323,16 +277,12 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre), lattice.basis, 1.0)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # The array factor refers the phases of the weights to the centre of the lattice.
+        # Array factors refer the phases of the weights to the centre of the lattice.
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
-    factors, cycles = (
-        map(profile_factor, profiles),
-        (profile.cycles_per_element for profile in profiles),
-    )
-    return _Tables(frame, (), tuple(factors), constant, tuple(cycles))
+    cycles = tuple(profile.cycles_per_element for profile in profiles)
+    return _Tables(frame, (), tuple(map(profile_factor, profiles)), constant, cycles)
 
 
-@lru_cache(maxsize=64)
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
     low = sites.positions.min(axis=0)
     centre = low + np.ptp(sites.positions, axis=0) / 2
@@ -349,8 +299,8 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.rows:
         return (cycles, *nu)
-    # The elements lie at multiples of half a basis vector b from the centre, so the phase nu.b is
-    # reduced modulo 2 cycles.
+    # Elements lie at multiples of half a basis vector b from the centre, so nu.b is reduced modulo
+    # 2 cycles.
     half = [0.5 * component for component in nu]
     return (cycles, *(2.0 * phases.cycles_to_centre(ops, b, *half) for b in frame.rows))
 

@@ -21,7 +21,7 @@ from polywigner.source.lattices import Sites
 
 _TRANSFORMS = ("autocorrelation", "wigner", "ambiguity")
 
-# Kernels by transform and kind of source. The kind is a Python type or a key of `_SPECIAL`.
+# Kernels by transform and kind of source, which is a Python type or a key of `_SPECIAL`.
 _KERNELS: dict[tuple[str, Any], Kernel] = {
     (name, kind): getattr(home, name.replace(" ", "_").upper())
     for kind, home, names in (
@@ -33,6 +33,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     )
     for name in names
 } | {
+    ("lag_marginal", Aperture): plane.LAG_MARGINAL,
     ("fourier", Slits): line.FOURIER,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,
@@ -41,7 +42,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Conditions under which a source has a faster kernel. The first true condition decides.
+# Conditions for faster kernels, in descending priority.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
@@ -56,31 +57,26 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 
 MOST_WIDTHS = 1 << 15
-"""Largest number of coherence widths in the area of a source for which W is averaged over tilts.
-The average has four tilts for each coherence width."""
-# Largest number of array elements for which W in partially coherent light is computed in closed
-# form, whose cost is proportional to the number of pairs of elements. The second limit applies if
-# an average over tilts would need too many tilts.
+"""Largest number of coherence widths in the area of a source for which W is an average over tilts,
+with four tilts for each coherence width."""
+# Largest number of array elements for the closed form of W in partially coherent light, whose cost
+# is proportional to the number of element pairs. The second limit applies if an average over tilts
+# would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
-def _widths_in(source: Wavefront) -> float:
-    """Return the number of coherence widths in the area (or length) of a source's box."""
-    return math.prod((1.0 + sides_of(source.bounds) / source.coherence_width).tolist())
-
-
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
-    """Return the kernel of W in partly coherent light; None if W is averaged over tilts.
+    """Return the kernel of W in partially coherent light, or None if W is an average over tilts.
 
-    The Wigner function W of a large array of equal elements is an average over tilted plane waves,
-    unless the average needs too many tilts. The kernel ignores the curvature of the wavefront. The
-    caller represents the curvature by a shift of the frequencies.
+    The kernel ignores the curvature of the wavefront, which the caller represents by shifted
+    frequencies.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat))
     if kernel is not None:
         return kernel
-    most = _MOST_ELEMENTS if _widths_in(source) > MOST_WIDTHS else _FEW_ELEMENTS
+    widths = 1.0 + sides_of(source.bounds) / source.coherence_width
+    most = _MOST_ELEMENTS if math.prod(widths.tolist()) > MOST_WIDTHS else _FEW_ELEMENTS
     if len(flat.elements_in_plane) > most:
         return None
     return partly_coherent.WIGNER if source.dimension == 2 else partly_coherent.WIGNER_OF_SLITS
@@ -89,8 +85,7 @@ def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
 def kernel_for(transform: str, source: Any) -> Kernel:
     """Return the kernel that computes a transform of a source.
 
-    An array has the same kernels as its elements, which are slits or apertures in one plane. The
-    Fourier transform of an array has no kernel, because it is a sum over the elements.
+    The Fourier transform of an array has no kernel, because it is a sum over the elements.
 
     Raises
     ------

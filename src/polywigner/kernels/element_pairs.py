@@ -1,11 +1,9 @@
 """Wigner, ambiguity and autocorrelation functions of equal elements at any positions.
 
-The functions are sums over pairs of elements. A pair contributes to the Wigner function W(x, nu) if
-x is near the midpoint of the two elements, and to the ambiguity function A(upsilon, xi) if xi is
-near the difference of their positions (docs/theory.md, (L1), (L2)). The plane is divided into cells
-of about the size of an element, and each cell lists the pairs that contribute in it. At constant
-density of elements, the cost of a sample is therefore proportional to the number of elements.
-Midpoints and differences are stored as sums of two floats.
+The functions are sums over pairs of elements, (L1) and (L2) of docs/theory.md. A pair contributes
+to W(x, nu) near the midpoint of its elements, and to A(upsilon, xi) near the difference of their
+positions. A grid of cells lists the pairs that contribute in each cell, so at constant density the
+cost of a sample is proportional to the number of elements.
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
 
 
 def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the real and the imaginary part of an element's field, without the carrier wave."""
+    """Return the real and imaginary part of an element's field, without the carrier."""
     if isinstance(tables, SeparableTables):
         return separable.field(ops, tables, x, y)
     return plane.field(ops, tables, x, y)
@@ -74,7 +72,7 @@ class RepeatedTables(Generic[Element, Sites]):
     element: Element
     sites: Sites
     terms: int = 1
-    """Number of copies that are summed at each sample. It determines the choice of the engine. """
+    """Number of copies that are summed at each sample, for the choice of the engine."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,20 +83,17 @@ class DeviceTable:
     copies: dict[Hashable, Any] = field(default_factory=dict)
 
     def in_memory(self, ops: Any) -> Any:
-        """Return a copy of the table in the memory of an engine, which is made only once."""
         if ops.key not in self.copies:
             self.copies[ops.key] = ops.on_device(self.values)
         return self.copies[ops.key]
 
 
-# Smallest number of elements for which W and A are sums over pairs of elements. An array of fewer
-# elements is computed as a single source, which is faster (benchmarks/array_cost.py).
+# Number of elements from which W and A are sums over pairs. An array of fewer elements is faster as
+# a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
-# Upper bound of the error of a position that is rounded to 24 bits, relative to its distance from
-# the centre. The boxes in which pairs contribute are enlarged by this fraction.
+# Bound on the error of a position rounded to 24 bits, relative to its distance from the centre.
 _MARGIN = 2.0**-21
-# Largest number of grid cells, and largest number of grid cells per pair of elements. With more
-# cells, the lists of pairs do not become shorter.
+# Largest number of cells, and of cells per pair. More cells do not shorten the lists of pairs.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 
@@ -112,15 +107,12 @@ def is_scattered(array: Array) -> bool:
 
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
-    """Return the table of all pairs of elements, one record for each pair.
+    """Return the records of all pairs of elements.
 
-    The pairs are sorted by the midpoint of their centres for W (``view`` is ``MIRRORED``) and by
-    the difference of their centres for A (``BEHIND``). For R (None) each element forms a pair with
-    itself only.
-
-    A record contains the midpoint and the difference in the frame, the product of the first weight
-    and the conjugate of the second weight, and half of the width and height of the box in which the
-    pair contributes. For A the difference precedes the midpoint. Each coordinate is the sum of two
+    ``view`` is ``MIRRORED`` for W, ``BEHIND`` for A, and None for R, where each element forms a
+    pair with itself only. A record contains the midpoint and the difference of both positions (for
+    A in reverse order), the product of one weight and the conjugate of the other, and half of the
+    width and height of the box in which the pair contributes. Each coordinate is the sum of two
     floats.
     """
     copies = normal_form(array).lattice
@@ -130,8 +122,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # The stored fields do not contain the carrier wave. The phase of the carrier wave follows from
-    # the position or lag at which the user evaluates the transform.
+    # Stored fields do not contain the carrier, whose phase depends on the caller's position or lag.
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
@@ -143,8 +134,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         centre, across = (high, low), (0.0 * high, 0.0 * high)
     else:
         first, second = (index.ravel() for index in np.indices((len(weights),) * 2))
-        # Each pair is stored only once for W, because the reversed pair contributes the complex
-        # conjugate.
+        # For W the reversed pair contributes the complex conjugate, so each pair is stored once.
         if view is MIRRORED:
             first, second = first[first <= second], second[first <= second]
         weights = weights[first] * weights[second].conj()
@@ -155,8 +145,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         total, lost = phases.difference(high[first], high[second])
         apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # Two copies of an element overlap if the difference of their positions is below the sum of
-        # both half-widths.
+        # Copies of an element overlap if their distance is below the sum of both half-widths.
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
@@ -177,17 +166,16 @@ def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
 class PairLists:
     """Pairs of elements of an array, sorted by the cells of a grid.
 
-    Each pair contributes to samples inside a box, and belongs to the cell that contains the lower
-    corner of the box. Boxes are no larger than cells. The pairs that contribute to a sample
-    therefore belong to the cell of the sample or to one of three adjacent cells. Their records form
-    two contiguous ranges of the table.
+    A pair contributes to samples inside a box, and belongs to the cell with the lower corner of the
+    box. Boxes are no larger than cells, so the pairs of a sample belong to four adjacent cells.
+    Their records form two contiguous ranges of the table.
     """
 
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Number of cells along each axis that can contain samples. In front of these cells, the table
-    of records has an additional row and column of cells."""
+    """Number of cells with samples along each axis. The table has an additional row and column of
+    cells."""
     starts: DeviceTable
     """Index of the first record of each cell, row by row. Shape (number of cells + 1, 1)."""
     records: DeviceTable
@@ -206,15 +194,11 @@ class PairLists:
 
 
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
-    """Return the records of pairs, sorted by the cells of a grid.
-
-    The grid covers the region in which any pair contributes.
-    """
+    """Return the records of pairs, sorted by the cells of a grid."""
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
-    # The cells are slightly larger than the boxes of the pairs. Rounding errors therefore never
-    # make a box span three cells.
+    # Cells are slightly larger than boxes, so that no box spans three cells after rounding.
     size = 2 * farthest * (1 + 1e-9)
     most = min(_MOST_CELLS, _CELLS_PER_PAIR * len(records))
     while np.prod(np.floor((high - low) / size) + 2) > most:
@@ -239,24 +223,19 @@ Point = tuple[phases.Doubled, phases.Doubled]
 
 
 def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
-    """Return the exact difference value - constant, as the sum of two floats."""
     high, low = phases.doubled(constant, ops.double)
     total, low = phases.difference(value, high)
     return total, low - low
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
-    """Return a position in the frame. Each coordinate is the sum of two floats."""
     less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
     total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
     return _halves(ops, *zip(total, low, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
-    """Return a spatial frequency relative to the carrier, in the frame.
-
-    Each component is the sum of two floats.
-    """
+    """Return a frequency minus the carrier in the frame, each component as two floats."""
     less = tuple(_less(ops, f, c) for f, c in zip(nu, carrier, strict=True))
     return _halves(ops, *(phases.dot(ops, less, row) for row in frame.inverse_transpose))
 
@@ -291,10 +270,6 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the position of a sample relative to the midpoint of a pair of elements.
-
-    For A, the position is a lag and the midpoint is a difference.
-    """
     (x, x_low), (y, y_low) = _point(samples[:4])
     (px, px_low), (py, py_low) = _point(record[:4])
     return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
@@ -303,10 +278,6 @@ def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
 def _of_element(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the contribution of a pair of equal elements to A, or to W.
-
-    Only the real part of a contribution to W is used.
-    """
     nu, offset = _point(samples[4:]), _offset(record, samples)
     cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
@@ -319,7 +290,6 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
-    """Return the field of a single element at a point, including the element's weight."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 
@@ -327,16 +297,11 @@ def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
     of_pair: Callable[..., Pair] = _of_element,
 ) -> list[Any]:  # fmt: skip
-    """Return the sum of the contributions of all pairs of elements to W or A.
-
-    ``values`` is 2 for a real and an imaginary part, and 1 for the real part only. ``of_pair``
-    computes the contribution of a pair. NaN arguments give NaN.
-    """
+    """Return the sum of the contributions of all pairs of elements, with ``values`` results."""
     view, lists = tables.sites
     records = lists.records.in_memory(ops)
 
     def is_near(row: Any, *samples: Any) -> Mask:
-        """Return whether a sample lies in the box in which a pair contributes."""
         record = ops.gather(records, row)
         (x, y), (width, height) = _offset(record, samples), record[10:12]
         return (abs(x) < width) & (abs(y) < height)
@@ -363,7 +328,6 @@ def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> 
 
 
 def _fields(ops: Any, tables: PairTables, cycles: Any, *positions: Any) -> Values:
-    """Return the fields at x + xi/2 and x - xi/2 without the carrier wave, for R(x, xi)."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 

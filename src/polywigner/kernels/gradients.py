@@ -1,15 +1,10 @@
 """Closed-form gradients of the Fourier, Wigner and ambiguity functions F, W and A.
 
-The derivatives are taken with respect to frequency, position, lag, vertices and weights. Each
-function is the integral of a plane wave over a polygon. The polygon is the outline of the source
-for F. For W and A it is a slice, which is the overlap of the source with a shifted or mirrored
-copy. If the boundary of the polygon moves, the integral changes by the values of the wave along the
-boundary. The derivatives with respect to vertices, positions and lags are therefore sums over
-edges, like the functions themselves (docs/gradients.md, (G1) to (G4)). The derivatives with respect
-to frequency are first moments of the polygon, (G4).
-
-If a corner of the source lies on an edge of the copy, only one-sided derivatives exist. The result
-is the derivative on the side that the tie rule selects (docs/theory.md, "Where edges coincide").
+Each function is the integral of a plane wave over a polygon: the outline for F, a slice for W and
+A. Derivatives with respect to vertices, positions and lags are integrals of the wave along the
+moving boundary, (G1) to (G3) of docs/gradients.md. Derivatives with respect to frequency are first
+moments of the polygon, (G4). If a corner of the source lies on an edge of the copy, the result is
+the one-sided derivative that the tie rule selects (docs/theory.md, "Where edges coincide").
 """
 
 from __future__ import annotations
@@ -35,31 +30,25 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Interface of objects that compute the change of a transform at one sample.
-
-    The transform changes because the vertices and weights of the source change.
-    """
+    """Interface of objects that compute the change of a transform due to vertices and weights."""
 
     needs_vertices: bool
-    """Whether derivatives with respect to vertices are required."""
     needs_weights: bool
-    """Whether derivatives with respect to the weights of the elements are required."""
     has_constant_indices: bool
     """Whether the indices of vertices must be Python integers."""
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
         """Return the change of the transform if the vertices ``begin`` and ``end`` of an edge move.
 
-        ``at`` contains the derivatives of the transform with respect to the displacement of both
-        vertices along ``normal``.
+        ``at`` contains the derivatives with respect to the displacement of both vertices along
+        ``normal``.
         """
         ...
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
         """Return the change of the transform if the weight w of element ``number`` changes.
 
-        ``gradient`` and ``of_conjugate`` are the derivatives of the transform with respect to w and
-        to the complex conjugate of w.
+        ``gradient`` and ``of_conjugate`` are the derivatives with respect to w and its conjugate.
         """
         ...
 
@@ -90,12 +79,11 @@ class Axes:
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
     def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> tuple[Pair, ...]:
-        """Return integrals of a plane wave along a segment of a polygon's boundary.
+        """Return integrals of a plane wave along a segment of a polygon's boundary, (G4).
 
-        The segment has the midpoint (p, q) and the vector (dp, dq). The first two results are the
-        means of the wave exp(-2 pi i nu.x), and of the wave times t, where t runs from -1/2 to 1/2
-        along the segment. The other three are the contributions of the segment to the moments M00,
-        M10 and 2 M01 of the wave over the polygon, (G4), each divided by -dp.
+        The segment has the midpoint (p, q) and the vector (dp, dq). The results are the mean of
+        exp(-2 pi i nu.x), the mean of t exp(-2 pi i nu.x) for t from -1/2 to 1/2 along the segment,
+        and the contributions to the moments M00, M10 and 2 M01 of the polygon, each divided by -dp.
         """
         ops = self.ops
         cosine, sine = cos_sin_cycles(ops, self.norm * p)
@@ -103,55 +91,44 @@ class Axes:
         wave = Pair(cosine, -sine)
         e0, e1, e2 = wave.scaled(m0), Pair(sine * m1, cosine * m1), wave.scaled(m2)
         area = e1.scaled(dq).plus(ops, e0, q)
-        # ``product`` is the mean of q t times the wave along the segment.
         product = e2.scaled(dq).plus(ops, e1, q)
         along = product.scaled(dp).plus(ops, area, p)
         across = product.scaled(dq).plus(ops, area, q)
         return e0, e1, area, along, across
 
     def gradient(self, along: Pair, twice_across: Pair) -> tuple[Pair, Pair]:
-        """Return the derivative with respect to the frequency nu, in the axes of the frame.
-
-        The derivative is -2 pi i M, where M is the vector of first moments in the axes of this
-        object.
-        """
+        """Return the derivative -2 pi i M in the frame for the first moment M in these axes."""
         (c, s), across = self.along, twice_across.scaled(0.5)
         x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
         y = (along.scaled(s) + across.scaled(c)).scaled(-2 * math.pi)
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
 
 
-# Argument x below which spherical Bessel functions are computed from power series, because the
-# upward recurrence loses 3/x^3 ulps. At x = 1 the first omitted term of j_2 is 1e-17 with _DOUBLE
-# terms and 2e-9 with _SINGLE terms.
+# Argument x below which spherical Bessel functions are power series, because the upward recurrence
+# loses 3/x^3 ulps. At x = 1 the first omitted term of j_2 is 1e-17 with _DOUBLE terms and 2e-9 with
+# _SINGLE terms.
 _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
 def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     """Return the moments of order 0, 1 and 2 of a plane wave along a segment.
 
-    The moment of order n is the integral of t^n exp(-4 pi i half t) over t from -1/2 to 1/2, where
-    ``half`` is the phase over half of the segment in cycles. The moments are j_0, -i j_1/2 and (j_0
-    - 2 j_2)/12, where j_n are spherical Bessel functions of 2 pi half. The second result is the
-    imaginary part of the moment of order 1.
+    The moment of order n is the integral of t^n exp(-4 pi i half t) over t from -1/2 to 1/2: j_0,
+    -i j_1/2 and (j_0 - 2 j_2)/12, with spherical Bessel functions j_n of 2 pi half. The second
+    result is an imaginary part.
     """
     j0, j1, j2 = _bessel(ops, half)
     return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))
 
 
 def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
-    """Return the spherical Bessel functions j_0, j_1 and j_2 of the argument 2 pi half.
-
-    For a small argument x, j_2 is computed from its power series, and j_1 = x (j_0 + j_2)/3 follows
-    without loss of digits. Otherwise both are computed by the upward recurrence.
-    """
+    """Return the spherical Bessel functions j_0, j_1 and j_2 of the argument 2 pi half."""
     x = 2 * math.pi * half
     small = abs(x) < _BELOW
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    # The argument of the series is set to 0 for large x, so that the unused series does not
-    # overflow.
+    # The unused series must not overflow for large x.
     square = ops.select(small, x * x, 0.0)
     series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
@@ -222,7 +199,6 @@ def _gradients(
     position: tuple[Any, ...],
     frequency: tuple[Any, ...],
 ) -> Gradients:
-    """Return the gradients of the Wigner (``of_lags``) or the ambiguity function."""
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
@@ -251,10 +227,7 @@ def _gradients(
 
 
 def _weights(ops: Any, tables: Tables) -> list[Pair]:
-    """Return the weights of the elements, as constants or as Dr.Jit arrays.
-
-    They are Dr.Jit arrays if the edges are data of the compiled kernel.
-    """
+    """Return the weights of the elements, as Dr.Jit arrays if the edges are data."""
     parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
     if ops.target != "data":
         return list(map(Pair, *parts))
@@ -262,10 +235,7 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _WavePairGradients:
-    """Derivatives of the contribution of a pair of plane waves to W or A.
-
-    The contribution includes the weights of both elements.
-    """
+    """Derivatives of the contribution of a pair of plane waves to W or A, including weights."""
 
     values = 12
 
@@ -293,11 +263,6 @@ class _WavePairGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
-        """Return the real and imaginary parts of the six sums to which an edge contributes.
-
-        The sums are the area, the changes due to a shift of the edge along x and y, two moments,
-        and the result of the accumulator.
-        """
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, motion, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
@@ -311,8 +276,7 @@ class _WavePairGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for ends_sum, extent, real, imag in cuts[view]:
-                # The position of an edge part of length zero may be so large that its powers
-                # overflow.
+                # Powers of the position of an edge part of length zero may overflow.
                 ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
                 half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(
@@ -340,7 +304,6 @@ class _WavePairGradients:
         return _parts(area, *motions, along, across, shared)
 
     def add(self, sums: Sequence[Pair], result: Gradients) -> None:
-        """Add the sums over all edges to the derivatives in ``result``."""
         area, *motions, along, across, shared = sums
         result.shared = result.shared + shared
         for k, motion in enumerate(motions):
@@ -377,7 +340,7 @@ class GradientKernel:
     parts: Callable[[Pair], tuple[Any, ...]]
     """Function that converts a complex value to the results of the kernel's sum over edges."""
     points: tuple[str, ...]
-    """Kind of each argument of the kernel, which is ``"frequency"`` or ``"position"``."""
+    """Kind of each argument of the kernel, ``"frequency"`` or ``"position"``."""
 
     def changed(self, ops: Any, frame: Any, gradients: Gradients, change: Sequence[Any]) -> Pair:
         """Return the change of the transform if all components of its arguments change."""
@@ -392,7 +355,6 @@ class GradientKernel:
 
 
 def _wave(value: Pair) -> tuple[Any, ...]:
-    """Return the real part and minus the imaginary part of a complex value."""
     return value.real, -value.imag
 
 

@@ -1,8 +1,7 @@
 """Kernels, which compute a transform in three steps.
 
-The first step converts the arguments to the frame of the source, the second sums over the edges of
-the source, and the third converts the sums to the user's units. The steps are separate because the
-first may be computed in float64 and the second in float32.
+The steps convert the arguments to the frame of the source, sum over its edges, and convert the sums
+to the user's units. The first step may be computed in float64 and the second in float32.
 """
 
 from __future__ import annotations
@@ -19,26 +18,21 @@ Values = tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """A transform in the three steps ``enter``, ``edge_sum`` and ``leave``.
-
-    Most of the computing time is spent in ``edge_sum``.
-    """
+    """A transform in the three steps ``enter``, ``edge_sum`` and ``leave``."""
 
     name: str
     dimension: int
     """Number of components of each argument of the transform."""
     tables: Callable[[Any, bool], Any]
-    """Function (source, double) that returns the cached constants of the kernel. The constants have
-    the attributes ``frame`` and ``edges``."""
+    """Function (source, double) that returns the cached constants of the kernel, with the
+    attributes ``frame`` and ``edges``."""
     enter: Callable[..., Values]
     """Function (ops, frame, *arguments) that converts the arguments to the frame of the source."""
     edge_sum: Callable[..., Values]
-    """Function (ops, tables, *arguments in the frame) that returns the sums over the edges of a
-    source. It is a `SliceSum` if edges are cut, as for W and A, and an `OutlineSum` for the Fourier
-    transform of an outline."""
+    """Function (ops, tables, *arguments in the frame) that returns the sums over edges. It is a
+    `SliceSum` for W and A, and an `OutlineSum` for the Fourier transform of an outline."""
     leave: Callable[..., Values]
-    """Function (ops, frame, arguments in the frame, sums) that returns results in the user's units.
-    """
+    """Function (ops, frame, arguments in the frame, sums) that returns results in user units."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
         """Return the constants of the kernel for a source, from the source's cache if possible."""
@@ -52,7 +46,7 @@ class Kernel:
 
     @property
     def slices(self) -> SliceSum | None:
-        """The sum over cut edges; None if the kernel cuts no edges."""
+        """Sum over clipped edges, or None if the kernel clips no edges."""
         return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
@@ -69,8 +63,7 @@ def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return a complex transform in the user's units from its sums over edges.
 
-    The sums are rotated by the phase of the source's centre, which is the first argument in the
-    frame.
+    The first argument in the frame is the phase of the source's centre in cycles.
     """
     real, imag = phases.rotated(ops, inner[0], *sums)
     return real * frame.measure, imag * frame.measure

@@ -1,10 +1,9 @@
 """Wigner and ambiguity functions of phased arrays on a lattice.
 
-The Wigner function W(x, nu) of an array is a sum over the midpoints of pairs of elements. Each term
-is W of one element at x minus the midpoint, times an array factor (docs/theory.md, (L1)). The
-ambiguity function A(upsilon, xi) is a similar sum over the differences of two element positions,
-(L2). Only the midpoints within an element's size of x, or the differences within an element's size
-of xi, contribute. Their number does not depend on the number of elements.
+W(x, nu) is a sum over the midpoints of pairs of elements. Each term is W of one element at x minus
+the midpoint, times an array factor, (L1) of docs/theory.md. A(upsilon, xi) is a similar sum over
+differences of element positions, (L2). Only midpoints or differences within an element's size of x
+or xi contribute, so the cost does not depend on the number of elements.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.array_factors import ProfileFactor, factor_of, profile_factor
+from polywigner.kernels.array_factors import ProfileFactor, pair_factor, profile_factor
 from polywigner.kernels.element_pairs import (
     ElementTables,
     RepeatedTables,
@@ -34,8 +33,8 @@ from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form
 
-# Smallest number of elements for which W and A of a lattice are computed with array factors. An
-# array with fewer elements is computed as a single source (benchmarks/array_cost.py).
+# Number of elements from which W and A of a lattice use array factors. An array with fewer elements
+# is computed as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
 # Distance from the ends of an interval, in node spacings, within which a node contributes less than
 # rounding errors.
@@ -49,17 +48,13 @@ class _Nodes:
     """Midpoints, or differences, of the positions of two elements of a lattice."""
 
     scale: float
-    """Spacing in steps of the lattice: 1 for differences, 1/2 for midpoints."""
+    """Spacing in lattice steps: 1 for differences, 1/2 for midpoints."""
     windows: tuple[tuple[float, float, int, int], ...]
-    """Tuple (low, high, first node, number of nodes) for each direction of the lattice. Nodes are
-    the midpoints or differences. Node h contributes at t if t - h lies in the open interval (low,
-    high)."""
+    """Tuple (low, high, first node, number of nodes) for each lattice direction. Node h contributes
+    at t if low < t - h < high."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first midpoint or difference that contributes at (x, y), and its distance.
-
-        The distance is the vector from the midpoint or difference to (x, y) in the element's frame.
-        """
+        """Return the first contributing node, and (x, y) minus this node in the element's frame."""
         i, j = (
             0.0 * x + float(start)
             # Copies of an element larger than the lattice all overlap, so every node contributes.
@@ -72,7 +67,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps from the first contributing node to each other node, and the vectors."""
+        """Return the steps and the vectors from the first to all contributing nodes."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -110,7 +105,7 @@ class _ArrayFrame:
 
     @property
     def slope(self) -> Pair2:
-        """Phase difference of adjacent weights minus that of the carrier wave, in cycles."""
+        """Phase difference of adjacent weights minus the carrier's phase difference, in cycles."""
         along_first, along_second = (
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
@@ -121,8 +116,7 @@ class _ArrayFrame:
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # The Wigner function of the element vanishes outside its hull, and its ambiguity function at
-    # lags beyond its size.
+    # W of the element vanishes outside its hull, and A at lags beyond its size.
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -175,7 +169,6 @@ def _tables(array: Array, double: bool) -> ArrayTables:
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
-    """Return the array factors of a profile, including the modulus of its constant factor."""
     size = abs(profile.factor)
     if profile.is_uniform and size == 1.0:
         return profile_factor(profile)
@@ -184,16 +177,11 @@ def _scaled(profile: Profile) -> ProfileFactor:
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
-    """Return the phases nu.b in cycles, modulo 1, for both basis vectors b of the lattice."""
     return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return the arguments of W relative to the first midpoint that contributes at x.
-
-    The arguments are the midpoint in half steps of the lattice, x relative to the midpoint, the
-    phases nu.b in cycles, and nu.
-    """
+    """Return (midpoint in half lattice steps, x - midpoint, phases nu.b in cycles, nu)."""
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)
     along = (t - cycles_per_site for t, cycles_per_site in zip(cycles, frame.cycles, strict=True))
@@ -203,11 +191,11 @@ def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y:
 def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
     first, second, x, y, *cycles, nu_x, nu_y = inner
     frame, element = tables.frame, tables.element
-    factor = factor_of(ops, tables.sites, True, (cycles[0] + cycles[0], cycles[1] + cycles[1]))
+    twice = cycles[0] + cycles[0], cycles[1] + cycles[1]
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
         offset = (x - dx, y - dy)
-        weight = factor((k, m), (first + k, second + m)).real
+        weight = pair_factor(ops, tables.sites, True, (first + k, second + m), twice).real
         return (weight * element_wigner(ops, element, *offset, nu_x, nu_y),)
 
     total: Values = ops.sum_large_terms(frame.means.rows(frame), term, element.clips)
@@ -217,17 +205,12 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return the arguments of A relative to the first difference that contributes at xi.
-
-    The arguments are the phase of the centre, the difference in steps of the lattice, xi relative
-    to the difference, the phases upsilon.b in cycles, and upsilon.
-    """
+    """Return (centre phase, difference in lattice steps, xi - difference, upsilon.b, upsilon)."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)
     inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
-    # The midpoints are multiples of half a basis vector b, so the phase upsilon.b is reduced modulo
-    # 2 cycles.
+    # Midpoints are multiples of half a basis vector b, so upsilon.b is reduced modulo 2 cycles.
     along = (2.0 * t for t in _site_cycles(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
     return (cycles, *nearest, *along, *inner)
 
@@ -235,12 +218,12 @@ def _enter_ambiguity(
 def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
     frame, element, slope = tables.frame, tables.element, tables.frame.slope
-    factor = factor_of(ops, tables.sites, False, (along[0], along[1]))
     lowest = [profile.count - 1.0 for profile in tables.sites]
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
         i, j = first + k, second + m
-        weight = factor((k, m), (i + lowest[0], j + lowest[1]))
+        numbers = i + lowest[0], j + lowest[1]
+        weight = pair_factor(ops, tables.sites, False, numbers, (along[0], along[1]))
         if any(slope):
             weight = weight * unit_wave(ops, i * slope[0] + j * slope[1])
         value = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)

@@ -1,14 +1,10 @@
 """Edges, weights and fields of a source, in normalised coordinates.
 
-Every kernel uses normalised coordinates, called the frame of the source. The frame is centred on
-the source and scaled so that the source fills a box of about unit size. Thresholds on frequency
-times diameter are then absolute, and float32 coordinates resolve the source. Long, narrow outlines
-are also rotated to their axes and stretched. Since the transforms are covariant under affine maps,
-an outline with an aspect ratio of 1e-6 is as accurate as a square.
-
-The matrix that converts frequencies to the frame consists of floats, and vertices are converted
-with its exact inverse. With a rounded inverse, the long axis of a narrow outline would be rotated
-slightly, and its ends would move by many ulps of its width.
+The normalised coordinates, called the frame of the source, are centred and scaled to about unit
+size. Long, narrow outlines are also rotated to their axes and stretched, so an aspect ratio of 1e-6
+is as accurate as a square. Vertices are converted with the exact inverse of the float matrix that
+converts frequencies. With a rounded inverse, the ends of a narrow outline would move by many ulps
+of its width.
 """
 
 from __future__ import annotations
@@ -36,9 +32,8 @@ from polywigner.kernels.wave_pairs import (
 from polywigner.numerics import Floats, phases
 from polywigner.source.normal_form import Source
 
-# Largest aspect ratio of an outline whose frame is parallel to the user's axes. Longer outlines are
-# rotated to their principal axes and stretched. At smaller aspect ratios, rounding errors of the
-# frame are smaller than rounding errors of the kernels.
+# Aspect ratio from which frames are rotated and stretched. At smaller aspect ratios, rounding
+# errors of the frame are smaller than rounding errors of the kernels.
 NEEDLE_ASPECT = 8.0
 
 Matrix = tuple[tuple[Any, ...], ...]
@@ -61,8 +56,7 @@ class Frame:
     measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
-    """Frequency of the carrier wave, in the user's units. The stored fields are relative to this
-    wave."""
+    """Frequency of the carrier, in the user's units. Stored fields are relative to the carrier."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """Return the coordinates of a point of the aperture plane in the frame."""
@@ -70,7 +64,7 @@ class Frame:
         if self.is_diagonal:
             return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
         # For a long, narrow outline the products cancel almost completely, so the rounding errors
-        # of the differences dx and dy matter.
+        # of dx and dy matter.
         (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
         fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)
@@ -82,11 +76,10 @@ class Frame:
         return _diagonal(self.matrix)
 
     def grid_step(self, double: bool) -> float:
-        """Return the grid spacing to which vertices and offsets are rounded, a power of two.
+        """Return the grid spacing of vertices and offsets, a power of two.
 
-        An offset at which two copies of the source overlap is at most twice the largest coordinate
-        of the source. An offset minus two vertices is therefore at most four times the largest
-        coordinate, and is exact in float64 or float32 on this grid.
+        An offset minus two vertices is at most four times the largest coordinate of the source, and
+        is exact in float64 or float32 on this grid.
         """
         return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
@@ -103,10 +96,7 @@ class Frame:
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """Indices of the user's axes that are parallel to the axes of the frame.
-
-        None if the frame is rotated.
-        """
+        """Indices of the user's axes that are parallel to the frame's axes; None if rotated."""
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes
@@ -147,10 +137,7 @@ def enter_position_and_frequency(
 
 
 def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """Return the product of a matrix and a frequency.
-
-    Each component is accurate to about an ulp, even for narrow outlines.
-    """
+    """Return the product of a matrix and a frequency, accurate to about an ulp."""
     if _diagonal(matrix):
         return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
@@ -176,7 +163,6 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
-    """Return the matrix of cofactors of a 2 x 2 or 3 x 3 matrix."""
     n = len(matrix)
 
     def cofactor(i: int, j: int) -> int:
@@ -244,15 +230,15 @@ def power_of_two(size: float) -> float:
     return math.ldexp(1.0, math.frexp(size)[1])
 
 
-# Cost of each plane wave after the first, relative to the cost of cutting an edge by another edge.
+# Cost of each plane wave after the first, in edge pairs.
 _EDGES_PER_WAVE = 24
-# Largest number of edges whose coordinates are constants in compiled code. Such code is two to four
-# times as fast as code that reads the coordinates from memory, but takes 1 ms to compile for each
-# pair of edges and each wave (benchmarks/wigner_cost.py).
+# Largest number of edges that are constants in compiled code. Such code is two to four times as
+# fast as code that reads edges from memory, but takes 1 ms to compile for each edge pair and wave
+# (benchmarks/wigner_cost.py).
 _MOST_EDGES_AS_CODE = 16
 
 
-# Tables are compared by identity, because a comparison of all edges would be slow.
+# A comparison of all edges would be slow, so tables are compared by identity.
 @dataclass(frozen=True, eq=False)
 class Tables:
     """Edges, weights and fields of a coherent source, in the frame of the source."""
@@ -264,7 +250,6 @@ class Tables:
     """Indices of the start vertex, the end vertex, the element and the group of each edge. Shape
     (n, 4)."""
     apertures: tuple[Aperture, ...]
-    """Outline of each element in the plane of the source."""
     weights: tuple[Any, ...]
     """Complex weight of each element, relative to the field of its group."""
     factors: tuple[complex, ...]
@@ -273,12 +258,11 @@ class Tables:
     """Plane waves of each group. A group contains the elements with the same field."""
     double: bool
     coherence: Any = None
-    """Matrix that converts lags in the frame to units of the coherence width. None if the light is
-    coherent."""
+    """Matrix that converts lags in the frame to coherence widths, or None for coherent light."""
     pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """Cached lists of pairs of edges that can cross."""
+    """Cached edge pairs that can cross."""
     lists: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """Cached lists of pairs of edges in the form for NumPy, one entry for W and one for A."""
+    """Cached edge pairs for NumPy, one entry for W and one for A."""
 
     @cached_property
     def uniform(self) -> bool:
@@ -292,11 +276,7 @@ class Tables:
 
     @cached_property
     def clips(self) -> int:
-        """Cost of one slice, in pairs of edges.
-
-        Each plane wave after the first counts as 24 edges, because it is integrated over each part
-        of an edge.
-        """
+        """Cost of one slice, in edge pairs."""
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 
     @cached_property
@@ -332,10 +312,7 @@ class Tables:
         )
 
     def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
-        """Return the product of one weight and the complex conjugate of another weight.
-
-        The result is a tuple of the real and the imaginary part.
-        """
+        """Return the complex product of one weight and the conjugate of another weight."""
         if self.uniform:
             return level, 0.0
         if not self.phased:
@@ -344,10 +321,7 @@ class Tables:
 
 
 def build_tables(source: Source, *, double: bool) -> Tables:
-    """Return the edges, weights and fields of a coherent source.
-
-    ``double`` is true for kernels in float64, and false for kernels in float32.
-    """
+    """Return the edges, weights and fields of a coherent source, for float64 or float32 kernels."""
     elements, groups = source.in_plane.elements, source.in_plane.groups
     frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
     first = [elements[group.members[0]].illumination for group in groups]

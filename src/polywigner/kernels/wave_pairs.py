@@ -1,10 +1,9 @@
 """Plane waves on a source, and the contributions of pairs of waves to W and A.
 
-The field on a source is a sum of plane waves, ``sum_m c_m exp(2 pi i kappa_m.x)``, with amplitudes
-c_m and spatial frequencies kappa_m (docs/theory.md, (I2), (I3)). The Wigner function W and the
-ambiguity function A of the source are sums over pairs of waves. Each term is W or A of the uniform
-source at a shifted frequency, times a factor that depends only on position or lag. Pairs with the
-same frequency shift form one `WavePair`.
+The field on a source is ``sum_m c_m exp(2 pi i kappa_m.x)``. W and A are sums over pairs of waves,
+(I2) and (I3) of docs/theory.md. Each term is W or A of the uniform source at a shifted frequency,
+times a factor that depends only on position or lag. Pairs with the same frequency shift form one
+`WavePair`.
 """
 
 from __future__ import annotations
@@ -19,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.numerics import cluster_indices
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest relative difference of frequencies that are treated as equal. Equal frequencies may differ
-# by rounding errors if they are sums in a different order.
+# Relative difference below which frequencies are treated as equal, because sums in a different
+# order differ by rounding errors.
 _EQUAL = 1e-14
 
 Vector = tuple[Any, ...]
@@ -30,10 +30,7 @@ Vector = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Wave:
-    """A plane wave in the frame of a source.
-
-    The phase is relative to the centre of the frame, and the frequency to the carrier wave.
-    """
+    """A plane wave in the frame of a source, relative to the carrier."""
 
     amplitude: complex
     frequency: Vector
@@ -44,17 +41,14 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """Return the carrier frequency of a source, which is the centre of all its wave frequencies."""
+    """Return the carrier frequency of a source, the centre of all its wave frequencies."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
 
 
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
-    """Return the plane waves of an illumination in a frame, relative to the carrier wave.
-
-    The illumination None is uniform.
-    """
+    """Return the plane waves of an illumination in a frame. None is a uniform illumination."""
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]
     else:
@@ -71,7 +65,7 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
 
 
 def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the real and the imaginary part of the field at a point, without the carrier wave."""
+    """Return the real and imaginary part of the field at a point, without the carrier."""
     return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
 
 
@@ -87,15 +81,12 @@ class WavePair:
     """Whether the terms include their complex conjugates, so that the sum is real."""
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
-        """Return the real and the imaginary part of the amplitude at a position or lag."""
+        """Return the real and imaginary part of the amplitude at a position or lag."""
         real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """Return the derivative of the amplitude with respect to each coordinate.
-
-        Each derivative is a tuple of its real and its imaginary part.
-        """
+        """Return the complex derivative of the amplitude with respect to each coordinate."""
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
@@ -120,7 +111,7 @@ class WavePair:
 
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
-    """Return all pairs of waves as rows of numbers, which `pair_of_row` converts to pairs."""
+    """Return all pairs of waves as rows of numbers for `pair_of_row`."""
     return [
         (complex(amplitude).real, complex(amplitude).imag, *wave_pair.shift, *rate)
         for wave_pair in wave_pairs
@@ -129,12 +120,12 @@ def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
 
 
 def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
-    """Return the pair of waves that a row of `rows_of` contains."""
+    """Return the pair of waves in a row of `rows_of`."""
     return WavePair(vectors[:2], ((Pair(real, imag), vectors[2:]),), is_real)
 
 
 def _is_zero(number: Any) -> bool:
-    # The values of arrays are not available while the function is traced.
+    # The values of arrays are not available while a function is traced.
     return isinstance(number, float) and number == 0.0
 
 
@@ -144,10 +135,6 @@ def _summed(
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
-    """Return the real and the imaginary part of a sum of plane waves at a point.
-
-    A wave has the amplitude a and the frequency f, and its phase is f.point in cycles.
-    """
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
@@ -166,9 +153,8 @@ def _summed(
 def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ...]:
     """Return the pairs of waves that contribute to the Wigner function W.
 
-    Pairs with the same mean frequency are combined. ``is_same`` is true if both fields belong to
-    the same elements. The pairs (m, n) and (n, m) are then complex conjugates, and their sum is
-    stored as a single pair.
+    ``is_same`` specifies that both fields belong to the same elements. The pairs (m, n) and (n, m)
+    are then complex conjugates and form a single pair.
     """
     pairs = [
         (mean, (2.0 if is_same and m < n else 1.0) * amplitude, difference)
@@ -186,11 +172,7 @@ def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
 
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
-    """Yield all pairs of a wave of the first field and a wave of the second field.
-
-    A pair consists of the indices of the two waves, the product of the first amplitude and the
-    conjugate of the second amplitude, the mean of the two frequencies, and their difference.
-    """
+    """Yield both indices, the product of amplitudes, the mean and the difference of frequencies."""
     for (m, wave), (n, second_wave) in product(enumerate(first), enumerate(second)):
         components = list(zip(wave.frequency, second_wave.frequency, strict=True))
         mean = tuple(0.5 * (a + b) for a, b in components)
@@ -201,15 +183,13 @@ def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, 
 def _collected(
     pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool
 ) -> tuple[WavePair, ...]:
-    largest = max((abs(f) for shift, _, _ in pairs for f in shift), default=0.0)
-    tolerance = _EQUAL * max(1.0, largest)
-    collected: list[tuple[Vector, dict[Vector, complex]]] = []
-    for shift, amplitude, rate in pairs:
-        terms = next((t for s, t in collected if math.dist(s, shift) <= tolerance), None)
-        if terms is None:
-            terms = {}
-            collected.append((shift, terms))
+    shifts = np.array([shift for shift, _, _ in pairs])
+    numbers = cluster_indices(shifts, _EQUAL * max(1.0, float(np.abs(shifts).max())))
+    collected: dict[int, tuple[Vector, dict[Vector, complex]]] = {}
+    for number, (shift, amplitude, rate) in zip(numbers.tolist(), pairs, strict=True):
+        _, terms = collected.setdefault(number, (shift, {}))
         terms[rate] = terms.get(rate, 0.0) + amplitude
     return tuple(
-        WavePair(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in collected
+        WavePair(shift, tuple((a, r) for r, a in terms.items()), is_real)
+        for shift, terms in collected.values()
     )

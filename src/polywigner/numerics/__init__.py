@@ -24,6 +24,19 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
 
+def cluster_indices(values: Floats, tolerance: float) -> Indices:
+    """Return a cluster index for each row of a table, in ascending order of the rows.
+
+    Rows belong to the same cluster if the entries of each column are connected by steps of at most
+    ``tolerance``.
+    """
+    labels = np.empty(values.shape, np.intp)
+    for column, label in zip(values.T, labels.T, strict=True):
+        order = np.argsort(column)
+        label[order] = np.cumsum(np.diff(column[order], prepend=column[order[:1]]) > tolerance)
+    return np.unique(labels, axis=0, return_inverse=True)[1].ravel()
+
+
 class Mask(Protocol):
     """A truth value, or an array of truth values from NumPy or Dr.Jit."""
 
@@ -32,10 +45,7 @@ class Mask(Protocol):
 
 
 class Number(Protocol):
-    """A float, or an array of floats from NumPy or Dr.Jit.
-
-    Functions return the kind of number that they receive.
-    """
+    """A float, or an array of floats from NumPy or Dr.Jit."""
 
     def __add__(self, other: Any, /) -> Number: ...
     def __radd__(self, other: Any, /) -> Number: ...

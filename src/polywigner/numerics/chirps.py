@@ -1,18 +1,15 @@
-"""Integrals of chirps over intervals and polygons.
+"""Integrals of chirps exp(i pi (c t^2 - 2 f t)), with the curvature c, over intervals and polygons.
 
-A chirp is a wave with a quadratic phase, exp(i pi (c t^2 - 2 f t)), where c is its curvature and f
-its frequency. Its integrals along a line are Fresnel integrals, which are computed without
-cancellation. The transform of a curved wave over a polygon is int exp(i pi x.Qx - 2 pi i nu.x) dx,
-where Q is the curvature matrix and nu the frequency. It equals an integral along the edges of the
-polygon. In the principal axes of Q, with the curvatures q1 and q2, Green's theorem gives
+Integrals along a line are differences of Fresnel integrals. The transform of a curved wave over a
+polygon is int exp(i pi x.Qx - 2 pi i nu.x) dx with the curvature matrix Q. In the principal axes of
+Q, with the curvatures q1 and q2, Green's theorem gives
 
     int int exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x) dx dy
         = closed int G(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,
 
 where q1 is the larger curvature and G(x) is the integral of exp(i pi q1 t^2 - 2 pi i nu_x t) from 0
-to x, which is a difference of Fresnel integrals. The formula holds for spherical, cylindrical,
-saddle-shaped and flat waves. The integrand is an entire function, so Gauss rules converge as soon
-as they resolve its oscillations. Source: (Q5) of docs/curved.md, (O6).
+to x. The integrand is an entire function, so Gauss rules converge as soon as they resolve its
+oscillations. Source: (Q5) of docs/curved.md, (O6).
 """
 
 from __future__ import annotations
@@ -35,22 +32,19 @@ _A = math.sqrt((_TERMS + 0.5) * math.pi)
 _SQUARES = ((np.arange(_TERMS) + 0.5) * math.pi / _A) ** 2
 _WEIGHTS = np.exp(-_SQUARES)
 _TURN = cmath.exp(-0.25j * math.pi)
-# Largest exponent for which the step of the Fresnel integral is computed. For larger exponents, the
-# step is 0 or 1 to the last digit.
+# Largest exponent for which the step of the Fresnel integral differs from 0 and 1.
 _FARTHEST = 60.0
 
 
 def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the Fresnel integral from t to infinity, as two parts.
+    """Return the Fresnel integral T from t to infinity, as two parts.
 
-    The integral is T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds, and equals step + exp(i
-    t^2) rest. The function returns step - ``side`` and rest, each with a small relative error.
-    ``side`` is 1 if T is near 1, and 0 otherwise. Differences of T at positions far from its step
-    at t = 0 are therefore accurate as well.
+    T(t) = (1/sqrt pi) exp(-i pi/4) int_t^inf exp(i s^2) ds = step + exp(i t^2) remainder. The
+    results are step - ``side`` and the remainder, each with a small relative error. ``side`` is 1
+    if T is near 1, and 0 otherwise.
     """
     exponent = 2 * _A * _TURN * np.clip(t, -_FARTHEST, _FARTHEST)
-    # The step of the Fresnel integral is 1/(exp(z) + 1). If ``side`` is 1, the step minus 1 is
-    # computed as -1/(exp(-z) + 1), without cancellation.
+    # The step is 1/(exp(z) + 1). The step minus 1 is -1/(exp(-z) + 1), without cancellation.
     sign = 1.0 - 2.0 * side
     with np.errstate(over="ignore"):
         step = sign / (np.exp(sign * exponent) + 1.0)
@@ -64,11 +58,10 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# A Gauss rule with 8 nodes integrates a phase of up to _FEW_CYCLES cycles with rounding errors
-# only. For more cycles, differences of Fresnel integrals lose at most one digit.
+# A Gauss rule with 8 nodes integrates up to _FEW_CYCLES cycles of phase with rounding errors only.
+# For more cycles, differences of Fresnel integrals lose at most one digit.
 _RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
-# A curvature is treated as 0 if its phase over the longest interval is below this number of half
-# cycles.
+# Phase over the longest interval [half cycles] below which a curvature is treated as 0.
 _FLAT = 1e-20
 
 
@@ -100,11 +93,7 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
 
 def waves_of_cycles(cycles: Any) -> Complex:
     """Return the waves exp(2 pi i cycles)."""
-    angle = np.asarray(2 * math.pi * (cycles - np.rint(cycles)))
-    wave = np.empty(angle.shape, np.complex128)
-    np.cos(angle, out=wave.real)
-    np.sin(angle, out=wave.imag)
-    return wave
+    return np.exp(2j * math.pi * (cycles - np.rint(cycles)))
 
 
 def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
@@ -117,12 +106,7 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
 
 
 def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
-    """Return the integral of a chirp with c > 0 from 0 to b, as a difference of two tails.
-
-    :func:`fresnel_tail` returns the steps and the rests of both tails. The steps are equal, unless
-    the point of stationary phase f/c lies between 0 and b, or near 0 or b. The result is inaccurate
-    if the phase changes little from 0 to b.
-    """
+    """Return the integral for c > 0 from two tails, which is inaccurate for small phases."""
     root = np.sqrt(math.pi * c)
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
     first_step, first = fresnel_tail(begin, side)
@@ -133,20 +117,16 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Largest number of phase cycles along an edge. With more cycles, the quadrature nodes of a single
-# point would take gigabytes.
+# Largest phase along an edge [cycles]. More cycles would need gigabytes for a single point.
 _MOST_CYCLES = 1e5
-# Number of phase cycles on each piece of an edge. The largest Gauss rule integrates many more
-# cycles.
+# Phase on each piece of an edge [cycles], far below the limit of the largest Gauss rule.
 _CYCLES = 200.0
-# Only every fourth Gauss rule is used, so there are two rules for each factor of two in the number
-# of nodes.
+# Only every fourth Gauss rule is used, so each factor of two in the number of nodes has two rules.
 _STRIDE = 4
-# Largest number of quadrature nodes in a block, and largest number of pairs of a point and an edge
-# in a block. A block fits into the cache of a core.
+# Quadrature nodes per block, and (point, edge) pairs per block. A block fits into the cache of a
+# core.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Smallest number of quadrature nodes in a batch. A smaller batch is combined with the batch of the
-# next larger rule, because a separate call would take longer.
+# Quadrature nodes below which a batch is combined with the batch of the next larger rule.
 _FEW = 1 << 9
 
 
@@ -177,10 +157,6 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the transform of curved waves over an outline, as a sum of integrals along edges.
-
-    The number of quadrature nodes depends on the edge and the point.
-    """
     cycles = _cycles(begin, edge, q, nu)
     pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
@@ -205,15 +181,12 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
 
 
 def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return an upper bound of the phase cycles of the integrand along each edge.
-
-    The result has one row for each point and one column for each edge.
-    """
+    """Return an upper bound of the phase cycles of the integrand, shape (points, edges)."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    # An upper bound is infinite or NaN only at points whose result is NaN.
+    # Infinite and NaN bounds belong to points whose result is NaN.
     most = np.where(np.isfinite(most), most, 0.0)
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
@@ -225,14 +198,12 @@ def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
 
 
 def _rules_for(cycles: Floats) -> NDArray[np.intp]:
-    """Return the indices of the Gauss rules for chirps with up to 400 cycles."""
     needed = 0.5 * math.pi * cycles + 8.0 * np.cbrt(cycles) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield the index of each rule, and the pairs of a point and an edge that use the rule."""
     present = np.unique(rules).tolist()
     members = np.zeros(0, np.intp)
     for rule in present:
@@ -243,10 +214,6 @@ def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
 
 
 def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the integrand at the quadrature nodes on pieces of edges.
-
-    ``at`` contains the nodes on the interval from -1 to 1.
-    """
     x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
     (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))
     value = chirp_integral(x, q1, nu1)

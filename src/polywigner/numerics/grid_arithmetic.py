@@ -1,8 +1,7 @@
 """Exact arithmetic with vertices that are rounded to a grid.
 
-For numbers on the grid, sums and differences of an offset and two coordinates are exact in the
-float type of the kernel. Cross products of vectors are accurate to an ulp, and their signs are
-exact.
+Sums and differences of an offset and two coordinates on the grid are exact in the float type of the
+kernel. Cross products are accurate to an ulp, and their signs are exact.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 from polywigner.numerics import Floats
 
-# Constant 2^27 + 1 of Veltkamp's algorithm, which splits a number of 53 bits into two halves.
+# 2^27 + 1, which splits a 53-bit number into two halves (Veltkamp).
 _SPLIT = 134217729.0
 
 
@@ -30,8 +29,7 @@ def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]
     return points[distinct], distinct
 
 
-# Largest number of pairs of a side and a vertex in a block. Temporary arrays then fit into the
-# cache of a core.
+# (side, vertex) pairs per block. Temporary arrays fit into the cache of a core.
 _BLOCK = 1 << 16
 
 
@@ -56,29 +54,24 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 
 
 def _is_convex(polygon: Floats) -> bool:
-    """Return whether a ring is convex and winds once around its interior.
-
-    Vertices on straight sides are allowed.
-    """
+    """Return whether a ring, possibly with vertices on straight sides, is convex and winds once."""
     before = polygon - np.roll(polygon, 1, axis=0)
     following = np.roll(polygon, -1, axis=0) - polygon
     crosses = accurate_cross(*before.T, *following.T)
     ahead = (before * following).sum(axis=1)
     if (crosses < 0).any() or ((crosses == 0) & (ahead <= 0)).any():
         return False
-    # The exterior angles of a convex ring that winds once add up to 2 pi. If the ring winds several
-    # times, they add up to 4 pi or more.
+    # The exterior angles of a ring that winds n times add up to 2 pi n.
     return bool(np.arctan2(crosses, ahead).sum() < 3 * np.pi)
 
 
 def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
     """Return a piece with additional vertices at all ``vertices`` that lie exactly on its sides.
 
-    Sides of adjacent pieces then have common end points, and still have common end points after the
-    vertices are rounded.
+    Adjacent pieces then have common end points even after rounding.
     """
     ends = np.roll(piece, -1, axis=0)
-    # Vertices within a wide tolerance are selected first. The exact test is slower.
+    # The exact test is slow, so vertices within a wide tolerance are selected first.
     size = 1e-12 * float(np.abs(vertices).max())
     step, candidates = max(1, _BLOCK // len(vertices)), []
     for start in range(0, len(piece), step):
@@ -109,9 +102,9 @@ def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
 def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:
     """Return convex pieces with vertices on a grid, and weights of 1 or -1.
 
-    The weighted sum of the returned pieces equals the union of ``pieces``. Rounding may make a
-    piece non-convex, or reverse the orientation of a narrow piece. Such a piece is divided into
-    triangles, whose contributions along common sides cancel exactly.
+    Their weighted sum equals the union of ``pieces``. Rounding may make a piece non-convex, or
+    reverse the orientation of a narrow piece. Such a piece is divided into triangles, whose
+    contributions along common sides cancel exactly.
     """
     result: list[tuple[Floats, float]] = []
     for piece in pieces:

@@ -1,7 +1,6 @@
 """Automatic differentiation in forward mode, for formulas of kernels.
 
-A jet is a number together with its derivatives. If the values of jets are jets, the outer jets have
-second derivatives.
+A jet is a number with its derivatives. Jets of jets have second derivatives.
 """
 
 from __future__ import annotations
@@ -13,8 +12,7 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_cycles
 
-# Smallest divisor in derivatives. The derivatives of roots and angles are inaccurate if their
-# arguments are closer to 0.
+# Smallest divisor in derivatives. Derivatives of roots and angles are inaccurate closer to 0.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]

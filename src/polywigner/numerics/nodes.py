@@ -1,25 +1,18 @@
-"""Gauss-Legendre rules on intervals, triangles and trapezoids, with error estimates.
+"""Gauss rules on intervals, triangles and trapezoids, with error estimates.
 
-An integrand on [-1, 1] is assumed to be analytic and bounded by M inside the ellipse with foci -1
-and 1 and half-axes cosh u and sinh u. Its Legendre coefficients c_n are then about M exp(-n u), and
-the error of a rule with n nodes is about M exp(-2 n u). If the integrand is a wave whose phase
-changes by w radians over half of the interval, M is exp(w sinh u). The number of nodes is chosen
-from these formulas before the integration. After the integration, the error is estimated as c_n^2/M
-from the values at the nodes. Coefficients that are larger than expected indicate a larger error.
-Source: (B5).
-
-Triangles and trapezoids are represented as cells. A cell is the image of the unit square under a
-bilinear map of the coordinates (u, v). For a triangle, the side u = 0 of the square is mapped to a
-single corner. The product of two Gauss rules integrates polynomials over a cell exactly, and
-converges spectrally for smooth integrands.
+An integrand on [-1, 1] that is bounded by M inside the ellipse with foci -1 and 1 and half-axes
+cosh u and sinh u has Legendre coefficients c_n of about M exp(-n u). The error of n nodes is about
+M exp(-2 n u). For a wave whose phase changes by w radians over half of the interval, M is exp(w
+sinh u). These formulas define the number of nodes. The error is then estimated as c_n^2/M from the
+values at the nodes, (B5). Triangles and trapezoids are bilinear images of the unit square, called
+cells, with products of two Gauss rules.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
-from itertools import count
+from collections.abc import Iterator, Sequence
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -30,33 +23,28 @@ from numpy.typing import NDArray
 from polywigner.numerics import Floats, Indices, Number
 
 Rules = tuple[npt.NDArray[np.float64], ...]
-"""Quadrature rules as tables of shape (n, 4). A row contains a node, its weight, and its weights in
-the last two Legendre coefficients."""
+"""Quadrature rules as tables with the columns node, weight, and weights in the last two Legendre
+coefficients."""
 
-# Number of rules for each factor of two in the number of nodes, and numbers of nodes of the
-# smallest and the largest rule. On average the selected rule has a sixteenth more nodes than
-# necessary.
+# Rules per factor of two in the number of nodes, and numbers of nodes of the smallest and largest
+# rule. The selected rule has on average a sixteenth more nodes than necessary.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# Parameters u of the ellipses for which the error bound is evaluated. The smallest ellipse passes
-# through the imaginary unit i. If a singularity lies inside this ellipse, the error bound with
-# _CHORD and _GROWTH is used.
+# Parameters u of the ellipses of the error bound. The smallest ellipse passes through i. If a
+# singularity lies inside this ellipse, the bound uses _CHORD and _GROWTH.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
-# Constants of the inequalities u >= 0.88 sinh u and sinh u <= 1.135 u, which hold for sinh u up to
-# 1.
+# u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1.
 _CHORD, _GROWTH = 0.88, 1.135
-# Safety factor of the error estimate. With this factor, the estimate exceeded the actual error on
-# all of 270,000 panels, at distances from 1e-4 to 100 wavelengths, for travelling, grazing and
-# evanescent waves, and for tolerances from 0.1 to 1e-9. Without the factor, a few of 10,000 errors
-# were larger than estimated.
+# Safety factor of the error estimate. With this factor, the estimate exceeded the error on all of
+# 270,000 panels, at distances from 1e-4 to 100 wavelengths and tolerances from 0.1 to 1e-9. Without
+# the factor, a few of 10,000 errors were larger than estimated.
 _SAFETY = 8.0
-# If the squares of the last Legendre coefficients exceed their expected size by this factor, the
-# error estimate does not use the expected bound M of the integrand.
+# Ratio of the last Legendre coefficients (squared) to their expected size above which the bound M
+# is not used.
 _SURPRISE = 1e3
-# Number of values that :func:`node_sums` returns.
 SUMS = 7
 
 
@@ -69,8 +57,7 @@ def gauss_rules() -> Rules:
 def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
     """Return the Gauss-Legendre rule with n nodes, as one table of `Rules`.
 
-    The nodes are computed by Newton's method, starting from Tricomi's approximation, whose error is
-    proportional to 1/n^4.
+    Newton's method starts from Tricomi's approximation, whose error is proportional to 1/n^4.
     """
     angle = math.pi * (np.arange(n, 0, -1) - 0.25) / (n + 0.5)
     x = (1 - (1 - 1 / n) / (8 * n * n)) * np.cos(angle)
@@ -86,7 +73,6 @@ def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
 
 
 def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
-    """Return the Legendre polynomials P_n(x) and P_{n-1}(x)."""
     before, last = np.ones_like(x), x
     for k in range(2, n + 1):
         before, last = last, ((2 * k - 1) * x * last - (k - 1) * before) / k
@@ -110,8 +96,7 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
     needed : array
         Number of nodes, not rounded.
     expected : tuple of array
-        Digits, log(M) on the ellipse from which the number follows, and log(c_n), for
-        :func:`missed`.
+        Digits, log(M), and log(c_n), for :func:`missed`.
     """
     inside = ops.minimum(clear, 1.0)
     needed = digits / (2 * _CHORD * inside) + 0.5 * _GROWTH * wave
@@ -132,10 +117,9 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 def rule_of(ops: Any, needed: Any) -> Number:
     """Return the index of the smallest rule with at least ``needed`` nodes.
 
-    If no rule has as many nodes, the index of the largest rule is returned.
+    If no rule is large enough, the index of the largest rule is returned.
     """
-    # The offset 0.4999 is slightly below 0.5, so that the exact size of a rule is not rounded up to
-    # the next rule.
+    # The offset is slightly below 0.5, so that the exact size of a rule is not rounded up.
     steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
     return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
@@ -167,8 +151,7 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: A
     ratio = ((a * a + b * b) + (c * c + d * d)) / (mean * mean + floor)
     as_expected = ratio < _SURPRISE * ops.exp(2.0 * last)
     estimate = ops.select(as_expected, ratio * ops.exp(-growth), ratio)
-    # The estimate is at least the allowed error, because Legendre coefficients may be small by
-    # chance.
+    # Legendre coefficients may be small by chance, so the estimate is at least the allowed error.
     least = ops.minimum(ops.sqrt(ratio), ops.exp(-digits))
     fraction = ops.minimum(_SAFETY * ops.maximum(estimate, least), 2.0)
     return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
@@ -185,9 +168,12 @@ def normal_rule(reach: float, error: float) -> Rule:
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
     nodes: Any
     weights: Any
-    by_gauss = _fewest(lambda n: _hermite_remainder(n, reach), error, below=2 * half + 1)
-    if by_gauss is not None:
-        nodes, weights = np.polynomial.hermite_e.hermegauss(by_gauss)
+    # The Gauss-Hermite rule with n nodes has the error reach^(2n) n!/(2n)!.
+    with np.errstate(over="ignore"):
+        errors = np.cumprod(reach**2 / (4 * np.arange(1, 2 * half + 1) - 2))
+    sufficient = np.flatnonzero(errors <= error)
+    if len(sufficient):
+        nodes, weights = np.polynomial.hermite_e.hermegauss(int(sufficient[0]) + 1)
     else:
         nodes = np.arange(-half, half + 1) * (2 * math.pi / (reach + tail))
         weights = np.exp(-(nodes**2) / 2)
@@ -198,15 +184,12 @@ def normal_rule(reach: float, error: float) -> Rule:
 def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
     """Return the nodes and weights of a rule for the mean over independent normal variables.
 
-    For each variable, ``reaches`` contains the argument ``reach`` of :func:`normal_rule`. The nodes
-    with the smallest weights are omitted. The sum of their weights is at most a tenth of ``error``.
+    ``reaches`` contains the argument of :func:`normal_rule` for each variable. The nodes with the
+    smallest weights are omitted; the sum of their weights is at most a tenth of ``error``.
     """
     rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
-    weights = np.ones(1)
-    for _, axis_weights in rules:
-        weights = np.multiply.outer(weights, axis_weights)
-    flat = weights.ravel()
+    flat = reduce(np.multiply.outer, (weights for _, weights in rules)).ravel()
     order = np.argsort(flat)
     remaining = np.sort(order[np.cumsum(flat[order]) > error / 10])
     return _frozen(nodes.reshape(-1, len(reaches))[remaining], flat[remaining])
@@ -219,51 +202,21 @@ def flat_rule(reach: float, error: float) -> Rule:
     The rule has two more nodes than the error bound requires, because the integrand also contains
     powers of the frequency.
     """
-    least = _fewest(lambda n: _legendre_remainder(n, reach), error)
-    assert least is not None
-    return _frozen(*np.polynomial.legendre.leggauss(least + 2))
+    count = int(counts_for(np.array(reach / math.pi), error)) + 2
+    return _frozen(*np.polynomial.legendre.leggauss(count))
 
 
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     """Return the numbers of Gauss-Legendre nodes for waves with a linear or quadratic phase.
 
     The derivative of the phase on [-1, 1] is at most ``radians``. The error of n nodes is about the
-    sum of the terms of order 2n and higher in the Chebyshev series of the wave. For the wave exp(i
-    w x) these terms are Bessel functions J_k(w). For exp(i w x^2/2) the term of order 2k is
-    J_k(w/4). The number of nodes follows from Debye's approximation, in which J_k(k/cosh a) is
-    exp(-k (a - tanh a)).
+    sum of the Chebyshev coefficients of order 2n and higher: J_k(w) for exp(i w x), and J_k(w/4) of
+    order 2k for exp(i w x^2/2). Debye's approximation is J_k(k/cosh a) = exp(-k (a - tanh a)).
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))
     linear, bent = np.interp([radians, np.divide(radians, 4)], degrees / np.cosh(a), degrees)
     return np.ceil(np.maximum(linear / 2, bent)).astype(np.intp) + 1
-
-
-def _fewest(
-    remainder: Callable[[int], float], error: float, below: int | None = None
-) -> int | None:
-    """Return the smallest number of nodes with an error of at most ``error``.
-
-    ``remainder(n)`` is the logarithm of the error of n nodes.
-    """
-    allowed = math.log(error)
-    for n in count(1) if below is None else range(1, below):
-        if remainder(n) <= allowed:
-            return n
-    return None
-
-
-def _hermite_remainder(n: int, reach: float) -> float:
-    return 2 * n * _log(reach) + math.lgamma(n + 1) - math.lgamma(2 * n + 1)
-
-
-def _legendre_remainder(n: int, reach: float) -> float:
-    factorials = 4 * math.lgamma(n + 1) - 3 * math.lgamma(2 * n + 1)
-    return 2 * n * _log(2 * reach) + factorials - math.log(2 * n + 1)
-
-
-def _log(value: float) -> float:
-    return math.log(value) if value > 0 else -math.inf
 
 
 def _frozen(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> Rule:
@@ -283,15 +236,13 @@ def unit_rule(count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float
 Triangles = NDArray[np.float64]
 """Corners of n triangles, shape (n, 3, 2)."""
 Cells = NDArray[np.float64]
-"""Corners of n cells, shape (n, 4, 2). The corners have the coordinates (u, v) = (0, 0), (1, 0),
-(0, 1) and (1, 1)."""
+"""Corners of n cells, shape (n, 4, 2), at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1)."""
 
-# Number of quadrature nodes along a side for each phase cycle of the field. The Wigner function
-# oscillates at twice the frequency of the field, and Gauss rules converge with more than pi/2 nodes
-# per cycle of the integrand.
+# Quadrature nodes along a side per phase cycle of the field. W oscillates at twice the frequency of
+# the field, and Gauss rules converge with more than pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Largest number of quadrature nodes along a side. If more nodes are needed, :func:`counts_for`
-# returns a larger number.
+# Largest number of quadrature nodes along a side. :func:`counts_for` returns more if it is
+# exceeded.
 LARGEST = 4096
 
 
@@ -331,10 +282,7 @@ def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats,
 
 
 def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
-    """Return the nodes and weights of all cells, and the index of the cell of each node.
-
-    For ``counts`` see :func:`cell_rules`.
-    """
+    """Return the nodes and weights of :func:`cell_rules`, and the cell index of each node."""
     rules = [
         (nodes.reshape(-1, 2), weights.ravel(), np.repeat(members, weights[0].size))
         for members, nodes, weights in cell_rules(cells, counts)
@@ -369,8 +317,7 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats,
     """Return the nodes and weights of a Gauss rule on triangles.
 
     The integrand has up to ``rate`` phase cycles per metre. Along a side of length s the rule has
-    ``extra + 3.5 s rate`` nodes, at least 1. In each triangle, the lines of nodes meet at the
-    corner opposite to the shortest side.
+    ``extra + 3.5 s rate`` nodes, at least 1.
     """
     nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
     return nodes, weights
@@ -396,7 +343,6 @@ def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
 
 
 def _extents(triangles: Triangles) -> Floats:
-    """Return the lengths of the longest and the shortest side of each triangle."""
     sides = _side_lengths(triangles)
     return np.column_stack([sides.max(axis=1), sides.min(axis=1)])
 
@@ -406,10 +352,7 @@ def _counts(extents: Floats, rate: float, extra: float) -> Floats:
 
 
 def quartered(triangles: Triangles) -> Triangles:
-    """Return four triangles for each triangle, divided at the midpoints of its sides.
-
-    The four triangles are adjacent in the result.
-    """
+    """Return four adjacent triangles for each triangle, divided at the midpoints of its sides."""
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

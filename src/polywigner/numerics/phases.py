@@ -1,17 +1,12 @@
 """Phases of waves in cycles, complex numbers as pairs of real arrays, and means of plane waves.
 
-The phase nu.p of a plane wave with the frequency nu at the position p is computed from error-free
-products, and its sine and cosine from polynomials, so large phases keep all their digits. Numbers
-may be ``Doubled``, which is the unrounded sum of two floats.
+The phase nu.p is computed from error-free products, so large phases keep all their digits. Numbers
+may be ``Doubled``, the unrounded sum of two floats.
 
-The mean of a plane wave over a segment, triangle or tetrahedron follows from its phases p_0, ...,
-p_n at the corners, in cycles. It is n! times the divided difference of the exponential function at
-the arguments -2 pi i p_k (Hermite and Genocchi). The divided difference of first order is a sinc
-times a wave. A divided difference of higher order is the quotient of two differences of the order
-below, at the two corners whose phases are farthest apart. If all phases are close together, the
-divided difference is computed from its Taylor series, which contains the complete homogeneous
-symmetric polynomials of the phases. No formula divides by a small number, so narrow triangles and
-zero frequency need no special treatment.
+The mean of a plane wave over a segment, triangle or tetrahedron with the phases p_k at its n + 1
+corners is n! times the divided difference of the exponential function at -2 pi i p_k (Hermite and
+Genocchi). The recursion divides by the largest phase difference, or uses the Taylor series if all
+phases are close together, so narrow triangles and zero frequency need no special treatment.
 """
 
 from __future__ import annotations
@@ -55,7 +50,6 @@ def _sine_over_reduced(ops: Any, r: Any) -> Number:
 
 
 def _sine_of_reduced(ops: Any, r: Any) -> Number:
-    """Return sin(2 pi r) for |r| up to 1/2."""
     if ops.target == "numpy":
         return np.sin(2 * math.pi * r)
     return _sine_over_reduced(ops, r) * r
@@ -68,8 +62,8 @@ def sin_cycles(ops: Any, cycles: Any) -> Number:
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    # Operations on jets have a method for both functions, because the derivative of the sine is the
-    # cosine and vice versa.
+    # Operations on jets compute both functions together, because each is the derivative of the
+    # other.
     if hasattr(ops, "cos_sin_cycles"):
         cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
@@ -88,15 +82,11 @@ def cos_sin_over_cycles(ops: Any, cycles: Any) -> tuple[Any, Any, Any]:
 
 
 def sinc(ops: Any, cycles: Any) -> Any:
-    """Return sinc(c) = sin(pi c)/(pi c) for c = ``cycles``.
-
-    Its modulus is the modulus of the mean of a plane wave over c cycles.
-    """
+    """Return sinc(c) = sin(pi c)/(pi c) for c = ``cycles``."""
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # The formula does not divide by a small number of cycles, because the derivative of such a
-    # quotient would have an error of an ulp divided by the number of cycles.
+    # A division by a small c would give a derivative with an error of an ulp/c.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
@@ -105,17 +95,15 @@ def sinc(ops: Any, cycles: Any) -> Any:
 def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
     """Return sinc(cycles) - 1 from its power series, which is accurate for small arguments."""
     square = (math.pi * cycles) * (math.pi * cycles)
-    series: Any = 0.0
-    for k in range(terms, 0, -1):
-        series = ops.fma(series, square, (-1.0) ** k / math.factorial(2 * k + 1))
-    return series * square
+    coefficients = [(-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, terms + 1)]
+    return polynomial(ops, coefficients, square) * square
 
 
 def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
-    """Return the mean of the plane wave exp(-2 pi i p) over phases p from ``start`` to ``end``.
+    """Return the mean of exp(-2 pi i p) over phases p from ``start`` to ``end`` in cycles.
 
-    The phases are in cycles. The results are two real numbers, ``cosine`` and ``sine``. The mean is
-    cosine - i sine, which equals exp(-pi i (start + end)) sinc(end - start).
+    The results are two real numbers, and the mean is cosine - i sine = exp(-pi i (start + end))
+    sinc(end - start).
     """
     scale = sinc(ops, end - start)
     cosine, sine = cos_sin_cycles(ops, 0.5 * (start + end))
@@ -124,8 +112,7 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# Constant that splits a float64 into a number of 24 bits, which float32 represents exactly, and a
-# remainder.
+# Splits a float64 into a number of 24 bits, which float32 represents exactly, and a remainder.
 _SPLIT = 2.0**29 + 1
 
 
@@ -184,10 +171,7 @@ def difference(a: Any, b: Any) -> Doubled:
 
 
 def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
-    """Return the difference a d - b c of two products.
-
-    The error is about the square of an ulp of the products.
-    """
+    """Return a d - b c with an error of about the square of an ulp of the products."""
     lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
@@ -214,14 +198,14 @@ def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
 
 
 def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
-    """Return a phase minus the phase of the carrier wave at the lag ``xi``, in cycles modulo 1."""
+    """Return a phase minus the carrier phase at the lag ``xi``, in cycles modulo 1."""
     if not any(frame.carrier):
         return cycles
     return cycles - cycles_to_centre(ops, frame.carrier, *xi)
 
 
 def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return the real and the imaginary part of (cosine - i sine) exp(-2 pi i cycles)."""
+    """Return the real and imaginary part of (cosine - i sine) exp(-2 pi i cycles)."""
     c, s = cos_sin_cycles(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)
 
@@ -272,38 +256,26 @@ def unit_wave(ops: Any, cycles: Any) -> Pair:
     return Pair(*cos_sin_cycles(ops, cycles))
 
 
-def decaying_sinh(ops: Any, a: Any, decay: Any) -> Number:
-    """Return sinh(a) exp(-a) for a >= 0, where ``decay`` is exp(-a).
-
-    For small a the formula (1 - exp(-2a))/2 would lose digits by cancellation, so the power series
-    of sinh is used. Its first omitted term is 0.5^14/15! = 5e-17 of sinh.
-    """
-    small = a < 0.5
-    clamped = ops.select(small, a, 0.0)
-    square = clamped * clamped
-    series: Any = 1 / math.factorial(13)
-    for order in (11, 9, 7, 5, 3, 1):
-        series = ops.fma(series, square, 1 / math.factorial(order))
-    return ops.select(small, series * clamped * decay, 0.5 - 0.5 * (decay * decay))
+def one_less_exp(ops: Any, x: Any, terms: int) -> Number:
+    """Return 1 - exp(-x) from its power series, which is accurate for small arguments."""
+    coefficients = [(-1.0) ** k / math.factorial(k + 1) for k in range(terms)]
+    return polynomial(ops, coefficients, x) * x
 
 
-# Largest difference of phases, in cycles, for which a divided difference is computed from its
-# Taylor series. For larger differences, which are at least 0.63 rad, the recursion divides by at
-# least 0.63, so errors grow by at most 1/0.63 per order.
+# Phase difference [cycles] below which a divided difference is a Taylor series. The recursion
+# divides by at least 0.63 rad, so errors grow by at most 1/0.63 per order.
 _SERIES_BELOW = 0.1
-# Number k of terms of this Taylor series in double and in single precision. For triangles the first
-# omitted term is (k+1) 0.63^k/(k+2)!, which is 2e-18 and 7e-9. For tetrahedra it is (k+1)(k+2)/2
-# 0.63^k/(k+3)!, which is 1e-19 and 6e-9.
+# Number k of terms of the Taylor series. For triangles the first omitted term is (k+1)
+# 0.63^k/(k+2)!, which is 2e-18 and 7e-9. For tetrahedra it is (k+1)(k+2)/2 0.63^k/(k+3)!, which is
+# 1e-19 and 6e-9.
 _TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
 
 
 def simplex_plane_wave(ops: Any, *corners: Any) -> tuple[Any, Any]:
     """Return the mean of a plane wave over a triangle or tetrahedron, divided by 2 or 6.
 
-    One corner has the phase 0, and ``corners`` contains the phases at the other n corners in
-    cycles. The value is the divided difference of the exponential function at 0 and at -2 pi i
-    times these phases. It is 1/n! if all phases are zero. The results are two real numbers,
-    ``cosine`` and ``sine``, and the value is cosine - i sine.
+    One corner has the phase 0, and ``corners`` contains the phases at the other corners in cycles.
+    The results are two real numbers, and the value is cosine - i sine.
     """
     value = _conjugate_difference(ops, corners)
     return value.real, value.imag
@@ -322,14 +294,12 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
         ahead, behind = _shifted(ops, last, between), _shifted(ops, first, between)
     divisor = 2 * math.pi * ops.select(small, 1.0, last - first)
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
-    # Outside the range of the Taylor series, its arguments are set to 0, so that the unused series
-    # does not overflow.
+    # The unused series must not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
     return select(ops, small, _series(ops, near), quotient)
 
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
-    """Return the conjugate divided difference at the phases ``origin`` and ``others``."""
     phase = Pair(*cos_sin_cycles(ops, origin))
     return phase * _conjugate_difference(ops, [other - origin for other in others])
 
@@ -353,11 +323,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return the Taylor series of the conjugate divided difference at n phases in radians.
-
-    The series is the sum of i^k h_k/(k + n)!, where h_k is the complete homogeneous symmetric
-    polynomial of degree k of the phases.
-    """
+    """Return the Taylor series of the conjugate divided difference at phases in radians."""
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:

@@ -29,7 +29,6 @@ from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.point_grids import (
     METHODS,
     Method,
-    checked_amplitude_tolerance,
     checked_coordinates,
     checked_method,
     checked_points,
@@ -51,8 +50,7 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Numerical error of a Fourier transform, as a fraction of the upper bound on its modulus that
-# `Radiator.content` returns.
+# Relative rounding error of a Fourier transform, over the upper bound `Radiator.content`.
 _FOURIER_ERROR = 1e-13
 
 
@@ -259,7 +257,7 @@ def field_and_error(
         limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
         allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
     if pupil is not None and aberration is not None:
-        allowed = checked_amplitude_tolerance(tolerance)
+        allowed = tolerance_from(tolerance)
         field, errors = _aberrated_field(pupil, aberration, flat, length, name, allowed)
     else:
         field, errors = _free_field(source, flat, length, name, obliquity, tolerance, engine)
@@ -275,7 +273,6 @@ def field_and_error(
 
 
 def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options that point sources or obstacles do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "
@@ -292,7 +289,6 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
 def _checked_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> Aperture | Array | Wavefront:
-    """Return the source; raise ArgumentError if an option cannot be combined with an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -315,7 +311,6 @@ def _aberrated_field(
     method: str,
     tolerance: float,
 ) -> tuple[Complex, Floats]:
-    """Return the field of an aberrated source at points, and its error."""
     if isinstance(source, Wavefront):
         checked_wavefront(source)
     checked_aberration(aberration, wavelength)
@@ -331,10 +326,7 @@ def _aberrated_field(
 
 
 def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return directions and distances of points from a centre, and the phase factors exp(ikr).
-
-    The distances r are in wavelengths.
-    """
+    """Return directions and distances [wavelengths] from a centre, and phase factors exp(ikr)."""
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     doubled = distance_of(_OPS, ahead)
@@ -351,8 +343,7 @@ def _free_field(
     tolerance: float | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the field without obstacles at points, and its error."""
-    allowed = checked_amplitude_tolerance(tolerance)
+    allowed = tolerance_from(tolerance)
     if isinstance(source, PointSource):
         field = source.amplitude * incident_of_point(source.position, points, wavelength)
         return field, np.zeros(len(points))
@@ -374,7 +365,6 @@ def _free_field(
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
-    """Return points in metres; raise ArgumentError if one of them is the point source."""
     positions = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
     if (positions == np.array(source.position)).all(axis=-1).any():
         raise ArgumentError(
@@ -391,7 +381,6 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the Fraunhofer field (B7) of a source at points, and its error."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)

@@ -21,7 +21,7 @@ from polywigner.numerics import Complex, Floats
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, described, radiation_pattern
-from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_theta_and_phi, unit_vectors
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, obliquity_of
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest number of complex values per block (64 MiB).
+# Complex numbers per block (64 MiB).
 _BLOCK = 2**22
-# Largest allowed value of each kind of element error, and its description in error messages.
+# Largest rms error or fraction, and its description in error messages.
 _ERRORS = {
     "amplitude": (40.0, "an rms error from 0 to 40 dB"),
     "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),
     "position": (math.inf, "an rms error of zero or more, in m"),
     "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
 }
-# Change of a level in dB if the amplitude is multiplied by e.
+# Decibels per neper.
 _NEPER = 20 / math.log(10)
 
 
@@ -65,9 +65,9 @@ def array_tolerance(
     radiation. The errors a_k of the amplitude in dB, p_k of the phase and x_k of the position are
     normally distributed. The factor d_k is 0 for dead elements and 1 otherwise.
 
-    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). In it, E_0 is the
-    far field without errors, E_k is the far field of element k, m = <f_k> is the mean of the random
-    factors, and v = <|f_k|^2> - |m|^2 is their variance.
+    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). Here
+    E_0 is the far field without errors, E_k is the far field of element k, m = <f_k> is the mean of
+    the random factors, and v = <|f_k|^2> - |m|^2 is their variance.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def array_tolerance(
     errors = _checked_errors(amplitude=amplitude, phase=phase, position=position, dead=dead)
     number = checked_count(count, "count", 2)
     random = checked_generator(seed)
-    polar, azimuth = checked_theta(theta), checked_phi(phi)
+    polar, azimuth = checked_theta_and_phi(theta, phi)
     condition = obliquity_of(obliquity)
     name = condition.name
     power, _ = powers_of(source, length, name)
@@ -158,10 +158,6 @@ def array_tolerance(
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:
-    """Return the rms errors and the fraction of dead elements.
-
-    Raises ArgumentError if a value is out of range, or if all values are zero.
-    """
     for name, (most, meaning) in _ERRORS.items():
         errors[name] = checked_number(errors[name], name, meaning)
         if not 0 <= errors[name] <= most:
@@ -175,12 +171,12 @@ def _checked_errors(**errors: float) -> dict[str, float]:
 
 
 def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
-    """Return the squared mean and the variance of the random factors of :func:`array_tolerance`."""
+    """Return |m|^2 and v of (RP4), the squared mean and the variance of the random factors."""
     spread = (errors["amplitude"] / _NEPER) ** 2
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
     square = alive**2 * math.exp(spread - phase)
-    # The variance is e^(2 spread) - alive e^(spread - phase). This form avoids cancellation.
+    # Avoids cancellation in exp(2 spread) - alive exp(spread - phase).
     variance = math.exp(2 * spread) * (errors["dead"] - alive * math.expm1(-spread - phase))
     return square, alive * variance
 
@@ -188,11 +184,6 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complex, Floats | None]:
-    """Draw random factors of the weights, and random shifts of the elements in m.
-
-    ``shape`` contains the numbers of elements and of samples. The shifts are None if the positions
-    have no error.
-    """
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
     alive = random.random(shape) >= errors["dead"]
@@ -211,7 +202,6 @@ def _statistics(
     factors: Complex,
     shifts: Floats | None,
 ) -> dict[str, Floats]:
-    """Return the variables of :func:`array_tolerance` as values of |E|^2 in directions."""
     square, variance = _moments(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
@@ -239,10 +229,6 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
-    """Return the far field of each element of an array in directions, shape (n, elements).
-
-    The weights of the elements are not included.
-    """
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

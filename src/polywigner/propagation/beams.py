@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import checked_length, warn_caller
+from polywigner.numerics import Floats
 from polywigner.propagation.patterns import (
     Cut,
     CutKind,
@@ -24,33 +24,27 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Difference in dB between full power and half power.
+# Half power [dB].
 _HALF = 10 * math.log10(2.0)
-# Level in dBi that replaces minus infinity, because parabolas are fitted to finite levels only.
+# Finite stand-in for minus infinity [dBi].
 _DARK = -400.0
-# Largest difference in dB between the samples to which a parabola is fitted. Levels close to a null
-# are steeper and do not follow a parabola.
+# Largest level difference [dB] for a fitted parabola, which is inaccurate near nulls.
 _STEEP = 10.0
-# If the peak of a cut lies this many dB below the beam, the levels of the cut are rounding errors.
+# Level [dB] below the beam at which a cut contains rounding errors only.
 _NOTHING = 150.0
-# If two polarisations differ by more than this ratio in dB, the weaker polarisation is a rounding
-# error, and the printed table contains "over 200 dB".
+# Polarisation ratio [dB] above which the weaker component is a rounding error.
 _LINEAR = 200
-# If the beam exceeds the largest level of all cuts by more than this difference in dB, a warning
-# reports that no cut passes through the beam.
+# Level difference [dB] above which a warning reports that all cuts miss the beam.
 _MISSED = 0.1
-# Smallest number of samples within the half-power beamwidth. With fewer samples, the beamwidth has
-# an error of some percent, and a warning is issued.
+# Samples per half-power beamwidth below which the beamwidth has an error of some percent.
 _LEAST_SAMPLES = 6
-# Largest angle in rad between the beam and the normal for which the beam counts as normal.
+# Angle [rad] below which the beam counts as normal to the aperture.
 _SAME_ANGLE = 1e-9
-# Smallest angle in rad between the beam and the steering direction that is reported (0.01 degrees).
+# Smallest reported squint [rad], 0.01 degrees.
 _SQUINT = 1.7e-4
 _NUMBERS = (
     "radiated_power", "aperture_power", "peak_directivity", "peak_theta", "peak_phi",
 )  # fmt: skip
-
-Levels = NDArray[np.float64]
 
 _NAN_PAIR = (math.nan, math.nan)
 
@@ -79,7 +73,7 @@ class CutMetrics:
     half_power_beamwidth: float
     """Angle in rad between the half-power directions; NaN if the cut ends before one of them."""
     sidelobe_levels: tuple[float, float]
-    """Levels in dB of the first sidelobe on each side, relative to the peak of the cut.
+    """Floats in dB of the first sidelobe on each side, relative to the peak of the cut.
 
     The first sidelobe is the first maximum beyond the half-power direction. The side of smaller
     angles comes first.
@@ -190,7 +184,6 @@ class BeamMetrics:
 
 
 def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
-    """Return the rows of the printed table for one cut, as names and values."""
     name = "cut across it" if cut.kind == "across" else f"cut phi {_degrees(cut.phi)}"
     if cut.directivity == -math.inf:
         return [(name, "nothing is radiated")]
@@ -230,7 +223,7 @@ def beam_metrics(
       for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi covers the full
       circle. For a pattern of single meridians the tuple is empty.
 
-    Levels between samples are interpolated by parabolas. With ten samples within the half-power
+    Floats between samples are interpolated by parabolas. With ten samples within the half-power
     beamwidth, the relative error of the beamwidth is below 3e-3.
 
     Parameters
@@ -305,7 +298,6 @@ def beam_metrics(
 def _warn_of_samples(
     cuts: tuple[CutMetrics, ...], lines: list[Cut], about: dict[str, float], has_circles: bool
 ) -> None:
-    """Warn if a meridian is sampled too coarsely, or if no meridian passes through the beam."""
     best = max(cuts, key=lambda cut: cut.directivity)
     step = max(float(np.diff(line.angles).max()) for line in lines)
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:
@@ -324,7 +316,7 @@ def _warn_of_samples(
 
 
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
-    """Return the metrics of a cut of a pattern whose beam has the directivity ``beam`` in dBi."""
+    """Return the metrics of a cut of a pattern with a beam of ``beam`` dBi."""
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
     peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
     angle, level = _vertex(angles, levels, peak)
@@ -350,9 +342,8 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
     )
 
 
-def _top(levels: Levels, angles: Levels) -> int:
-    """Return the index of the sample at the peak of the beam, near angle 0 of a great circle."""
-    # The search climbs from angle 0, because the largest of all samples may be in a back lobe.
+def _top(levels: Floats, angles: Floats) -> int:
+    # The largest sample may lie in the back lobe.
     k = int(np.abs(angles).argmin())
     while True:
         neighbours = range(max(0, k - 1), min(len(levels), k + 2))
@@ -363,26 +354,17 @@ def _top(levels: Levels, angles: Levels) -> int:
 
 
 class _Side(NamedTuple):
-    """Half-power direction, null and sidelobes on one side of the peak of a cut.
-
-    Angles are in rad and levels in dBi. NaN stands for a feature beyond the end of the cut.
-    """
-
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan
-    """Level of the first sidelobe."""
+    """First sidelobe."""
     angle: float = math.nan
     peak_level: float = -math.inf
-    """Largest level from the first null to the horizon; minus infinity if there is no null."""
+    """Highest sidelobe beyond the first null."""
     peak_angle: float = math.nan
 
 
-def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) -> _Side:
-    """Return the metrics of a cut on one side of its peak.
-
-    The angles on this side are larger than at the peak if ``step`` is 1, and smaller if it is -1.
-    """
+def _side(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Side:
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
@@ -393,7 +375,7 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
     if not rising.size:
         return _Side(half)
     null = flank + int(rising[0])
-    # Close to a null, |E|^2 follows a parabola, but the level in dB does not.
+    # Near a null, |E|^2 is a parabola, but the level in dB is not.
     scale = levels[null - 1 : null + 2].max()
     null_angle, _ = _vertex(angles, -(10 ** ((levels - scale) / 10)), null)
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))
@@ -404,8 +386,8 @@ def _side(angles: Levels, levels: Levels, peak: int, step: int, level: float) ->
     return _Side(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
 
 
-def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
-    """Return angle and level of the vertex of the parabola through a sample and its neighbours."""
+def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
+    """Return angle and level of the vertex of the parabola through three neighbouring samples."""
     angle, level = float(angles[peak]), float(levels[peak])
     near = slice(max(0, peak - 1), peak + 2)
     x, y = angles[near] - angle, levels[near] - level
@@ -417,8 +399,7 @@ def _vertex(angles: Levels, levels: Levels, peak: int) -> tuple[float, float]:
     return angle - slope / (2 * curvature), level - slope**2 / (4 * curvature)
 
 
-def _crossing(levels: Levels, angles: Levels, k: int, level: float) -> float:
-    """Return the angle between samples k - 1 and k at which the pattern has a given level."""
+def _crossing(levels: Floats, angles: Floats, k: int, level: float) -> float:
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:

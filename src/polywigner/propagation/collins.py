@@ -1,4 +1,4 @@
-"""Fields behind first-order systems and stops. Source: (O4) to (O8)."""
+"""Fields behind first-order systems and stops, (O4) to (O8)."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
 from polywigner.propagation.boundary import FieldEstimate, Radiator, parabolic_field, radiator_of
 from polywigner.propagation.point_grids import (
-    checked_amplitude_tolerance,
     checked_coordinates,
+    tolerance_from,
     warn_of_missed,
 )
 from polywigner.source import Array
@@ -37,27 +37,23 @@ from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 PublicSource = Aperture | Array
 
 _ULP = 2.0**-52
-# Two curvatures count as equal if their relative difference is below this value times the condition
-# number of the system's matrix B.
+# Relative difference of equal curvatures, over the condition number of B.
 _EQUAL = 8 * _ULP
-# Error of a field that is a Fourier transform or an image, as a fraction of the integral of |u|.
+# Relative rounding error of Fourier transforms and images, over the integral of |u|.
 _CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
-# Additional nodes along a line of two quadrature rules on a stop, beyond the nodes that resolve the
-# waves. The difference between the results of both rules is the error estimate.
+# Additional nodes of the two quadrature rules whose difference is the error estimate.
 _EXTRA = (8.0, 12.0)
-# Smallest tolerance of the field on a stop.
 _FINEST = 1e-13
-# Largest number of pairs of a node on a stop and a point; 1e9 pairs take about a minute.
+# Largest number of pairs (node on a stop, point). About 1e9 pairs take a minute.
 _MOST_WORK = 2e10
-# Computing time of the incident field at one node of a stop, in units of the time of one complex
-# exponential.
+# Cost of the incident field at a node, in complex exponentials.
 _NODE_COST = 1000
-# Number of complex multiplications that take as long as one complex exponential.
+# Complex multiplications per complex exponential, in computing time.
 _PRODUCTS = 50
-# Frequencies are computed as a lattice if the lattice has at most this many points per frequency.
+# Largest ratio of lattice points to frequencies.
 _SPARSE = 4
-# Number of pairs of a quadrature node and a point per block.
+# Pairs (node, point) per block.
 _BLOCK = 1 << 21
 
 
@@ -71,8 +67,8 @@ def collins_field(
 ) -> FieldEstimate:
     """Compute the field at points (n, 2) behind a first-order system without stops.
 
-    The allowed error is ``tolerance`` times a bound on the field. The bound is the field with all
-    parts of the source in phase or the field of geometrical optics, whichever is smaller.
+    ``tolerance`` is relative to the smaller of two bounds: the field with all parts of the source
+    in phase, and the field of geometrical optics.
     """
     radiator = radiator_of(source)
     if _without_spread(system).all():
@@ -104,7 +100,7 @@ def collins_field(
 
 
 def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return whether the singular values of a system's matrix B, in descending order, are zero."""
+    """Return whether each singular value of B, in descending order, is zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -112,11 +108,7 @@ def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
 def _waves_of(
     system: FirstOrder, points: Floats, wavelength: float
 ) -> tuple[Floats, Floats, Complex]:
-    """Return the coefficients M, q and c of Collins' integral (O4) for n points.
-
-    The field is ``c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx``, where the matrix M is the
-    same for all points, and q (n, 2) and c (n,) depend on the point.
-    """
+    """Return M, q (n, 2) and c (n,) of c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx (O4)."""
     inverse = np.linalg.inv(system.B)
     front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
     out = waves_of_cycles(_cycles(system.D @ inverse, points, wavelength)) * front
@@ -124,15 +116,12 @@ def _waves_of(
 
 
 def _cycles(form: Floats, points: Floats, wavelength: float) -> Floats:
-    """Return the quadratic phase ``y.(form y)/(2 wavelength)`` of points y (n, 2), in cycles."""
+    """Return the phase ``y.(form y)/(2 wavelength)`` of points y (n, 2), in cycles."""
     return np.asarray(0.5 * ((points @ form.T) * points).sum(axis=1) / wavelength)
 
 
 def _front(matrix: Floats) -> complex:
-    """Return the constant phase factor of Collins' integral (O4) for a system's matrix B.
-
-    Each positive eigenvalue contributes 1/sqrt(i), and each negative eigenvalue 1/sqrt(-i).
-    """
+    """Return the phase factor of (O4): 1/sqrt(±i) for each positive or negative eigenvalue."""
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
@@ -141,7 +130,6 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return bounds on the errors that rounded phases cause in integrals along edges."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -154,7 +142,7 @@ def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Return Collins' integral for equal curvatures along x and y, as a scaled Fresnel field."""
+    """Return Collins' integral for equal curvatures as a scaled Fresnel field."""
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -181,10 +169,7 @@ def _by_fresnel(
 def _image(
     field: Callable[[Floats], Complex], points: Floats, wavelength: float, system: FirstOrder
 ) -> tuple[Complex, float]:
-    """Return the image of a field behind a system with B = 0, and the factor of its modulus.
-
-    ``field`` is the field as a function of positions x (n, 2) in the plane in front of the system.
-    """
+    """Return the image of a field behind a system with B = 0, and its amplitude scale."""
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
     waves = waves_of_cycles(_cycles(system.C @ inverse, points, wavelength))
@@ -192,10 +177,6 @@ def _image(
 
 
 def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
-    """Return the field u of a source at positions x (n, 2) in its plane.
-
-    Points on the outline are inside or outside as in :func:`autocorrelation`.
-    """
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -204,7 +185,6 @@ def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """Return the sum of the plane waves of an element at x (n, 2), multiplied by its weight."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -220,8 +200,7 @@ def field_behind(
 ) -> tuple[Complex, Floats]:
     """Return the field at points (..., 2) behind first-order systems and stops, and its error.
 
-    ``others`` contains arguments of :func:`amplitude` that apply to free space only. ArgumentError
-    is raised if any of their values is not None.
+    Raises ArgumentError if a value of ``others`` is not None. These are arguments for free space.
     """
     for name, value in others.items():
         if value is not None:
@@ -234,7 +213,7 @@ def field_behind(
     positions = checked_points_behind(points)
     length = checked_wavelength(wavelength)
     execution.checked_engine(engine)
-    allowed = checked_amplitude_tolerance(tolerance)
+    allowed = tolerance_from(tolerance)
     phase: complex = 1.0
     if isinstance(source, Wavefront):
         source, lens, phase = as_lens(source, length)
@@ -249,7 +228,6 @@ def field_behind(
 
 
 def checked_points_behind(points: Any) -> Floats:
-    """Return points behind a system; raise ArgumentError unless their shape is (..., 2)."""
     expected = (
         "with through=, expected points as real numbers of shape (..., 2), since the system "
         "determines z"
@@ -258,10 +236,7 @@ def checked_points_behind(points: Any) -> Floats:
 
 
 def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSource]]:
-    """Return the first-order systems of ``through``, and the stops between them.
-
-    Raises ArgumentError for an object of another type.
-    """
+    """Return the first-order systems of ``through``, and the stops between them."""
     systems: list[FirstOrder] = [_IDENTITY]
     stops: list[PublicSource] = []
     for part in through if isinstance(through, list | tuple) else [through]:
@@ -282,10 +257,9 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 def _folded(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
-    """Remove stops that lie in images of the source or of the previous stop.
+    """Replace stops in an image plane by clipped sources.
 
-    Instead of such a stop, the imaged source or stop is clipped. ``planes`` contains the source and
-    the stops, and ``systems`` the system behind each of them.
+    ``systems`` contains the system behind each source or stop in ``planes``.
     """
     remaining, paths = planes[:1], systems[:1]
     for stop, system in zip(planes[1:], systems[1:], strict=True):
@@ -313,7 +287,6 @@ def _folded(
 
 
 def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
-    """Return the part of a source or stop within an outline; raise ArgumentError if it is empty."""
     elements = normal_form(plane).in_plane.elements
     parts = [
         (e.shape & outline, e.weight)
@@ -338,18 +311,14 @@ def _behind(
     tolerance: float,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2) behind a source and stops, each followed by a system (O8).
-
-    The integral over the last stop is a Gauss rule that resolves the highest spatial frequency of
-    the incident field on the stop.
-    """
+    """Compute the field at points (n, 2) behind stops, each followed by a system (O8)."""
     *others, stop = planes
     *earlier_systems, system = systems
     if not others:
         return collins_field(stop, points, wavelength, system, tolerance, engine)
 
     def inner(nodes: Floats) -> FieldEstimate:
-        # In the worst case, the errors of the field at the nodes of the stop add up in phase.
+        # Errors at the nodes of the stop may add up in phase.
         finer = max(0.1 * tolerance, _FINEST)
         return _behind(others, earlier_systems, nodes, wavelength, finer, engine)
 
@@ -381,10 +350,7 @@ def _rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Return the highest spatial frequency, in 1/m, of Collins' integrand on a stop.
-
-    ``previous`` is the source or stop in front of the stop, and ``path`` the system between both.
-    """
+    """Return the highest spatial frequency [1/m] of Collins' integrand on a stop."""
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre
@@ -398,7 +364,6 @@ def _rate(
 def _rule(
     stop: Any, rate: float, extra: float, lattice: FrequencyLattice
 ) -> tuple[Floats, Complex]:
-    """Return quadrature nodes on a stop, and their weights times the transmission of the stop."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
@@ -416,8 +381,7 @@ def _rule(
 class FrequencyLattice:
     """Spatial frequencies (n, 2) of a Fourier sum over quadrature nodes.
 
-    If the frequencies lie on a lattice, the factors of the complex exponentials along x and along y
-    are computed once for each coordinate of the lattice.
+    On a lattice, the complex exponentials are products of factors along x and y.
     """
 
     def __init__(self, nu: Floats) -> None:
@@ -428,13 +392,10 @@ class FrequencyLattice:
         if size > _SPARSE * len(nu):
             self.axes, self.index, size = [*nu.T], None, len(nu) * _PRODUCTS
         self.work = _NODE_COST + sum(map(len, self.axes)) + size / _PRODUCTS
-        """Computing time of a node, in units of the time of one complex exponential."""
+        """Cost of a node, in complex exponentials."""
 
     def summed(self, nodes: Floats, waves: Complex) -> Complex:
-        """Return the Fourier sum at all frequencies.
-
-        The sum at a frequency nu is ``sum_k waves_k exp(-2 pi i nu.x_k)`` over the nodes x_k.
-        """
+        """Return ``sum_k waves_k exp(-2 pi i nu.x_k)`` over nodes x_k for all frequencies nu."""
         total: Any = 0.0
         rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
         with with_progress("waves", range(0, len(nodes), rows)) as starts:
@@ -452,11 +413,10 @@ class FrequencyLattice:
 
 
 def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrder, complex]:
-    """Return a curved wave as a flat source, a lens directly behind the source, and a phase factor.
+    """Return a curved wave as a flat source, a lens behind it, and a phase factor.
 
-    The quadratic phase of the wave is ``pi (x - c).Q (x - c)``, where c is its centre and Q its
-    curvature. The lens contains the term ``x.Q x``, the tilt of the flat source contains
-    ``-2 x.Q c``, and the phase factor contains ``c.Q c``.
+    The phase is ``pi (x - c).Q (x - c)`` for the centre c and the curvature Q. The lens contains
+    ``x.Q x``, the tilt of the source ``-2 x.Q c``, and the phase factor ``c.Q c``.
     """
     checked_wavefront(wave)
     q, slope = wavelength * wave.curvature, wave.curvature @ wave.centre

@@ -1,9 +1,7 @@
-"""Fields behind and in front of soft and hard plates in one plane. Source: (SB9).
+"""Diffraction by soft and hard plates in one plane (SB9).
 
-The field near a conducting half-plane is the sum or difference of two fields with a shadow: the
-incident field at the point, and the incident field at the mirror image of the point. Both shadows
-have edge waves of the same form. The field at one point therefore requires the edge waves at two
-points.
+The field of a conducting half-plane is the sum or difference of two black-screen fields: at the
+point, and at its mirror image.
 """
 
 from __future__ import annotations
@@ -19,44 +17,37 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_choice
 from polywigner.geometry.silhouettes import ON, Obstacles, Silhouette
+from polywigner.numerics import Complex, Floats
 from polywigner.propagation.equivalent_points import RadiatingPoint
-
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 Edge = Literal["black", "soft", "hard"]
 EDGES = ("black", "soft", "hard")
 
-# Largest distance of vertices from the common plane, as a fraction of the extent of all plates, for
-# coordinates in single precision.
+# Flatness of plates in single precision, as a fraction of their extent.
 _UNEVEN = 1e-6
-# Distance from a point of the source, in wavelengths, below which the change of its field loses
-# digits: the mirror image of an observation point may lie on the source. The change is then a mean
-# over four positions at one and two steps along the plane, exact to fourth order.
+# Distance [wavelengths] from the source below which the field loses digits, step of the replacement
+# points, and weights of their fourth-order mean.
 _CLOSE, _STEP = 1e-4, 1e-3
 _WEIGHTS = {1: 4 / 6, -1: 4 / 6, 2: -1 / 6, -2: -1 / 6}
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """Plane that contains all plates. Lengths are in wavelengths."""
+    """Plane that contains all plates, in wavelengths."""
 
     plane: Floats
-    """Unit normal n and offset d of the plane, shape (4,).
-
-    The height of a position x above the plane is ``n.x + d``.
-    """
+    """Unit normal n and offset d, shape (4,). The height of x is ``n.x + d``."""
 
     @classmethod
     def of(cls, bodies: Obstacles) -> Sheet:
-        """Return the plane through the vertices of all obstacles, by least squares."""
+        """Fit the plane to all obstacles by least squares."""
         centre = bodies.vertices.mean(axis=0)
         normal = np.linalg.svd(bodies.vertices - centre, full_matrices=False)[2][2]
         return cls(np.append(normal, -normal @ centre))
 
     @property
     def direction(self) -> Floats:
-        """A unit vector (3,) in the plane."""
+        """Unit vector in the plane, shape (3,)."""
         across = np.cross(self.plane[:3], np.eye(3)[np.abs(self.plane[:3]).argmin()])
         return np.asarray(across / np.linalg.norm(across))
 
@@ -65,8 +56,7 @@ class Sheet:
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
         """Return the silhouette of the plates for each source position (n, 3)."""
-        # The edges do not depend on the position of the source. They are found from a point in
-        # front of the plane, because sources may lie in the plane.
+        # A view from outside the plane has the same edges, even for a source in the plane.
         centre, extent = bodies.vertices.mean(axis=0), np.ptp(bodies.vertices, axis=0).max()
         views = []
         for side in (-1.0, 1.0):
@@ -76,10 +66,10 @@ class Sheet:
         return [views[int(height >= 0.0)] for height in self.heights(sources)]
 
     def with_images(self, positions: Floats, source: Floats, least: Floats) -> Floats:
-        """Return positions (n, 3) followed by their mirror images, as one array (2n, 3).
+        """Return positions (n, 3) followed by their mirror images, shape (2n, 3).
 
-        Positions whose height above the plane is below ``least`` (n,) are first moved to this
-        height on the side of the source.
+        Positions below the height ``least`` (n,) are raised to this height on the side of the
+        source.
         """
         height, side = self.heights(positions), np.sign(self.heights(source))
         moved = np.where(np.abs(height) < least, least * (side or 1.0), height)
@@ -88,10 +78,7 @@ class Sheet:
 
 
 def flattened(bodies: Obstacles) -> Obstacles:
-    """Return plates moved into one plane; raise ArgumentError if they are not plates in one plane.
-
-    Plates from files in single precision are not exactly in one plane.
-    """
+    """Move plates into a common plane; raise ArgumentError for other obstacles."""
     sheet = Sheet.of(bodies)
     heights = sheet.heights(bodies.vertices)
     allowed = _UNEVEN * float(np.ptp(bodies.vertices, axis=0).max())
@@ -121,17 +108,16 @@ def change_by_sheet(
     positions: Floats,
     least: Floats,
 ) -> Fields:
-    """Return the change of the field that soft or hard plates cause at positions (n, 3).
+    """Return the change of the field by soft or hard plates, the free field and the error.
 
-    Also return the field without plates, and the error of the change. ``compute`` returns the same
-    three arrays for black plates. Positions closer to a plate than ``least`` (n,) count as points
-    on its illuminated side.
+    ``compute`` returns the same results for black plates. Positions (n, 3) within ``least`` (n,) of
+    a plate lie on its illuminated side.
     """
     sheet, count = Sheet.of(bodies), len(positions)
     origins = np.array([point.position for point in sources])
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
-    # Edge waves on both faces of a plate differ, also in its plane next to the plate. Soft plates
-    # require one position on each side. For hard plates the difference in the plane is 0.
+    # Edge waves are discontinuous across the plane. For hard plates their difference vanishes in
+    # the plane next to a plate.
     raised = np.where(on_plate | (edge == "soft"), least, 0.0)
     both = sheet.with_images(positions, origins.mean(axis=0), raised)
     seen = sheet.silhouettes(bodies, origins)
@@ -139,7 +125,7 @@ def change_by_sheet(
         partial(compute, seen), both, _close_to(origins, both), _STEP * sheet.direction
     )
     (here, mirrored), wave = np.split(changes, 2), waves[:count]
-    free = wave.copy()  # at the position that is not moved
+    free = wave.copy()
     free[on_plate] = sum(point.wave(positions[on_plate].T) for point in sources)
     if edge == "soft":
         change = np.where(on_plate, -free, here + mirrored)
@@ -149,7 +135,6 @@ def change_by_sheet(
 
 
 def check_source(bodies: Obstacles, origins: Floats) -> None:
-    """Raise ArgumentError if a plate contains a point (k, 3) of the source."""
     least = ON * float(np.abs(bodies.vertices).max())
     if min(float(body.distance(origins).min()) for body in bodies.bodies) <= least:
         raise ArgumentError(
@@ -159,7 +144,6 @@ def check_source(bodies: Obstacles, origins: Floats) -> None:
 
 
 def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the positions (n, 3) next to one of the points (k, 3) of a source."""
     close = np.zeros(len(positions), bool)
     low, high = origins.min(axis=0) - _CLOSE, origins.max(axis=0) + _CLOSE
     rows = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))
@@ -171,7 +155,7 @@ def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
 def _clear_of(
     compute: Callable[[Floats], Fields], positions: Floats, close: NDArray[np.bool_], step: Floats
 ) -> Fields:
-    """Return the results of ``compute``, as means over four neighbours for ``close`` positions."""
+    """Return the results of ``compute``, averaged over neighbours of ``close`` positions."""
     moved = np.where(close[:, None], positions + step, positions)
     results = compute(moved)
     if close.any():
@@ -184,18 +168,13 @@ def _clear_of(
 def mean_of_neighbours(
     compute: Callable[[Floats], Fields], positions: Floats, step: Floats
 ) -> list[NDArray[Any]]:
-    """Return the means of the results of ``compute`` over four neighbours of each position.
-
-    The neighbours are displaced by one and two steps in both directions. The error is of fourth
-    order in the step.
-    """
+    """Return fourth-order means of ``compute`` over four neighbours of each position."""
     near = [compute(positions + number * step) for number in _WEIGHTS]
     weights = list(_WEIGHTS.values())
     return [np.tensordot(weights, values, 1) for values in zip(*near, strict=True)]
 
 
 def check_edge(edge: object, obstacles: object) -> None:
-    """Raise ArgumentError for an unknown boundary condition, or if its obstacles are missing."""
     checked_choice(edge, "edge", EDGES)
     if obstacles is None and edge != "black":
         raise ArgumentError(

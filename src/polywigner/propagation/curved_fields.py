@@ -1,14 +1,14 @@
-"""Fields of curved waves: exact sums over cells of the source (Q7), and Fresnel fields.
+"""Fields of curved waves: exact sums over cells of the source (Q7), and Fresnel fields (Q6).
 
-The source is divided into triangular cells, on each of which the phase changes by at most four
-cycles. All cells use the same Gauss rule.
+The phase changes by at most four cycles on each triangular cell, so all cells use the same Gauss
+rule.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,21 +19,19 @@ from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
 from polywigner.numerics import Complex, Floats
-from polywigner.numerics.nodes import quartered
+from polywigner.numerics.nodes import cell_rules, cells_of, quartered
 from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 
-# Number of Gauss nodes along each side of a cell.
+# Gauss nodes along each side of a cell.
 _NODES = 20
-# Largest number of cycles of phase along a side of a cell. The Gauss rule then has 13 correct
-# digits for waves. It has as many digits for the static field 1/R^2 at points whose distance from
-# the cell is at least half its side.
+# Cycles of phase along a side of a cell, for 13 digits. Points at half a side from the cell have as
+# many digits in the static field 1/R^2.
 _MOST_CYCLES = 4.0
-# Rounding error of a sum over nodes, as a fraction of the sum of the moduli.
+# Rounding error of a sum over nodes, relative to the sum of moduli.
 _ROUNDING = 1e-13
-# Number of cells per block, number of points per block, and largest number of pairs of a point and
-# a cell.
+# Cells per block, points per block, and largest number of pairs (point, cell).
 _CELLS, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
@@ -47,7 +45,7 @@ def curved_field(
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
-    """Return the Fresnel field (Q6) of a curved wave at points, and a bound on rounding errors."""
+    """Return the Fresnel field (Q6) at points, and a bound on its rounding errors."""
     q, axes = principal_axes(wave.curvature)
     scale = 1.0 / (wavelength * points[:, 2])
     position, centre = points[:, :2], wave.centre
@@ -60,16 +58,14 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
 
 
 class _Part(NamedTuple):
-    """One element of a source, as triangles with plane waves."""
-
     triangles: Floats
-    """Triangles (n, 3, 2) in m."""
+    """In m, shape (n, 3, 2)."""
     shift: Floats
-    """Position (2,) of the element in m, which is included in the triangles."""
+    """Position of the element in m, included in the triangles, shape (2,)."""
     amplitudes: Complex
-    """Amplitudes (m,) of the plane waves."""
+    """Shape (m,)."""
     frequencies: Floats
-    """Spatial frequencies (m, 2) of the plane waves in 1/m; phases are relative to ``shift``."""
+    """In 1/m, with phases relative to ``shift``, shape (m, 2)."""
 
 
 def summed_over_cells(
@@ -81,9 +77,8 @@ def summed_over_cells(
 ) -> tuple[Complex, Floats]:
     """Return an integral over a curved source for n points, and bounds on its rounding errors.
 
-    ``terms(part, cells, points, wavelength)`` returns the integrand at the nodes of k cells,
-    multiplied by the weights of the nodes, for one point per cell. The integrand has the shape
-    (k, nodes, *components), and the integral has the shape (n, *components).
+    ``terms(part, cells, points, wavelength)`` returns the weighted integrand (k, nodes,
+    *components) of k cells, for one point per cell. The integral has the shape (n, *components).
     """
     values, sizes = np.zeros((len(points), *components), np.complex128), np.zeros(len(points))
     with with_progress("points", range(0, len(points), _POINTS)) as starts:
@@ -107,11 +102,7 @@ def _parts(wave: Wavefront) -> Iterator[_Part]:
 
 
 def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
-    """Yield the parts of a curved source, and the triangles (k, 3, 2) into which they are divided.
-
-    The phase of the source's field, multiplied by a plane wave in any direction, changes by at most
-    four cycles on each triangle.
-    """
+    """Yield the parts of a curved source and their cells (k, 3, 2), for any plane wave."""
     for part in _parts(wave):
         cells = part.triangles
         while len(cells):
@@ -128,10 +119,6 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
 
 
 def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
-    """Return the highest spatial frequency on each cell of a curved wave.
-
-    ``frequencies`` is added to the frequencies of the wave at the corners of the cells.
-    """
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -142,10 +129,7 @@ def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> F
 def _cells(
     wave: Wavefront, part: _Part, points: Floats, wavelength: float
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Yield cells that tile a part of the source, separately for each point of observation.
-
-    Each block contains the indices (k,) of points, and the triangles (k, 3, 2).
-    """
+    """Yield indices (k,) of points, and the cells (k, 3, 2) that each point requires."""
     count = len(part.triangles)
     owners = np.repeat(np.arange(len(points)), count)
     cells = np.tile(part.triangles, (len(points), 1, 1))
@@ -166,11 +150,6 @@ def _cells(
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Return whether each cell is small enough for the Gauss rule.
-
-    The phase may change by at most four cycles on a cell. The longest side of the cell may be at
-    most twice its distance from the point of observation.
-    """
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
@@ -187,15 +166,13 @@ def _are_small(
 def field_at_nodes(
     wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
-    """Return quadrature nodes (k, n, 2) on k cells, and the field and its normal derivative.
+    """Return nodes (k, n, 2) on k cells, and the weighted field and normal derivative (k, n).
 
-    The field and the derivative, shape (k, n), are multiplied by the weights of the nodes. The
-    derivative is divided by ik, and is zero unless ``with_slopes`` is true.
+    The derivative is divided by ik, and is zero unless ``with_slopes`` is true.
     """
-    coordinates, weights = _rule()
-    nodes = np.einsum("nc,kcd->knd", coordinates, cells)
-    first, second = cells[:, 1] - cells[:, 0], cells[:, 2] - cells[:, 0]
-    area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    count = len(cells)
+    ((_, nodes, weights),) = cell_rules(cells_of(cells), np.full((count, 2), _NODES))
+    nodes, weights = nodes.reshape(count, -1, 2), weights.reshape(count, -1)
     inner = nodes - wave.centre
     slope = inner @ wave.curvature
     cycles = ((inner * slope).sum(axis=2)) / 2
@@ -206,16 +183,13 @@ def field_at_nodes(
         field += plane_wave
         if with_slopes:
             slopes += plane_wave * direction_cosines(slope + kappa, wavelength)
-    scale = area[:, None] * weights
-    field *= scale
-    slopes *= scale
-    return np.asarray(nodes), field, slopes
+    return nodes, field * weights, slopes * weights
 
 
 def _terms(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
 ) -> Complex:
-    """Return the integrand of (Q7) at the nodes of cells, times the weights of the nodes."""
+    """Return the weighted integrand of (Q7) at the nodes of cells."""
     condition = CONDITIONS[method]
     nodes, field, slopes = field_at_nodes(
         wave, part, cells, wavelength, condition.needs_normal_derivative
@@ -227,13 +201,3 @@ def _terms(
     value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
     wave_to_point = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
     return np.asarray(value * wave_to_point)
-
-
-@lru_cache(maxsize=1)
-def _rule() -> tuple[Floats, Floats]:
-    """Return barycentric coordinates and weights of quadrature nodes on a triangle of area 1/2."""
-    x, w = np.polynomial.legendre.leggauss(_NODES)
-    x, w = (x + 1) / 2, w / 2
-    u, v = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))
-    weights = np.outer(w * x, w).ravel()
-    return np.stack([1 - u, u * (1 - v), u * v], axis=1), weights

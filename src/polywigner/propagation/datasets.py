@@ -63,19 +63,16 @@ if TYPE_CHECKING:
 
 Quantity = Literal["irradiance", "amplitude", "phase"]
 
-# Methods that accept the option ``obliquity``. The boundary condition of every other method implies
-# its obliquity.
+# Other methods imply the obliquity by their boundary condition.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options of a dataset and of its storage, which are not keywords of irradiance and amplitude.
+# Options that :func:`irradiance` and :func:`amplitude` do not accept.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
-# Number of points that are computed at once in memory. This number is large enough for the full
-# speed of compiled engines, and takes tens of megabytes.
+# Points per block in memory: tens of megabytes, enough for the full speed of compiled engines.
 _BLOCK = 1 << 17
-# Largest and smallest number of samples of a stored chunk, and number of chunks of a grid between
-# these limits. The largest chunk is 4 MB of float32. With about 64 chunks, the first chunk of a run
-# is stored within a minute.
+# Largest and smallest number of samples of a chunk, and number of chunks. The largest is 4 MB of
+# float32, and 64 chunks store their first results within a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
-# Unit and long name of each quantity of a dataset.
+# Unit and long name.
 _QUANTITIES = {
     "irradiance": ("W m-2", "irradiance |U|^2"),
     "amplitude": ("W0.5 m-1", "complex amplitude U"),
@@ -103,14 +100,12 @@ def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute the field on a block of a grid, whose first point has the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)
     return np.asarray(np.angle(field) if quantity == "phase" else field, dtype)
 
 
 def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the attributes of a field in a dataset: unit, name and settings."""
     units, long_name = _QUANTITIES[quantity]
     return {
         "units": units,
@@ -125,7 +120,6 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
 
 
 def _described(obstacles: Sequence[Obstacle]) -> str:
-    """Return a text with the names of obstacles, and a digest of their positions and shapes."""
     meshes = [obstacle_of(body) for body in obstacles]
     content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
@@ -135,10 +129,6 @@ def _described(obstacles: Sequence[Obstacle]) -> str:
 def _dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
-    """Return a dataset of a field on a grid, with one variable for each method.
-
-    ``dtype`` is the type of the values if the options do not specify it.
-    """
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     methods = _checked_methods(options.get("method", "wigner"))
@@ -148,7 +138,7 @@ def _dataset(
     common, shape = _settings(options, quantity), grid.shape
     is_lazy = options.get("chunks") is not None or options.get("out") is not None
     samples = math.prod(shape)
-    if is_lazy:  # All chunks use the same engine, even on different machines.
+    if is_lazy:  # All chunks need the same engine, even on different machines.
         common["engine"] = resolved(common["engine"], samples // _CHUNKS)
     variables = {}
     with _warnings_once():
@@ -158,8 +148,7 @@ def _dataset(
                 settings.pop("obliquity", None)
             block = partial(_field_values, radiator, grid, length, method, quantity, number_type)
             if is_lazy or len(methods) > 1:
-                # One point is computed first, so that invalid arguments raise errors before hours
-                # of work.
+                # Computing one point reports invalid arguments before hours of work.
                 block({**settings, "engine": "numpy"}, (0,) * len(shape), (1,) * len(shape))
             attrs = _field_attrs(method, quantity, settings)
             variables[method] = partial(block, settings), number_type, attrs
@@ -176,7 +165,6 @@ def _dataset(
 
 
 def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
-    """Return the keywords with which :func:`irradiance` or :func:`amplitude` is called."""
     settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
@@ -203,10 +191,10 @@ def _checked_methods(method: Any) -> tuple[str, ...]:
 
 
 def _positions(grid: Grid) -> dict[str, Any]:
-    """Return the coordinates x, y and z of the points of a grid, except those that are its axes."""
+    """Return the coordinates x, y and z that are not axes of a grid."""
     axes = tuple(grid.coords)
     origin, missing = (0,) * len(axes), [k for k, name in enumerate("xyz") if name not in axes]
-    if len(missing) < 3:  # The coordinates that are not axes of the grid are constant.
+    if len(missing) < 3:
         axes, points = (), grid.points(origin, (1,) * len(axes)).reshape(3)
     else:
         points = grid.points(origin, grid.shape)
@@ -215,15 +203,12 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Collect the warnings of a ``with`` block, and issue them at its end without repetitions.
-
-    Warnings that differ only in numbers are issued once.
-    """
+    """Issue the warnings of a block at its end, once for texts that differ only in numbers."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
-        # Stack level of the caller of `line`, `plane`, ..., which are wrapped by `takes_frequency`.
+        # Stack level of the caller of `line`, `plane`, ..., which `takes_frequency` wraps.
         warnings.warn(warning.message, warning.category, stacklevel=6)
 
 
@@ -452,8 +437,7 @@ def volume(
 
 Kind = Literal["wigner", "ambiguity"]
 
-# Name of the variable in a dataset, long name, sign convention, and dtype in single precision, for
-# each transform.
+# Symbol, long name, sign convention, and dtype in single precision.
 _TABLES: dict[Kind, tuple[str, str, str, type]] = {
     "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", np.float32),
     "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", np.complex64),
@@ -567,13 +551,12 @@ def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute W or A on a block of a grid, whose first point has the index ``origin``."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Kernels compute a slice of the source for each position x (W) or each lag xi (A). They are
-    # fastest if the leading axes of the arrays are x or xi.
+    # Kernels are fastest with x (W) or xi (A) as the leading axes, which share slices of the
+    # source.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)
@@ -596,7 +579,7 @@ def _table(
     coords = {name: _checked_axis(name, values) for name, values in axes.items()}
     precision = checked_precision(options.get("precision", "single")) or "double"
     samples = min(LARGEST_CHUNK, math.prod(axis.size for axis in coords.values()))
-    # The engine is chosen once, so that all chunks use the same engine, even on different machines.
+    # All chunks need the same engine, even on different machines.
     engine: Any = resolved(checked_engine(options.get("engine", "auto")), samples)
     symbol, label, convention, single = _TABLES[kind]
     number_type = np.result_type(single, np.float32 if precision == "single" else np.float64)

@@ -1,11 +1,8 @@
-"""Fields behind obstacles from few nodes of a source. Source: (SB7), (SB8).
+"""Fields behind obstacles as sums over near and far edges (SB7), (SB8).
 
-An edge is near a point if the detour over the edge is short, or the edge itself is close. The
-boundary waves of near edges are computed for nodes of the source, with the weights of the nodes'
-waves at the point. Far edges are sampled. The wave of a sample is the wave of the source there,
-times a smooth function of the position in the source, which nodes interpolate. A smooth weight
-divides each edge between both sums, so that rounding moves no edge from one to the other. Lengths
-are in wavelengths.
+Edges with short detours are near: their boundary waves are computed for each node of the source.
+Far edges are sampled, and their waves are interpolated between nodes. A smooth weight blends both
+sums. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -47,36 +44,34 @@ Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-# Distance of a point from an edge below which the edge is near. Near edges count with a decreasing
-# weight up to this multiple of the distance, and of the least detour of far edges.
+# Near edges: distance [wavelengths] from the point, and end of the blend as a multiple of the near
+# limits.
 _CLOSE, _OVERLAP = 1.0, 1.1
-# Pairs of a point and an edge, or a point of the source, per block: some 100 MB.
+# Pairs (point, edge) or (point, source point) per block, about 100 MB.
 _PAIRS = 1 << 19
-# The same for arrays in the processor's cache.
+# Pairs per block for arrays in the processor's cache.
 _CACHED = 1 << 14
-# Largest number of nodes in a row of the table of far edges, and the step between such numbers.
-# Every number has a compiled kernel.
+# Far nodes per table row, and the step of their number, which limits the number of compiled
+# kernels.
 _PER_ROW, _STEP = 40, 4
-# Least number of points of the source, and of pairs of a point of the source and an edge, times the
-# number of samples. Largest number of samples from which the largest free field is estimated.
+# Below these numbers, a direct sum over the equivalent points is faster. _MOST_LEVELS limits the
+# samples from which the largest free field is estimated.
 _LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
-# Costs, in far nodes at a sample, of a sample and of a boundary wave of one point.
+# Costs of a sample and of a boundary wave, in units of one far node at a sample.
 _SAMPLE_COST, _POINT_COST = 8.0, 100.0
 _NONE = np.zeros(1)
 _OPS: Any = NumpyOperations()
 
 
 class Targets(NamedTuple):
-    """Points at which fields are computed."""
-
     positions: Floats
-    """(n, 3)"""
+    """Shape (n, 3)."""
     aside: Floats
-    """(n, 3) positions next to the points that distinguish light and shadow."""
+    """Positions displaced off shadow boundaries for tests of visibility, shape (n, 3)."""
     margin: Floats
-    """(n,) depths up to which points lie on a surface."""
+    """Thickness of surfaces, shape (n,)."""
     by_angles: Flags
-    """(n,): whether the angles of edges distinguish light and shadow, without rays."""
+    """Whether edge angles determine visibility, without ray tracing, shape (n,)."""
 
     def subset(self, some: Any) -> Targets:
         return Targets(*(part[some] for part in self))
@@ -84,17 +79,17 @@ class Targets(NamedTuple):
 
 @dataclass(frozen=True)
 class EdgeSum:
-    """A source, the edges that it sees, and the nodes for which their waves are computed."""
+    """A source, the edges that it sees, and its interpolation nodes."""
 
     bodies: Obstacles
     points: Sequence[RadiatingPoint]
     edges: Floats
-    """(m, 2, 3) edges that any of the points sees."""
+    """Edges visible from at least one source point, shape (m, 2, 3)."""
     sees: Flags
-    """(k, m): whether a node for near edges sees an edge."""
+    """Whether an edge is visible from a near node, shape (k, m)."""
     nodes: Interpolation
     counts: Indices
-    """Number of samples of each edge, (m,)."""
+    """Number of samples of each edge, shape (m,)."""
     error: float
     engine: str
 
@@ -108,9 +103,9 @@ class EdgeSum:
         error: float,
         engine: str,
     ) -> EdgeSum | None:
-        """Return the sum for fields at positions (n, 3); None if the sum over points costs less.
+        """Return the sum for fields at positions (n, 3), None if a sum over all points is faster.
 
-        ``seen``: silhouette of each point. ``error``: of the field, over the largest free field.
+        ``error``: allowed error over the largest free field.
         """
         is_shared = all(silhouette is seen[0] for silhouette in seen)
         views = [
@@ -143,12 +138,12 @@ class EdgeSum:
 
     @property
     def origins(self) -> Floats:
-        """Positions (k, 3) of the nodes for near edges."""
+        """Positions of the near nodes, shape (k, 3)."""
         return self.nodes.near.positions
 
     @property
     def views(self) -> list[tuple[Floats, Floats]]:
-        """Position (3,) of each node for near edges, and the edges (m, 2, 3) that it sees."""
+        """Position (3,) of each near node, and the edges (m, 2, 3) visible from it."""
         return [(at, self.edges[row]) for at, row in zip(self.origins, self.sees, strict=True)]
 
     @cached_property
@@ -163,8 +158,6 @@ class EdgeSum:
             near, free[some] = self._near_waves(targets.subset(some), rule)
             change[some] += near
         return change, free
-
-    # ---- near edges ------------------------------------------------------------------------------
 
     def _near_waves(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
         """Return the change of the field by shadows and near edges, and the free field."""
@@ -194,7 +187,7 @@ class EdgeSum:
             total *= weights[edges[pair], point]
             change.real += np.bincount(point, total.real, len(at))
             change.imag += np.bincount(point, total.imag, len(at))
-        # where all edges are far, all nodes see light, or all see shadow
+        # If all edges are far, a single node determines whether the point is in shadow.
         free, near = of_points[0].sum(axis=1), weights.any(axis=0)
         change[~near] += free[~near] * self._shadow(len(waves) // 2, targets.subset(~near))
         for k, wave in enumerate(waves):
@@ -202,7 +195,7 @@ class EdgeSum:
         return change, free
 
     def _shadow(self, k: int, targets: Targets) -> Floats:
-        """Return -1 at points (n,) in the shadow of a node, and 0 at other points."""
+        """Return -1 at points (n,) in the shadow of a node, 0 at other points."""
         by_angles, origin = targets.by_angles, self.origins[k]
         shadow = np.zeros(len(by_angles))
         edges = self.edges[self.sees[k]].reshape(-1, 6)
@@ -219,10 +212,7 @@ class EdgeSum:
             return (np.zeros(len(columns)),) * outputs
         return execution.evaluate_rows(term, rows, columns, shared, outputs, self.engine)
 
-    # ---- far edges -------------------------------------------------------------------------------
-
     def _far_waves(self, positions: Floats) -> Complex:
-        """Return the waves of the samples of far edges, (n,)."""
         number = np.repeat(np.arange(len(self.counts)), self.counts)
         rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(self.counts).tolist()}
         at, weight = np.concatenate([rules[count] for count in self.counts.tolist()]).T
@@ -242,9 +232,9 @@ class EdgeSum:
         return total
 
     def _nodes_at(self, samples: Floats, number: Indices) -> Floats:
-        """Return the directions of far nodes and their waves at samples (q, 3) of edges.
+        """Return rows of directions and waves of far nodes at samples (q, 3) of edges.
 
-        There are rows of several nodes for each sample; nodes without weight fill the last row.
+        Zero weights pad the last row of a sample.
         """
         source = self.nodes.far
         waves = source.waves_and_dipoles(samples)
@@ -253,7 +243,7 @@ class EdgeSum:
         if not self.sees.all():
             waves = [wave * self.sees[:, number].T for wave in waves]
         waves = [wave @ source.fractions.T for wave in waves]
-        # (SB5): the derivative in z of the source, over -ik
+        # (SB5): z derivative of the source, divided by -ik.
         waves[1:] = [wave * (-0.5j / math.pi) / length for wave in waves[1:]]
         count = len(source.positions)
         parts = math.ceil(count / _PER_ROW)
@@ -265,15 +255,12 @@ class EdgeSum:
 
 
 def _blocks(count: int, width: int) -> list[Indices]:
-    """Divide numbers up to ``count`` into blocks for arrays with a row for each number."""
+    """Divide ``range(count)`` into blocks for arrays of ``width`` columns."""
     return np.array_split(np.arange(count), 1 + count * width // _PAIRS)
 
 
 def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
-    """Return both ends of edges in columns, in blocks for NumPy arrays over ``count`` points.
-
-    Temporary arrays of a block stay in the processor's cache.
-    """
+    """Return the ends of edges as columns, in blocks that fit in the processor's cache."""
     blocks = np.array_split(edges, 1 + len(edges) * count // _CACHED)
     return [
         (tuple(block[:, 0].T[:, :, None]), tuple(block[:, 1].T[:, :, None]))
@@ -283,7 +270,7 @@ def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
 
 
 def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error: float) -> Indices:
-    """Return the number of samples of each edge (m,) for its waves at positions (n, 3)."""
+    """Return the number of samples of each edge (m,) for waves at positions (n, 3)."""
     source, at, ops = nodes.far, tuple(positions.T), _OPS
     reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
     digits, centre, numbers = -math.log(error), tuple(source.centre), []
@@ -293,7 +280,7 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
         slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
         distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
         phase = math.pi * (ops.maximum(*slopes) + 2.0 * reach * length / distance)
-        # distance on the edge from the straight line between source and point
+        # Distance between the edge and the line from source to point, measured at the edge.
         away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
         part = away / (distance + away)
         lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - reach * part
@@ -304,13 +291,13 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
 
 
 def _slope(along: Point, end: Point, point: Point) -> Number:
-    """Return the change of the distance from a point over the length of an edge, at one end."""
+    """Return the derivative of the distance from a point at one end of an edge."""
     away = difference(end, point)
     return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
 
 
 def _distance(ops: Any, start: Point, end: Point, point: Point) -> Number:
-    """Return the distance of a point from an edge."""
+    """Return the distance between a point and an edge."""
     along, away = difference(end, start), difference(point, start)
     foot = ops.maximum(ops.minimum(dot(along, away) / dot(along, along), 1.0), 0.0)
     across = tuple(b - foot * a for a, b in zip(along, away, strict=True))
@@ -320,9 +307,9 @@ def _distance(ops: Any, start: Point, end: Point, point: Point) -> Number:
 def _near_weight(
     ops: Any, least: Number, source: Point, start: Point, end: Point, point: Point
 ) -> Number:
-    """Return the part of an edge's wave at a point that counts as near.
+    """Return the fraction of an edge wave that counts as near.
 
-    ``least``: least detour of far edges.
+    ``least``: smallest detour of far edges.
     """
     detour, *_ = path_over(ops, source, point, start, end)
     ratio = ops.minimum(detour / least, _distance(ops, start, end, point) / _CLOSE)
@@ -333,7 +320,7 @@ def _near_weight(
 def _boundary_waves(
     rule: EdgeRule, is_oblique: bool, ops: Any, _: Point, sample: Point, shared: Point
 ) -> Values:
-    """Return the wave of an edge over the wave of a node, and over the wave of its dipole."""
+    """Return the boundary wave of an edge relative to a node's wave, and relative to its dipole."""
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     path = origin, point, start, end, aside
     rate = Pair(0.0 * point[0], 0.0 * point[0])
@@ -342,7 +329,7 @@ def _boundary_waves(
     else:
         boundary = Pair(*edge_wave(ops, rule, *path))
     boundary, rate = boundary.scaled(-0.5 / math.pi), rate.scaled(0.25 / math.pi**2)
-    # (SB5): -i times the derivative
+    # (SB5): derivative times -i.
     return boundary.real, boundary.imag, rate.imag, -rate.real
 
 
@@ -351,9 +338,9 @@ def _angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
 
 
 def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:
-    """Return the waves that some nodes send over a sample of an edge, (SB8).
+    """Return the waves of several nodes over one sample of an edge (SB8).
 
-    ``width``: numbers per node: direction, wave, and with 7 numbers the dipole's wave.
+    ``width``: numbers per node, for its direction, wave, and optionally dipole.
     """
     at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
     part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)

@@ -1,4 +1,4 @@
-"""Far fields from tables over angles: their interpolation, and fits of aperture fields."""
+"""Far fields from tables over angles: interpolation, and fits of aperture fields."""
 
 from __future__ import annotations
 
@@ -30,37 +30,33 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest rounding error of angles in pattern files, in rad.
+# Rounding error of angles in pattern files [rad].
 _EVEN = 1e-6
-# Number of neighbouring samples from which a value is interpolated along a meridian that ends at
-# the horizon. With 8 samples per lobe, the error is 1e-6 (docs/patterns.md). The interpolation
-# amplifies rounding errors in files less than 100 times.
+# Samples per interpolated value on an open meridian. The error is 1e-6 for 8 samples per lobe, and
+# rounding errors grow less than a hundredfold (docs/patterns.md).
 _STENCIL = 12
-# Fields behind the plane of the aperture below this fraction of the largest field count as zero.
+# Backward radiation below this fraction of the largest field counts as zero.
 _NOTHING = 1e-9
-# Number of directions per block.
+# Directions per block.
 _ROWS = 4096
-# Largest numbers of angles theta and phi, for steps of a quarter degree. A table then takes 16 MB,
-# and the matrices that interpolate it take some 0.1 GB.
+# Largest table: steps of a quarter degree, 16 MB, and 0.1 GB for its interpolation matrices.
 MOST_THETA, MOST_PHI = 721, 1440
-# Number of quadrature nodes in addition to those that the bandwidth of the field requires. The
-# quadrature error, a Bessel function of high order, is then below rounding errors.
+# Quadrature nodes beyond the bandwidth of the field. The error, a Bessel function of high order, is
+# then negligible.
 _MARGIN = 40
 
 
 class ElementPattern:
-    """Far field of an antenna, interpolated in a table over evenly spaced angles theta and phi.
+    """Far field of an antenna, interpolated over evenly spaced angles theta and phi.
 
-    Along phi, the field is a trigonometric polynomial. If the table covers the sphere, the field
-    along a closed meridian is also a trigonometric polynomial, which is exact for band-limited
-    fields. If the table covers a hemisphere, polynomials of degree 11 interpolate along a meridian.
+    It is a trigonometric polynomial along phi, and along theta if the table covers the sphere.
+    Otherwise polynomials of degree 11 interpolate along theta.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
-        """Prepare the interpolation of the components E_theta and E_phi of a table.
+        """Prepare the interpolation of E_theta and E_phi, shape (n, m).
 
-        The components have the shape (n, m) over the angles theta (n,), from 0 to pi/2 or pi, and
-        phi (m,), in rad.
+        ``theta`` (n,) reaches from 0 to pi/2 or pi, ``phi`` (m,) around the circle, in rad.
         """
         if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
@@ -103,15 +99,14 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        # For an even number of samples, the wave of the highest order is a cosine. Half of it is a
-        # wave of the negative order.
+        # For an even number of samples, the highest order is a cosine: half a wave of each sign.
         if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        # A meridian continues across the pole at phi + pi, where both components change their sign.
+        # Both components change sign across the pole, at phi + pi.
         beyond = -waves * (-1.0) ** np.abs(self._orders)
         # The angles pi and -pi are the same sample.
         last = len(theta) - 1 if self.covers_sphere else len(theta)
@@ -121,20 +116,20 @@ class ElementPattern:
 
     @property
     def band(self) -> tuple[int, int]:
-        """Highest orders of the field's Fourier series along theta and along phi."""
+        """Highest Fourier orders of the field along theta and along phi."""
         return self._waves.shape[1] // 2, int(np.abs(self._orders).max(initial=0))
 
     def components(self, theta: Floats, phi: Floats) -> Complex:
-        """Return the components E_theta and E_phi, shape (2, n, m), over theta and phi."""
+        """Return E_theta and E_phi over theta and phi, shape (2, n, m)."""
         along, around = self._along(theta), self._around(phi)
         return np.asarray(along @ self._waves @ around.T)
 
     def grid(self, theta: Floats, phi: Floats) -> Complex:
-        """Return the far-field vectors, shape (n, m, 3), over theta and phi."""
+        """Return far-field vectors over theta and phi, shape (n, m, 3)."""
         return _vector(theta[:, None], phi, *self.components(theta, phi))
 
     def vectors(self, directions: Floats) -> Complex:
-        """Return the far-field vectors in directions given by unit vectors."""
+        """Return far-field vectors in given directions, as unit vectors."""
         flat = directions.reshape(-1, 3)
         field = np.empty(flat.shape, np.complex128)
         for k in range(0, len(flat), _ROWS):
@@ -148,8 +143,8 @@ class ElementPattern:
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
         """Return the radiated power in W of the antenna, or of an array of such antennas.
 
-        ``factor`` is the array factor as a function of direction, and ``lag`` is 2 pi times the
-        extent of the array in wavelengths.
+        ``factor`` is the array factor of directions, ``lag`` 2 pi times the array size in
+        wavelengths.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
@@ -170,9 +165,9 @@ class ElementPattern:
         return np.exp(1j * phi[:, None] * self._orders)
 
     def _along(self, theta: Floats) -> Floats:
-        """Return the matrix that interpolates the samples of a meridian at angles theta."""
+        """Return the matrix that interpolates a meridian at angles theta."""
         count = self._waves.shape[1]
-        if self.covers_sphere:  # Dirichlet kernel for an even number of samples
+        if self.covers_sphere:  # Dirichlet kernel
             half = (theta[:, None] - (self._start + self._step * np.arange(count))) / 2
             near = np.abs(np.sin(half)) < 1e-12
             safe = np.where(near, 1.0, half)
@@ -192,7 +187,6 @@ class ElementPattern:
 
 
 def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
-    """Return field vectors from their components along theta and phi."""
     sine, cosine = np.sin(phi), np.cos(phi)
     radial = np.cos(theta) * polar
     x, y = radial * cosine - azimuthal * sine, radial * sine + azimuthal * cosine
@@ -208,11 +202,10 @@ def covers_front(theta: Floats, phi: Floats) -> bool:
 
 
 def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:
-    """Return the angles of a pattern, its field along x and y, and its Jones vector.
+    """Return theta, phi, the field along x and y, and the Jones vector of a pattern.
 
-    The angles theta (n,) and phi (m,) are ascending, and both components of the field have the
-    shape (n, m). Raises ArgumentError, with the argument's name ``name``, unless ``pattern`` is the
-    pattern of a polarised source.
+    Both components have the shape (n, m) over ascending angles. Raises ArgumentError for anything
+    but the pattern of a polarised source.
     """
     try:
         pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
@@ -230,15 +223,15 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
-    """Return E_theta and E_phi from the components along x and y of Ludwig's third definition."""
+    """Return E_theta and E_phi from components of Ludwig's third definition."""
     sine, cosine = np.sin(phi), np.cos(phi)
     return x * cosine + y * sine, y * cosine - x * sine
 
 
 def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
-    """Return the pattern of a polarised source as a far field that is interpolated over angles."""
+    """Return the pattern of a polarised source as an interpolated far field."""
     theta, phi, x, y, _ = linear_components(pattern, name)
-    # The columns phi = 0 and phi = 360 degrees are the same meridian.
+    # The columns phi = 0 and 360 degrees are the same meridian.
     if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:
         phi, x, y = phi[:-1], x[:, :-1], y[:, :-1]
     return ElementPattern(theta, phi, polar_components(x, y, phi))
@@ -258,13 +251,11 @@ class FittedPattern(NamedTuple):
     """
 
 
-# Residual of a fit above which a warning is issued.
 _POOR = 0.3
-# Period of the sum of plane waves of a fit, as a multiple of the extent of the outline. A period of
-# 2 would halve the residual, but requires 2.6 times as many waves.
+# Period of the plane waves over the extent of the outline. Twice the extent would halve the
+# residual with 2.6 times as many waves.
 _PERIODS = 1.25
-# Largest number of plane waves of a fit, enough for an outline of some 12 wavelengths. The fit then
-# takes some seconds.
+# Largest number of plane waves: some seconds for an outline of 12 wavelengths.
 _MOST_WAVES = 1200
 
 
@@ -353,7 +344,7 @@ def fit_pattern(
     waves = _waves_on(aperture, length)
     blocks = list(directions_and_weights(aperture.diameter, length))
     s, weights = (np.concatenate(column) for column in zip(*blocks, strict=True))
-    # Far-field vectors of a polarised point source, divided by its scalar far field.
+    # Far-field vector of a polarised point source, divided by its scalar far field.
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:
@@ -390,7 +381,6 @@ def fit_pattern(
 
 
 def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
-    """Return the spatial frequencies in 1/m of the plane waves of a fit."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents

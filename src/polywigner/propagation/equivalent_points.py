@@ -1,7 +1,7 @@
-"""Point sources that have the same field as an aperture beyond a few wavelengths. Source: (B8).
+"""Point sources with the far field of an aperture (B8).
 
-The point sources lie at Gauss nodes on the bounding box of the aperture or array. Their weights are
-fitted to its far field in the required directions. Lengths are in wavelengths.
+They lie at Gauss nodes on the bounding box of the source, with weights fitted to its far field in
+the required directions. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -28,21 +28,17 @@ from polywigner.source.obliquities import CONDITIONS, Obliquity, times_direction
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_source
 
-# Largest number of point sources that replace a source.
 _MOST_SOURCES = 1 << 15
-# Additional nodes along a side of the bounding box, which are tried in this order: first beyond the
-# number of nodes that suits a uniform aperture, then beyond the number that suits any source.
+# Additional nodes along a side, tried in turn: beyond the number for uniform apertures, then beyond
+# the number for any source.
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
-# Singular values of the matrix of plane waves at nodes below this fraction of the largest singular
-# value are rounding errors.
+# Relative singular values below this limit are rounding errors.
 _ROUNDING = 1e-9
-# The range of sines of the required directions is widened by this value, divided by the length of
-# the side of the bounding box in wavelengths.
+# Margin of the required sines, over the side of the bounding box in wavelengths.
 _MARGIN = 4.0
-# Number of triangles per block; each triangle has 400 nodes.
+# Triangles per block, with 400 nodes each.
 _CELLS = 1 << 6
-# Number of directions per cycle of phase in which the fitted far field is compared with the far
-# field of the source, and number of additional directions.
+# Test directions of the fit: number per cycle of phase, and additional number.
 _DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
 
 
@@ -51,20 +47,16 @@ class EquivalentGrid:
     """Point sources at Gauss nodes on the bounding box of a source."""
 
     nodes: tuple[Floats, Floats]
-    """Coordinates of the nodes along x and along y, from the centre of the box, as fractions of
-    half its sides."""
+    """Along x and y, from the centre, in units of half a side."""
     half: Floats
-    """Half the sides (2,) of the box, in wavelengths."""
+    """Half the sides in wavelengths, shape (2,)."""
     weights: tuple[Complex, ...]
     """Weights (nx, ny) of the field and of the normal derivative, in units of u times a square
-    wavelength.
-
-    A term that the boundary condition does not contain is omitted.
-    """
+    wavelength, without the terms that the boundary condition lacks."""
 
 
 Sines = tuple[tuple[float, float], tuple[float, float]]
-"""Smallest and largest sine of directions from a source, along x and along y."""
+"""Smallest and largest sine of directions, along x and along y."""
 _ALL_SINES: Sines = ((-1.0, 1.0), (-1.0, 1.0))
 
 
@@ -77,15 +69,14 @@ def equivalent_grid(
     allowed: Callable[[Sequence[int]], bool],
     sines: Sines = _ALL_SINES,
 ) -> EquivalentGrid | None:
-    """Return a grid of point sources that reproduces the far field of a source.
+    """Return a grid of point sources with the far field of a source.
 
-    The numbers of nodes are increased until the error of the squared far field is at most ``error``
-    times its peak, in directions within ``sines``. Returns None if ``allowed`` rejects the numbers
-    of nodes along x and y.
+    Nodes are added until the error of the squared far field within ``sines`` is at most ``error``
+    times its peak. Returns None if ``allowed`` rejects the numbers of nodes.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
-    # Cycles of phase over half a side between the outermost and the central direction.
+    # Phase difference over half a side, between the outermost and the central direction.
     cycles = half * widths
     waves: list[Floats] = []
     spectra: list[Complex] = []
@@ -109,13 +100,7 @@ def equivalent_grid(
 
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
-    """Return increasing numbers of nodes along a side of the bounding box, to be tried in turn.
-
-    ``cycles`` is the phase difference over half the side between the outermost and the central
-    direction.
-    """
-    # The first numbers suit uniform apertures. Other sources require nodes that resolve the waves
-    # at the centre of the side.
+    # The last numbers resolve any field on the source.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
     return numbers + [
@@ -126,11 +111,7 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 def _spectra(
     source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Return the far fields of a source for the field and the normal derivative in its plane.
-
-    A term that the boundary condition does not contain is omitted. Far fields are in units of a
-    square wavelength, and phases are relative to the centre.
-    """
+    """Return far fields of the field and of its normal derivative, in square wavelengths."""
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
     phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
     spectra = []
@@ -139,8 +120,7 @@ def _spectra(
     if condition.slope and isinstance(source, Wavefront) and not source.is_flat:
         spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
     elif condition.slope:
-        # This error is raised if all waves graze the plane. Their cosines are then zero, and so is
-        # the normal derivative.
+        # If all waves graze the plane, the normal derivative is zero.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(flat_source(source), wavelength)
             spectra.append(condition.slope * fourier(slopes, nu) * phase)
@@ -148,7 +128,7 @@ def _spectra(
 
 
 def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> Complex:
-    """Return the Fourier transform of the normal derivative of a curved wave, divided by ik."""
+    """Return the Fourier transform of a curved wave's normal derivative over ik."""
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
         for start in range(0, len(cells), _CELLS):
@@ -166,10 +146,7 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 def _fitted(
     spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """Fit the weights of point sources on a grid to a far field.
-
-    Returns None if the error of the squared far field exceeds ``error`` times its peak.
-    """
+    """Fit point sources to a far field; return None if the error is too large."""
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
@@ -181,11 +158,10 @@ def _fitted(
 
 
 def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
-    """Return bounds on the sines of directions from a rectangle in the plane z = 0 to boxes.
+    """Return bounds on the sines of directions from a rectangle in z = 0 to boxes (n, 2, 3).
 
-    ``low`` and ``high`` are opposite corners of the rectangle, and ``boxes`` (n, 2, 3) contains
-    opposite corners of each box. The bounds are widened by the angular resolution of a source that
-    fills the rectangle.
+    ``low`` and ``high`` are corners of the rectangle. The bounds include the diffraction angle of
+    the rectangle.
     """
     start = np.column_stack([low, high]).T
     first, last = boxes[:, 0].copy(), boxes[:, 1].copy()
@@ -198,13 +174,13 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
         others = [m for m in range(3) if m != k]
         closest, farthest = (np.linalg.norm(part[:, others], axis=1) for part in (near, far))
         margin = _MARGIN / max(high[k] - low[k], 1e-9)
-        # The sine along an axis increases with the component of the displacement along this axis.
-        # If it is positive, it decreases with the other components.
+        # The sine along an axis increases with the displacement along this axis. A positive sine
+        # decreases with the other components.
         largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
         least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
         lowest = max(-1.0, float(least.min()) - margin)
         highest = min(1.0, float(largest.max()) + margin)
-        # A range of sines that is symmetric about zero requires fewer Gauss nodes.
+        # Symmetric ranges need fewer Gauss nodes.
         if lowest < 0.0 < highest:
             highest = max(-lowest, highest)
             lowest = -highest
@@ -213,13 +189,12 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
 
 
 def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None) -> Pair:
-    """Return the obliquity term of (SB5) for a point source with a given field and position.
+    """Return the obliquity term of (SB5) for a point source.
 
-    The term replaces the obliquity factor of the direction to the point of observation by the
-    factor of the direction to the edge. ``rate`` is the derivative of the boundary wave with
-    respect to z of the source. ``turns`` is described at :func:`spherical_wave`.
+    ``rate`` is the derivative of the boundary wave with respect to z of the source. ``turns``: see
+    :func:`spherical_wave`.
     """
-    # The factor is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
+    # i/(2 pi) from the derivative, -1/(2 pi) from the boundary wave.
     wave = spherical_wave(ops, ahead, turns) * Pair(*field) * rate
     return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
 
@@ -227,8 +202,7 @@ def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any 
 def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
     """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
-    Lengths are in wavelengths. ``turns`` replaces R in the phase if R is known more accurately than
-    from ``ahead``.
+    ``turns`` replaces R in the phase if it is known more accurately.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
     c, s = cos_sin_cycles(ops, distance if turns is None else turns)
@@ -236,10 +210,10 @@ def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
 
 
 def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
-    """Return the wave of a point source at the displacement ``ahead`` from it.
+    """Return the wave of a point source at the displacement ``ahead``.
 
-    ``field`` and ``slope`` are the weights of the field and of the normal derivative. ``turns`` is
-    described at :func:`spherical_wave`.
+    ``field`` and ``slope`` are the weights of the field and of the normal derivative. ``turns``:
+    see :func:`spherical_wave`.
     """
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
     near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
@@ -247,7 +221,7 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = 
 
 
 class RadiatingPoint(NamedTuple):
-    """A point source that represents a part of an aperture. Lengths are in wavelengths."""
+    """A point source that represents part of an aperture, in wavelengths."""
 
     position: Floats
     field: complex
@@ -257,16 +231,16 @@ class RadiatingPoint(NamedTuple):
 
     @property
     def weights(self) -> list[tuple[float, float]]:
-        """Real and imaginary parts of the weights of the field and of the normal derivative."""
+        """Real and imaginary parts of both weights."""
         return [(self.field.real, self.field.imag), (self.slope.real, self.slope.imag)]
 
     @property
     def row(self) -> Floats:
-        """Position, and real and imaginary parts of both weights, shape (7,)."""
+        """Position and weights, shape (7,)."""
         return np.array([*self.position, *self.weights[0], *self.weights[1]])
 
     def wave(self, points: Floats) -> Complex:
-        """Return the field of this point source at points, shape (3, n)."""
+        """Return the field of the point source at points (3, n)."""
         ahead = points - self.position[:, None]
         wave = wave_ahead(NumpyOperations(), tuple(ahead), *self.weights)
         return np.asarray(wave.real + 1j * wave.imag)
@@ -282,13 +256,12 @@ def radiating_points(
 ) -> list[RadiatingPoint]:
     """Return point sources with the far field of a source.
 
-    The error of the squared far field is at most ``error`` times its peak. ``targets`` (n, 2, 3)
-    are opposite corners, in wavelengths, of boxes that contain the points of observation. By
-    default the far field is reproduced in all directions. Raises ArgumentError if the source
-    requires more than ``most`` points.
+    The error of the squared far field is at most ``error`` times its peak, in the directions of
+    ``targets`` (boxes of shape (n, 2, 3) in wavelengths), by default in all directions. Raises
+    ArgumentError if more than ``most`` points are needed.
     """
     if isinstance(source, PointSource):
-        # The wave exp(ikR)/R equals i/wavelength times exp(ikR)/(i R/wavelength).
+        # exp(ikR)/R = (i/wavelength) exp(ikR)/(i R/wavelength).
         position = np.array(source.position) / wavelength
         return [RadiatingPoint(position, 0j, 1j * source.amplitude / wavelength)]
     radiator = radiator_of(flat_source(source))

@@ -15,19 +15,17 @@ import numpy as np
 from polywigner.errors import FileFormatError
 from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
 from polywigner.numerics import Complex, Floats
+from polywigner.propagation.element_patterns import polar_components
 from polywigner.quantities import parse_frequency
 
 FREE_SPACE = 376.730313412
-"""Impedance of free space in ohm.
-
-A field with the peak value rE in V has the radiant intensity |rE|^2/(2 FREE_SPACE) in W/sr.
-"""
+"""Impedance of free space in ohm. A peak value rE in V gives |rE|^2/(2 FREE_SPACE) in W/sr."""
 
 FLOOR = -300.0
-"""Level in dB that stands for zero power."""
+"""Finite stand-in for zero power, in dB."""
 
 DIPOLE_GAIN = 2.15
-"""Gain in dBi of the half-wave dipole to which dBd refers."""
+"""Gain in dBi of the half-wave dipole, the reference of dBd."""
 
 MOST_DIRECTIONS = 2_000_000
 """Largest number of directions of a table."""
@@ -35,41 +33,33 @@ MOST_DIRECTIONS = 2_000_000
 
 @dataclass(frozen=True, eq=False)
 class FarFieldTable:
-    """Far field at one frequency in a list of directions, as read from a file.
-
-    Phases follow the convention exp(+j omega t - j k r) of the files.
-    """
+    """Far field at one frequency in a list of directions, with phases exp(+j omega t - j k r)."""
 
     theta: Floats
-    """Angle theta of each direction in degrees, from -180 to 180, shape (n,)."""
+    """Angles in degrees from -180 to 180, shape (n,)."""
     phi: Floats
-    """Angle phi of each direction in degrees, shape (n,)."""
+    """Angles in degrees, shape (n,)."""
     fields: Complex
-    """Components E_theta and E_phi as peak values times the distance, in V, shape (2, n)."""
+    """Peak values of E_theta and E_phi times the distance, in V, shape (2, n)."""
     frequency: float = math.nan
-    """Frequency in Hz; NaN if the file does not contain it."""
+    """In Hz; NaN if unknown."""
     repeated: list[tuple[Column, Floats]] = field(default_factory=list)
-    """Columns of the file that repeat the magnitude of the far field, as intensities in W/sr."""
+    """Columns that repeat the magnitude of the field, and their intensities in W/sr."""
     has_unit_power: bool = False
-    """Whether the file format normalises the field to a radiated power of 1 W."""
+    """Whether the file format normalises the radiated power to 1 W."""
 
-
-# ---- units of columns ----------------------------------------------------------------------------
 
 Kind = Literal["angle", "frequency", "field", "intensity", "ratio"]
 
 
 class Unit(NamedTuple):
-    """Unit of a column: the kind of quantity, and the conversion to degrees, Hz, V or W/sr."""
+    """Kind of quantity of a column, and its conversion to degrees, Hz, V or W/sr."""
 
     kind: Kind
-    """Kind of quantity.
-
-    A "field" is rE in V, or E in V/m at 1 m. An "intensity" is in W/sr, or in W/m^2 at 1 m. A
-    "ratio" is relative to an isotropic source.
-    """
+    """A "field" is rE in V, or E in V/m at 1 m. An "intensity" is in W/sr, or in W/m^2 at 1 m. A
+    "ratio" is relative to an isotropic source."""
     scale: float = 1.0
-    """Size of the unit, or value of 0 dB, in degrees, Hz, V or W/sr, or as a ratio."""
+    """Value of one unit or of 0 dB."""
     is_db: bool = False
 
 
@@ -92,23 +82,21 @@ _ADVICE = (
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit for a name such as "dBV/m", or None if the unit is not supported."""
+    """Return the unit for a name such as "dBV/m", None if it is not supported."""
     name = re.sub(r"\s|\.$", "", text).replace("²", "2").replace("^", "")
     if name.lower() in _NAMED:
         return _NAMED[name.lower()]
     is_db = name[:2].lower() == "db"
     if is_db:
         name = re.sub(r"^\((.*)\)$", r"\1", name[2:])
-        name = re.sub(r"^m(?=$|/)", "mW", name)  # The m in dBm stands for milliwatts.
+        name = re.sub(r"^m(?=$|/)", "mW", name)  # dBm
     match = _PHYSICAL.fullmatch(name)
     if match is None:
         return None
     return Unit("field" if match[2] else "intensity", _PREFIXES[match[1]], is_db)
 
 
-# ---- columns of tables ---------------------------------------------------------------------------
-
-# Allowed kinds of unit for each quantity, and the unit that is assumed if the header has none.
+# Allowed kinds of unit, and the default unit.
 _UNITS: dict[str, tuple[tuple[Kind, ...], Unit | None]] = {
     "theta": (("angle",), _DEGREES),
     "phi": (("angle",), _DEGREES),
@@ -134,7 +122,7 @@ _PARTS = {
     **dict.fromkeys(("", "mag", "abs", "db", "db10", "db20"), "size"),
     **dict.fromkeys(("phase", "arg", "ang", "ang_deg", "cang_deg", "ang_rad", "cang_rad"), "phase"),
 }
-# Titles of columns, such as mag(rETheta) in HFSS, and Re(Etheta) and Gain(Total) in FEKO.
+# Such as mag(rETheta) in HFSS, and Re(Etheta) and Gain(Total) in FEKO.
 _NAME = re.compile(
     r"(?:(?P<part>[a-z_0-9]+)\()?(?P<quantity>[a-z]+?)(?P<is_feko>\()?"
     r"(?P<component>theta|phi|total)\)?"
@@ -142,22 +130,17 @@ _NAME = re.compile(
 
 
 class Column(NamedTuple):
-    """Quantity, component and unit of one column of a far-field table."""
-
     title: str
     quantity: str
-    """Name of the quantity, such as "theta", "field" or "gain"."""
+    """Such as "theta", "field" or "gain"."""
     component: str
-    """Component "theta", "phi" or "total" of a far field; an empty string for an axis."""
+    """"theta", "phi" or "total"; empty for an axis."""
     part: str
-    """Part "real", "imaginary", "size" or "phase" of a far field; "value" for an axis."""
+    """"real", "imaginary", "size" or "phase"; "value" for an axis."""
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
-        """Convert the magnitudes in this column to radiant intensities in W/sr.
-
-        Gain and directivity are converted for a radiated power of 1 W.
-        """
+        """Convert magnitudes to radiant intensities in W/sr, for 1 W of radiated power."""
         is_field = self.unit.kind == "field"
         if self.unit.is_db:
             values = np.where(values <= FLOOR, 0.0, 10 ** (values / (20 if is_field else 10)))
@@ -173,9 +156,9 @@ class Column(NamedTuple):
 
 
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
-    """Return the column for a title and a unit of a header, or None if the title is unknown.
+    """Return the column for a title and a unit, None for unknown titles.
 
-    ``name`` is the title in the notation of HFSS if the file uses another notation.
+    ``name``: the title in the notation of HFSS.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
@@ -195,7 +178,7 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
     kinds, default = _UNITS[quantity]
     if part == "phase":
         kinds, default = ("angle",), _RADIANS if function.endswith("rad") else _DEGREES
-    elif function.startswith("db") or match["is_feko"]:  # In FEKO, Gain(Total) is in dB.
+    elif function.startswith("db") or match["is_feko"]:  # FEKO's Gain(Total) is in dB.
         default = Unit("field" if is_field else "ratio", 1.0, True)
     known = _checked_unit(label, unit, kinds, default, part == "size")
     return Column(label, quantity, component, part, known)
@@ -204,11 +187,7 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
 def _checked_unit(
     label: str, text: str | None, kinds: Sequence[Kind], default: Unit | None, db: bool = False
 ) -> Unit:
-    """Return the unit of a column from its name, or the default unit if the name is blank.
-
-    ``db`` specifies whether units in dB are allowed; they are required if the default is in dB.
-    Raises FileFormatError for other units.
-    """
+    """Return the unit of a column; ``db`` allows decibels, and a default in dB requires them."""
     if text is None or not text.strip():
         if default is None:
             raise FileFormatError(
@@ -226,9 +205,7 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
-    """Return the columns of a far-field table of CST, with None for each unknown title."""
-    # The columns Abs(Theta) and Abs(Phi) contain the same quantity as the column of the total, such
-    # as Abs(Dir.) or Abs(E).
+    # Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
     names = [re.sub(r"[\s.]", "", name).lower() for name, _ in titles]
@@ -244,7 +221,6 @@ def _cst_columns(header: str) -> list[Column | None]:
 
 
 def _check_header(columns: Sequence[Column | None]) -> None:
-    """Raise FileFormatError if a quantity occurs twice in a header, or an angle is missing."""
     contents = [column[1:4] for column in columns if column is not None]
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
@@ -259,30 +235,25 @@ def _check_header(columns: Sequence[Column | None]) -> None:
         )
 
 
-# ---- values of tables ----------------------------------------------------------------------------
-
-# Intensities below this fraction of the maximum are not compared, because tables round them too
-# coarsely.
+# Smallest compared intensity over the maximum, since tables are rounded.
 _COMPARED = 1e-2
-# Largest difference in dB between two columns that can result from the rounding of tables.
+# Largest level difference [dB] due to rounded tables.
 SAME_LEVEL = 0.1
 # GRASP omits the letter E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
 
 Cells = Sequence[tuple[Column, Floats]]
-"""Columns of a far-field table with their values."""
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
-    """Return the numbers in lines of text as an array with one row for each line.
+    """Return the numbers in lines of text as rows of an array.
 
-    ``first`` is the line number of the first line, for error messages.
+    ``first``: number of the first line, for error messages.
     """
     return _cells_of([line.split() for line in lines], first, columns)
 
 
 def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
-    """Return the numbers in rows of cells as an array, without blank rows."""
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -300,7 +271,7 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
             "the file contains no directions; expected one line for each direction"
         )
     table = np.array(values)
-    valid = np.abs(table) <= LARGEST_NUMBER  # This comparison is False for NaN.
+    valid = np.abs(table) <= LARGEST_NUMBER  # False for NaN
     if not valid.all():
         raise FileFormatError(
             f"the file contains the number {table[~valid][0]:g}; expected finite numbers up to "
@@ -312,7 +283,6 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
-    """Yield a far field for each frequency of a table, or one far field without such a column."""
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
@@ -327,7 +297,7 @@ def _tables_of(
 
 
 def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
-    """Return the field component along theta or phi in V, and the columns that determine it."""
+    """Return E_theta or E_phi in V, and the columns that determine it."""
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
@@ -339,8 +309,7 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
             f"phase, got {'a magnitude' if sizes else 'a phase' if phases else 'none'} only; "
             "export the components along theta and phi with their phases"
         )
-    # If a table contains several quantities, the first one in the order field, intensity,
-    # directivity, gain is used.
+    # Preferred quantity: field, intensity, directivity, gain.
     size, values = min(sizes, key=lambda pair: list(_UNITS).index(pair[0].quantity))
     phase, angles = phases[0]
     absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values))
@@ -350,9 +319,8 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
     """Raise FileFormatError if a column of magnitudes contradicts the field components.
 
-    The field components were computed from columns of the quantities ``sources``. Other columns of
-    these quantities must agree with them. Columns of other quantities may differ by a constant
-    factor, such as the radiated power.
+    Columns of other quantities than ``sources`` may differ by a constant factor, such as the
+    radiated power.
     """
     squares = np.square(np.abs(fields)) / (2 * FREE_SPACE)
     total = squares.sum(axis=0)
@@ -374,13 +342,10 @@ def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: se
             )
 
 
-# ---- file formats --------------------------------------------------------------------------------
-
 _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\s*(?P<at>.*))?")
 
 
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a report of HFSS (.csv) with one row for each direction."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
     _check_header(columns)
@@ -391,16 +356,13 @@ def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a far-field table of CST (.txt): header, dashes, and one row for each direction."""
     columns = _cst_columns(lines[0])
     _check_header(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
-    rows = [line.split() for line in lines[first:]]
-    yield from _tables_of(columns, _cells_of(rows, first + 1, len(columns)))
+    yield from _tables_of(columns, numbers_of(lines[first:], first + 1, len(columns)))
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read far fields of FEKO (.ffe): header lines with #, then one row for each direction."""
     columns: list[Column | None] = []
     settings = {"#coordinate system": "spherical", "#result type": ""}
     numbered = ((n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.startswith("**"))
@@ -432,12 +394,11 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
         _check_header(columns)
         text = settings.get("#frequency")
         frequency = math.nan if text is None else parse_frequency(text)
-        cells = _cells_of([line.split() for line in block], numbers[0], len(columns))
+        cells = numbers_of(block, numbers[0], len(columns))
         yield from _tables_of(columns, cells, frequency)
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read far fields of HFSS (.ffd): the angles theta and phi, then a block for each frequency."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -461,7 +422,6 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _pair(table: Floats) -> Complex:
-    """Return two complex field components from four columns of real and imaginary parts."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
@@ -474,7 +434,6 @@ def _checked_count(count: float, line: int) -> int:
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read spherical cuts of GRASP (.cut): a title, seven numbers and the samples of each cut."""
     cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
     k = 0
     while k < len(lines):
@@ -502,7 +461,7 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
         parts = cuts.setdefault(parse_frequency(named[0]) if named else 0.0, [])
         parts.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
         k += 2 + count
-    # GRASP normalises fields to a radiated power of 4 pi W, so |E|^2 equals the directivity.
+    # GRASP normalises the radiated power to 4 pi W, so |E|^2 is the directivity.
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))
     for frequency, parts in cuts.items():
         theta, phi = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
@@ -512,19 +471,16 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
-    """Convert two field components of a GRASP file to E_theta and E_phi.
+    """Convert components of a GRASP file to E_theta and E_phi.
 
-    ``kind`` is the file's ICOMP: 1 for theta and phi, 2 for right- and left-handed, 3 for co- and
-    cross-polar components.
+    ``kind``: ICOMP, 1 for theta and phi, 2 for right- and left-handed, 3 for co- and cross-polar.
     """
     if kind == 1:
         return pair
     co, cross = pair
-    if kind == 2:  # Right- and left-handed components are (co -+ j cross)/sqrt(2).
+    if kind == 2:  # (co -+ j cross)/sqrt(2)
         co, cross = (co + cross) / math.sqrt(2), 1j * (cross - co) / math.sqrt(2)
-    # Ludwig's third definition, with the co-polar component along x.
-    sine, cosine = np.sin(phi), np.cos(phi)
-    return np.stack([co * cosine + cross * sine, cross * cosine - co * sine])
+    return np.stack(polar_components(co, cross, phi))
 
 
 LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
@@ -534,4 +490,4 @@ LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
     ".ffe": _feko_far_field,
     ".cut": _grasp_cuts,
 }
-"""Reader for each file suffix, which yields a far field for each frequency of a file."""
+"""Readers by suffix, which yield a far field for each frequency."""

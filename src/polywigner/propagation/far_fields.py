@@ -67,7 +67,7 @@ def far_field(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """Return the far field of a source in directions s (..., 3). Source: (RP1).
+    """Return the far field of a source in directions s (..., 3) (RP1).
 
     The far field is the limit of ``r exp(-i k r) U(r s)`` at large distances r, in m times the unit
     of the source's field. It is zero at z < 0.
@@ -81,8 +81,7 @@ def far_field(
         spectrum = fourier(source, nu, precision=precision, engine=engine)
         total = np.asarray(factor * spectrum, np.complex128)
     if condition.needs_normal_derivative:
-        # This error is raised if all waves graze the plane. Their cosines are then zero, and so is
-        # the normal derivative.
+        # If all waves graze the plane, the normal derivative is zero.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(source, wavelength)
             spectrum = fourier(slopes, nu, precision=precision, engine=engine)
@@ -147,7 +146,6 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
-    """Raise ArgumentError if an obliquity requires normal derivatives of a Wavefront."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
@@ -170,30 +168,22 @@ def powers_of(
 def _intensity(
     source: PlaneSource | Wavefront, directions: NDArray[np.float64], wavelength: float, name: str
 ) -> NDArray[np.float64]:
-    """Return the radiant intensity of a source in W/sr, in directions with z >= 0."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
-    # The radiant intensity already contains the factor cos(theta) of "paper"; the default condition
-    # requires cos^2(theta).
+    # The factor cos(theta) of "paper" is included; the default condition requires cos^2(theta).
     factor = 1.0 if name == "paper" else directions[:, 2]
     return np.asarray(radiant_intensity(source, directions, wavelength) * factor)
 
 
-# ---- far fields as functions of direction --------------------------------------------------------
-
-# Smallest number of samples of a direction cosine from -1 to 1 in the search for the beam. It
-# resolves the obliquity factor of small sources.
+# Samples of a direction cosine, enough for the obliquity factor of small sources.
 _LEAST_STEPS = 16
-# Number of directions per block, which takes some megabytes.
+# Directions per block, some megabytes.
 _BLOCK = 1 << 17
-# Largest number of directions in a search for the beam over the whole hemisphere. These directions
-# take a tenth of a second.
+# Directions in a search of the whole hemisphere, a tenth of a second.
 _MOST = 1 << 20
-# The beam of a wide source is searched only near the directions of its plane waves, within this
-# many widths of the main lobe of its smallest element.
+# Search radius about the plane waves of wide sources, in widths of an element's main lobe.
 _LOBES = 4.0
-# Largest relative difference between the frequencies of an element's pattern and of the array
-# without a warning.
+# Relative frequency difference between element and array that causes a warning.
 _OTHER_FREQUENCY = 0.01
 
 
@@ -202,39 +192,36 @@ class FarField:
     """The far field of a source as a function of direction."""
 
     source: PlaneSource | Wavefront | None
-    """Source; None for a far field from a table."""
+    """Source, None for a table."""
     wavelength: float
     """Wavelength in m."""
     at: Callable[..., Values]
-    """Function that returns the field, or its vectors, in directions given by unit vectors."""
+    """Function that returns the field, or its vectors, in given directions (unit vectors)."""
     powers: tuple[float, float]
     """Radiated power, and integral of |u|^2 over the source, in W."""
     about: dict[str, Any]
-    """Boundary condition or model of currents, as an attribute of a dataset."""
+    """Boundary condition or model of currents."""
     is_vector: bool = True
-    """Whether the field is an electric field with three components."""
+    """Whether the field is an electric field (three components)."""
     jones: Values | None = None
-    """Jones vector of the co-polar part; None if the co-polar part is polarised as the beam."""
+    """Jones vector of the co-polar part; None for the polarisation of the beam."""
     goes_backwards: bool = False
-    """Whether the source radiates behind its plane."""
+    """Whether the source radiates to z < 0."""
     known_beam: tuple[float, float, float] | None = None
-    """Value of ``beam`` for a far field from a table."""
+    """Value of ``beam`` for a table."""
     on_grid: Callable[[Values, Values], Values] | None = None
-    """Function that returns the field on a grid of angles theta (n,) and phi (m,).
-
-    If it is None, ``at`` is called for each direction of the grid.
-    """
+    """Function that returns the field over theta (n,) and phi (m,), if it is faster than ``at``."""
     how: dict[str, Any] = field(default_factory=dict)
     """Keywords ``precision`` and ``engine`` of ``at``."""
 
     def grid(self, theta: Values, phi: Values) -> Values:
-        """Return the field (n, m), or its vectors (n, m, 3), on a grid of theta and phi."""
+        """Return the field (n, m), or its vectors (n, m, 3), over theta and phi."""
         if self.on_grid is not None:
             return self.on_grid(theta, phi)
         return self.at(unit_vectors(theta, phi), **self.how)
 
     def intensity(self, directions: Values) -> Values:
-        """Return the radiant intensity |E|^2 in W/sr in directions given by unit vectors."""
+        """Return the radiant intensity |E|^2 in W/sr in given directions (unit vectors)."""
         squares = np.square(np.abs(self.at(directions)))
         return np.asarray(squares.sum(axis=-1) if self.is_vector else squares)
 
@@ -242,8 +229,7 @@ class FarField:
     def beam(self) -> tuple[float, float, float]:
         """Largest |E|^2 in front of the plane in W/sr, and theta and phi of its direction.
 
-        If |E|^2 is equally large in several directions, the direction with the smallest theta is
-        used, and then the direction with the smallest phi.
+        Of equal maxima, the smallest theta, then the smallest phi is used.
         """
         if self.known_beam is not None:
             return self.known_beam
@@ -272,10 +258,6 @@ class FarField:
         return float(values.max()), float(theta[first]), float(phi[first])
 
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
-        """Return windows of direction cosines that may contain the beam of a wide source.
-
-        Each window consists of its centre, and half the number of samples along each axis.
-        """
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
         sides = [sides_of(e.bounds) for e in flat.elements_in_plane]
@@ -289,36 +271,29 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
-        """Return direction cosines, moved into the unit disc, and |E|^2 in these directions."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
         return cosines, self.intensity(directions).reshape(cosines.shape[:-1])
 
 
-# The spectrum |F|^2 of a source of width D varies on scales of 1/D and more. At the distance d from
-# a peak, along an axis, the spectrum is at least cos^2(pi d D) times the peak. The sample next to
-# the largest peak is therefore at least this fraction of the peak, and the peak lies near one of
-# the samples that reach this fraction.
-#
-# A peak is searched in a window of _WINDOW samples on either side of its estimated position. The
-# window shrinks by the factor _WINDOW in each of _ROUNDS rounds, so the position of the peak is
-# accurate to 4^-8 of the distance between samples. Since a peak is quadratic, its relative height
-# is accurate to the square of this fraction, about 1e-9.
+# The spectrum |F|^2 of a source of width D is at least cos^2(pi d D) times the peak at the distance
+# d from it, along an axis. This bounds the sample next to the largest peak from below. _WINDOW is
+# the number of samples on each side of the search window, and the factor by which it shrinks in
+# each of _ROUNDS rounds. The position is accurate to 4^-8 steps, and the height, which is
+# quadratic, to about 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
-# Largest number of samples around which the largest peak is searched.
+# Largest number of samples with a local search.
 _MOST_REFINED = 256
 
 
 def _near_largest(
     points: Floats, values: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the samples that may lie next to the largest peak of a far field.
+    """Return samples that may lie next to the largest peak, in descending order of values.
 
-    Up to 256 samples, as points (n, 2) and values (n,), are returned in descending order of their
-    values. ``step`` is the distance between samples along each axis, and ``width`` the width of the
-    source along each axis. The product of both is at most 1/2.
+    The product of ``step`` and ``width`` (source width) is at most 1/2.
     """
     fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
     best = np.argsort(-values, kind="stable")[:_MOST_REFINED]
@@ -329,10 +304,9 @@ def _near_largest(
 def _climbed(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return positions and heights of the largest peak of a function, or of several equal peaks.
+    """Return positions and heights of the largest peaks, from samples near them.
 
-    ``evaluate`` moves points into the domain of the function, and returns them with the values of
-    the function. ``points`` (n, 2) are samples near the peaks, from :func:`_near_largest`.
+    ``evaluate`` moves points into its domain, and returns them with the values.
     """
     around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
     window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
@@ -358,10 +332,7 @@ class FarFieldOptions(TypedDict, total=False):
 
 
 def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) -> FarField:
-    """Return the far field for the arguments of :func:`radiation_pattern`.
-
-    Raises ArgumentError for options that cannot be combined.
-    """
+    """Return the far field for the arguments of :func:`radiation_pattern`."""
     check_options(options, FarFieldOptions)
     obliquity, polarisation, method, element = (
         options.get(name) for name in ("obliquity", "polarisation", "method", "element")
@@ -405,7 +376,6 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
 def _of_elements(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
-    """Return the far field of an array whose element pattern is from a file or a simulator."""
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             f"element= requires a phased_array, got {type(source).__name__}; create one with "
@@ -438,27 +408,21 @@ def _of_elements(
     )  # fmt: skip
 
 
-# ---- steering direction --------------------------------------------------------------------------
-
-# Largest deviation in rad of the phases of an array's weights from a linear function of position,
-# up to which the array counts as steered. Phases rounded in tables deviate less, and phases of
-# quantised phase shifters deviate more.
+# Largest deviation [rad] of an array's phases from linear phases. Tables deviate less, and
+# quantised phase shifters more.
 _LINEAR = 0.02
-# Largest deviation of the frequencies of plane waves from a symmetric arrangement, as a fraction of
-# 1/wavelength, up to which the waves count as symmetric.
+# Tolerance of symmetric frequencies, as a fraction of 1/wavelength.
 _SYMMETRIC = 1e-6
-# Largest number of plane waves of a field that is tested for symmetry.
 _MOST_WAVES = 4096
 
 
 def steered_direction(
     source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Return the angles theta and phi in rad to which a source is steered; None if unknown.
+    """Return theta and phi in rad to which a source is steered, None if unknown.
 
-    A phased array is steered if the phases of its weights, apart from signs, are linear in the
-    position. An aperture is steered if its field is a real taper times a plane wave. If grating
-    lobes allow several directions, the direction closest to theta and phi of ``beam`` is returned.
+    This requires an array whose phases are linear apart from signs, or an aperture with a real
+    taper times a plane wave. Grating lobes are resolved by the angles of ``beam``.
     """
     if source is None or isinstance(source, Wavefront):
         return None
@@ -480,15 +444,11 @@ def steered_direction(
 def _of_weights(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Return the direction cosines to which weights with linear phases steer an array.
-
-    If grating lobes allow several directions, the direction closest to ``near`` is returned.
-    Returns None if the phases are not linear in the position.
-    """
+    """Return the direction cosines of linear phases, closest to ``near``; None for other phases."""
     if len(weights) < 2:
         return None
     residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
-    # Tapers may have negative weights. The phases of the squared weights do not depend on the sign.
+    # Squaring removes the signs of tapers.
     squares = residual**2 * np.conj((residual**2).sum())
     phases, strength = np.angle(squares) / 2, np.abs(weights)
     columns = np.column_stack([positions / wavelength * 2 * np.pi, np.ones(len(weights))])
@@ -498,10 +458,7 @@ def _of_weights(
 
 
 def _of_waves(illumination: Any, wavelength: float) -> Values | None:
-    """Return the direction cosines of the central wave of an illumination with symmetric waves.
-
-    Returns None if the plane waves of the illumination are not symmetric about one wave.
-    """
+    """Return the central direction cosines of symmetric plane waves, None otherwise."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

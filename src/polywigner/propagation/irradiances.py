@@ -47,19 +47,14 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 
 LightSource = Aperture | Array | Wavefront | Screen | PointSource
 Compute = Callable[[LightSource, float, ArrayLike], Floats]
-"""Function that returns the irradiance of a coherent source and its error, as an array (2, ...).
-
-The arguments are the source, the wavelength in m, and the points.
-"""
+"""Function of source, wavelength in m and points that returns irradiances and errors (2, ...)."""
 
 _TOLERANCE = 1e-3
-# Allowed error of a mean over the tilts and wavelengths of partially coherent light, as a fraction
-# of the tolerance.
+# Error of a mean over tilts and wavelengths, as a fraction of the tolerance.
 _OF_MIXTURE = 1e-4
-# Largest allowed error of a mean over tilts and wavelengths of exact fields, as a fraction of the
-# largest irradiance.
+# Largest error of such a mean of exact fields, over the largest irradiance.
 _OF_EXACT = 1e-7
-# Allowed error of fields behind obstacles, as a fraction of the tolerance.
+# Error of fields behind obstacles, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
 
 
@@ -233,12 +228,9 @@ def _irradiance_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance at points and an estimate of its error.
-
-    The error behind obstacles is estimated only if ``with_error`` is true.
-    """
     checked_method(method, ("wigner", *METHODS, "auto"))
-    allowed = checked_tolerance(tolerance)
+    meaning = "a number above 0 and below 1"
+    allowed = checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     others = {
         "method": None if method in ("wigner", "auto", "fresnel") else method,
@@ -256,7 +248,7 @@ def _irradiance_and_error(
         )
     check_edge(edge, obstacles)
     if method == "wigner" and isinstance(source, PointSource):
-        method = DEFAULT  # The rays of a point source have the irradiance |exp(ikR)/R|^2 exactly.
+        method = DEFAULT  # The rays of a point source are exact.
     field_tolerance = min(allowed, DEFAULT_TOLERANCE)
     if obstacles is not None:
         field_tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
@@ -304,7 +296,6 @@ def _by_rays(
     tolerance: float,
     engine: Engine,
 ) -> Floats:
-    """Return the irradiance by Wigner rays at points, and its error, as an array (2, ...)."""
     length = checked_wavelength(wavelength)
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -320,23 +311,10 @@ def _by_rays(
 
 
 def _has_closed_form(source: LightSource, obliquity: ObliquityName | None) -> bool:
-    """Return whether Wigner rays need no sum over the tilts of partially coherent light.
-
-    The Wigner function of the light is then known (PC8), and the obliquity does not depend on the
-    tilt.
-    """
+    """Return whether (PC8) replaces the sum over tilts of partially coherent light."""
     if not is_partly_coherent(source) or obliquity_of(obliquity).needs_normal_derivative:
         return False
     return isinstance(source, Wavefront) and kernels.partly_coherent_kernel(source) is not None
-
-
-def checked_tolerance(tolerance: float) -> float:
-    """Return a tolerance above 0 and below 1; raise ArgumentError for other values."""
-    meaning = "a number above 0 and below 1"
-    return checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
-
-
-# ---- bands of wavelengths, and tilts of partially coherent light ---------------------------------
 
 
 def mixture_parts(
@@ -344,8 +322,7 @@ def mixture_parts(
 ) -> Iterator[tuple[Aperture | Array | Wavefront, float, float]]:
     """Yield coherent sources, wavelengths in m and weights that represent partially coherent light.
 
-    The irradiance of the light is the weighted sum of the irradiances of the coherent sources.
-    ``error`` is the allowed error of the sum, relative to the largest possible irradiance.
+    ``error`` is relative to the largest possible irradiance.
     """
     for part, length, weight in _band(source, wavelength, bandwidth, error):
         for tilted, fraction in _tilted(part, error):
@@ -355,7 +332,6 @@ def mixture_parts(
 def _band(
     source: Any, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Any, float, float]]:
-    """Yield the source, a wavelength in m and a weight for each wavelength of a band."""
     length = checked_wavelength(wavelength)
     band = [(length, 1.0)]
     if bandwidth is not None:
@@ -366,7 +342,6 @@ def _band(
 
 
 def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
-    """Yield a coherent source and a weight for each tilt of partially coherent light."""
     if not is_partly_coherent(source):
         yield source, 1.0
         return
@@ -383,11 +358,6 @@ def _of_shared_samples(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance of partially coherent light and its error, as an array (2, ...).
-
-    The samples of the source are shared by all tilts. Returns None if it is faster to compute the
-    field of each tilt separately.
-    """
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]
     stops: Sequence[object] = []

@@ -1,10 +1,8 @@
-"""Irradiance of partially coherent light as sums over short lags.
+"""Irradiance of partially coherent light as integrals over short lags.
 
-A lag is the difference of the positions of two points on the source. If the coherence width is far
-below the size of the source, only points that are a few coherence widths apart interfere, so the
-irradiance is an integral over short lags. In the Fresnel approximation (parabolic waves) the
-integrand is the ambiguity function (PC10). With exact (spherical) waves it is an integral over the
-midpoints of pairs of points (PC11). The last section contains Gauss rules on trapezoids.
+A lag is the difference of two positions on the source. Only lags of a few coherence widths
+contribute. The integrand is the ambiguity function for parabolic waves (PC10), and an integral over
+midpoints for spherical waves (PC11).
 """
 
 from __future__ import annotations
@@ -23,10 +21,10 @@ from polywigner.geometry.parts import grid_size, polygons_in, shifted
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.nodes import (
+    Cells,
     chirp_node_counts,
     normal_product_rule,
     rule_of_counts,
-    unit_rule,
 )
 from polywigner.optics import FirstOrder
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -34,47 +32,39 @@ from polywigner.source.obliquities import Obliquity, direction_cosines
 from polywigner.transforms import ambiguity
 
 Channel = Floats | None
-"""Quantity on the source: the field, or the normal derivative of one of its plane waves.
+"""None for the field, or the spatial frequency (2,) of a plane wave for its normal derivative."""
 
-None stands for the field, and the spatial frequency (2,) of a plane wave for its derivative.
-"""
-
-# Largest lag, in coherence widths, that contributes. At longer lags, the degree of coherence is
-# below 1e-10.
+# Longest lag [coherence widths], where the degree of coherence is below 1e-10.
 _LONGEST = 6.8
-# Error of the coarsest quadrature rule for a plane wave.
+# Error of the coarsest rule for a plane wave.
 _ERROR = 1e-7
-# Product of the coherence width and the highest frequency of the degree of coherence that
-# quadrature rules resolve.
+# Highest resolved frequency of the degree of coherence, times the coherence width.
 _OF_NORMAL = 0.48
-# Numbers of additional nodes of successively finer quadrature rules, which are tried until the
-# results of two rules agree.
+# Additional nodes of successive rules.
 _LEVELS = (0, 2, 5, 10, 18)
-# Largest number of kinks of the ambiguity function along which the lags are divided into cells.
+# Largest number of kinks of the ambiguity function that divide the lags into cells.
 _MOST_KINKS = 2000
-# Largest number of lags for sources in front of first-order systems.
+# Largest number of lags behind first-order systems.
 _MOST_NODES = 1 << 20
-# Number of values in the arrays of a block.
+# Numbers per block.
 _BLOCK = 1 << 22
 
 
 def _sum_over_lags(
     irradiance: Callable[[Floats, Floats, int], Floats],
-    cells: Trapezoids,
+    cells: Cells,
     rates: Floats,
     error: float,
 ) -> Floats | None:
-    """Integrate over short lags, and return the irradiance at points.
+    """Integrate over lags by successive rules; return None without convergence.
 
-    ``irradiance`` is a function of lags (m, 2), weights (m,) and the number of additional nodes.
-    The quadrature rule is refined until the values change by less than ``error`` times the largest
-    irradiance. Without convergence, the result is None.
+    ``irradiance(lags, weights, extra)``: contribution of lags (m, 2) with ``extra`` additional
+    nodes. ``error`` is relative to the largest irradiance.
     """
     previous: Floats | None = None
     for extra in _LEVELS:
-        lags, weights, _ = rule_on(cells, rates, _ERROR, extra)
-        # The cells cover half of the lags. The factor 2 accounts for the opposite lags, which
-        # contribute the same amount.
+        lags, weights, _ = rule_of_counts(cells, node_counts(cells, rates, _ERROR) + extra)
+        # Opposite lags contribute equally, and the cells cover half of the lags.
         values = irradiance(lags, 2.0 * weights, extra)
         if previous is not None and abs(values - previous).max() <= error * abs(values).max():
             return values
@@ -86,13 +76,9 @@ def _longest_lags(source: Wavefront) -> Floats:
     return np.asarray(np.minimum(sides_of(source.bounds), _LONGEST * source.coherence_width))
 
 
-def _lag_cells(source: Wavefront) -> Trapezoids:
-    """Return trapezoids that tile half of the lags at which the source has mutual coherence.
-
-    No kink of the ambiguity function crosses a trapezoid, unless there are more than
-    ``_MOST_KINKS`` kinks.
-    """
-    # The kinks lie on the segments V - E for all pairs of a vertex V and an edge E.
+def _lag_cells(source: Wavefront) -> Cells:
+    """Return trapezoids that tile half of the lags, not crossed by up to _MOST_KINKS kinks."""
+    # Kinks lie on the segments V - E of all vertices V and edges E.
     reach = _longest_lags(source)
     half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
     rings = normal_form(source).rings
@@ -105,10 +91,10 @@ def _lag_cells(source: Wavefront) -> Trapezoids:
         lines = shapely.linestrings(segments)
         kinks.extend(lines[shapely.intersects(lines, half) & (shapely.length(lines) > 0)])
         if len(kinks) > _MOST_KINKS:
-            return trapezoids_of([half])[0]
+            return _trapezoids_in([half])[0]
     cut = shapely.intersection(np.array(kinks, object), half)
     noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(reach)))
-    return trapezoids_of(np.array(polygons_in(shapely.polygonize([noded])), object))[0]
+    return _trapezoids_in(np.array(polygons_in(shapely.polygonize([noded])), object))[0]
 
 
 def summed_over_lags(
@@ -116,8 +102,8 @@ def summed_over_lags(
 ) -> Floats | None:
     """Return the irradiance at points (n, 2) behind a first-order system by (PC10).
 
-    ``error`` is relative to the largest irradiance. The result is None if the points lie in an
-    image of the source (B = 0), or if the quadrature rule has too many nodes.
+    ``error`` is relative to the largest irradiance. The result is None in an image plane (B = 0),
+    or if the rule has too many nodes.
     """
     determinant = abs(float(np.linalg.det(system.B)))
     if not determinant > 0.0:
@@ -148,37 +134,28 @@ def summed_over_lags(
     return _sum_over_lags(irradiance, cells, largest, error)
 
 
-# ---- spherical waves -----------------------------------------------------------------------------
-
-# Computing time in ns for each combination of a field point and a pair of points on the source, and
-# for each vertex of two outlines that are intersected.
+# Computing time [ns] per pair of source points and field point, and per vertex of an overlap.
 _PAIR, _CUT = 60.0, 2e4
-# Computing time of the two coarsest quadrature rules, which are always evaluated, relative to the
-# computing time of the coarsest rule.
+# Computing time of the two coarsest rules, relative to the coarsest.
 _TWO_RULES = 2.5
-# Plane waves must not graze the plane of the source for tilts of up to this number of standard
-# deviations.
+# Tilt [standard deviations] up to which plane waves must not graze the source plane.
 _GRAZING = 5.0
-# Error of the quadrature rule for means over tilts.
+# Error of means over tilts.
 _MEAN_ERROR = 1e-8
-# Number of lags per block.
+# Lags per block.
 _LAGS = 256
-# Numbers of pairs and of points per block. Arrays of this size stay in the cache of the processor.
+# Pairs and field points per block, which fit in the processor's cache.
 _PAIRS, _POINTS = 1 << 12, 4
 
 
 def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
-    """Return the quantities on the source that a boundary condition requires."""
+    """Return the field and the normal derivatives that a boundary condition requires."""
     channels: list[Channel] = [None] if condition.field else []
     return channels + (list(normal_form(source).frequencies) if condition.slope else [])
 
 
 def channel_at(element: SourceElement, channel: Channel, x: Floats) -> Complex | float:
-    """Return the field of an element at positions x, or one of its plane waves.
-
-    ``channel`` is None for the field, or the frequency of the plane wave. The weight of the element
-    is not included.
-    """
+    """Return the field or a plane wave of an element at positions x, without its weight."""
     if channel is None:
         return 1.0 if element.illumination is None else element.illumination(x)
     amplitude = element.amplitudes[(element.frequencies == channel).all(axis=1)].sum()
@@ -195,9 +172,8 @@ def summed_over_pairs(
 ) -> Floats | None:
     """Return the irradiance of partially coherent light at points (n, 3) by (PC11).
 
-    The result is None if the estimated computing time exceeds ``longest_time`` in ns or the
-    quadrature rules do not converge. It is also None if the boundary condition requires the normal
-    derivatives of a curved wave, or of plane waves that may graze the plane.
+    The result is None if the estimated time exceeds ``longest_time`` in ns, without convergence, or
+    if normal derivatives of curved or grazing waves are required.
     """
     width, form = source.coherence_width, normal_form(source)
     steepest = np.linalg.norm(form.frequencies, axis=1).max() + _GRAZING / (2 * np.pi * width)
@@ -205,7 +181,7 @@ def summed_over_pairs(
     if condition.needs_normal_derivative and not is_steep:
         return None
     elements = form.in_plane.elements
-    # Upper bound on the second derivatives of the phase, in cycles per square metre.
+    # Bound on the second derivatives of the phase [cycles/m^2].
     bend = 1.0 / (wavelength * points[:, 2].min()) + float(np.linalg.norm(source.curvature, 2))
     largest = 2.0 * abs(form.frequencies).max(axis=0)
 
@@ -217,7 +193,7 @@ def summed_over_pairs(
     rates = np.hypot(rates, _OF_NORMAL / width)
     cells = _lag_cells(source)
     polygons = shapely.get_parts([element.shape.polygons for element in elements])
-    tiles, _ = trapezoids_of(polygons)
+    tiles, _ = _trapezoids_in(polygons)
     counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(reach / 2), _ERROR)]
     lag_count, mean_count = (float(count.prod(axis=1).sum()) for count in counts)
     time = len(points) * _PAIR * mean_count + _CUT * sum(len(ring) for ring in form.rings)
@@ -243,8 +219,7 @@ def summed_over_pairs(
                 factor = amounts * a.weight * np.conj(b.weight) * np.exp(2j * np.pi * cycles)
                 first = [factor * channel_at(a, c, x + lag / 2) for c in channels]
                 second = [np.conj(channel_at(b, c, x - lag / 2)) for c in channels]
-                # On the path to a point, the normal derivatives of all waves are multiplied by the
-                # same factor, so they form one group.
+                # Propagation multiplies all normal derivatives by the same factor.
                 mutual = np.zeros((groups, groups, len(x)), np.complex128)
                 for (i, u), (j, v) in product(enumerate(first), enumerate(second)):
                     mutual[min(i, groups - 1), min(j, groups - 1)] += degrees[i, j][lag_of] * u * v
@@ -256,11 +231,10 @@ def summed_over_pairs(
 
 
 def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
-    """Return the degree of coherence between two quantities on the source at lags xi (n, 2).
+    """Return the degrees of coherence (a, b, n) of two channels at lags xi (n, 2).
 
-    For the channels a and b it is the mean of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t, and
-    the shape is (a, b, n). The factor p is 1 for the field. For the normal derivative of a plane
-    wave, p is the direction cosine p_z of the tilted wave.
+    They are means of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t. The factor p is 1 for the
+    field, and the direction cosine p_z of the tilted wave for a normal derivative.
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
@@ -274,39 +248,31 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
         ]
     )
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
-    # einsum is faster than a matrix product here, because the threads of BLAS would take longer to
-    # start than such small products.
+    # Starting the threads of BLAS would take longer than such small products.
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
 def _pairs(
     first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, Indices]:
-    """Return quadrature nodes for pairs of points on two elements that differ by given lags.
-
-    Returns the midpoints (n, 2) of the pairs, the weights (n,), and the indices (n,) of the lags.
-    """
+    """Return midpoints (n, 2), weights and lag indices (n,) of pairs of points on two elements."""
     ahead, behind = (np.full(len(lags), e.shape.polygons, object) for e in (first, second))
     common = shapely.intersection(shifted(ahead, -lags / 2), shifted(behind, lags / 2))
     parts, lag_of_part = shapely.get_parts(common, return_index=True)
     has_area = shapely.area(parts) > 0
     if not has_area.any():
-        # No lag connects the two elements.
         return np.empty((0, 2)), np.empty(0), np.empty(0, np.intp)
-    cells, part_of = trapezoids_of(parts[has_area])
+    cells, part_of = _trapezoids_in(parts[has_area])
     lag_of_cell = lag_of_part[has_area][part_of]
-    nodes, weights, cell_of = rule_on(cells, rates[lag_of_cell], _ERROR, extra)
+    counts = node_counts(cells, rates[lag_of_cell], _ERROR) + extra
+    nodes, weights, cell_of = rule_of_counts(cells, counts)
     return nodes, weights, lag_of_cell[cell_of]
 
 
 def _sum_of_waves(
     points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
 ) -> Floats:
-    """Return the irradiance at points (n, 3) that pairs of points on the source cause.
-
-    ``means`` and ``lags`` (m, 2) are the midpoints and the differences of the pairs, and ``mutual``
-    (c, c, m) contains the mutual intensities of c groups of quantities.
-    """
+    """Return the irradiance at points (n, 3) for pairs with mutual intensities (c, c, m)."""
     total = np.zeros(len(points))
 
     def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:
@@ -322,7 +288,7 @@ def _sum_of_waves(
         along = dx * xi + dy * eta
         square = dx * dx + dy * dy + (z * z + 0.25 * (xi * xi + eta * eta))
         first, second = np.sqrt(square + along), np.sqrt(square - along)
-        # This form of the difference of both distances does not lose digits by cancellation.
+        # Avoids cancellation in the difference of distances.
         phase = (2 * k) * along / (first + second)
         waves = (np.cos(phase) + 1j * np.sin(phase)) / (first * second)
         terms = zip(
@@ -331,35 +297,21 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # An explicit sum is faster than a matrix product here, because the threads of BLAS would
-        # take longer to start than such short products.
+        # Starting the threads of BLAS would take longer than such short products.
         total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 
 
-# ---- quadrature on trapezoids --------------------------------------------------------------------
-
-Trapezoids = NDArray[np.float64]
-"""Trapezoids with two sides parallel to x, shape (n, 3, 2).
-
-The second axis contains y, the left x and the right x, and the last axis stands for the lower and
-the upper side.
-"""
-
-# Number of pairs of an edge and the height of a vertex per block.
+# Pairs (edge, vertex height) per block.
 _BATCH = 1 << 20
-# Poles of the integrand at the distance d from a trapezoid of size 2 a require _POLE/arcsinh(d/a)
-# additional nodes.
+# Poles at the distance d from a cell of size 2 a need _POLE/arcsinh(d/a) more nodes.
 _POLE = 4.0
 
 
-def trapezoids_of(
+def _trapezoids_in(
     polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
-) -> tuple[Trapezoids, Indices]:
-    """Return trapezoids that tile polygons, and the index of the polygon of each trapezoid.
-
-    The parallel sides pass through the vertices of the polygons.
-    """
+) -> tuple[Cells, Indices]:
+    """Return trapezoids that tile polygons, cut through all vertices, and their polygon indices."""
     rings, of_ring = shapely.get_rings(polygons, return_index=True)
     vertices, ring = shapely.get_coordinates(rings, return_index=True)
     is_edge = ring[1:] == ring[:-1]
@@ -378,11 +330,10 @@ def trapezoids_of(
     return np.concatenate(parts), np.concatenate(owners)
 
 
-def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
-    """Return trapezoids that tile polygons, and the index of the polygon of each trapezoid.
+def _between_heights(edges: Floats) -> tuple[Cells, Indices]:
+    """Return the trapezoids of polygons with equal numbers of edges, and their polygon indices.
 
-    All polygons have the same number of edges. The axes of ``edges`` are polygon, edge, end and
-    coordinate.
+    Axes of ``edges``: polygon, edge, end, coordinate.
     """
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
@@ -392,70 +343,33 @@ def _between_heights(edges: Floats) -> tuple[Trapezoids, Indices]:
     ends = np.stack([np.where(across, x + (level - y) * slope, np.inf) for level in (low, high)])
     ends = np.take_along_axis(ends, np.argsort(ends.sum(axis=0), axis=-1)[None], axis=-1)
     pairs = ends[..., : 2 * (ends.shape[-1] // 2)].transpose(1, 2, 3, 0)
-    left, right = pairs[:, :, ::2], pairs[:, :, 1::2]
-    levels = np.broadcast_to(np.stack([low, high], axis=-1), left.shape)
-    is_inside = np.isfinite(right).all(axis=-1)
-    return np.stack([levels, left, right], axis=-2)[is_inside], np.nonzero(is_inside)[0]
+    x = np.concatenate([pairs[:, :, ::2], pairs[:, :, 1::2]], axis=-1)[..., [0, 2, 1, 3]]
+    y = np.broadcast_to(np.concatenate([low, low, high, high], axis=-1)[:, :, None], x.shape)
+    is_inside = np.isfinite(x).all(axis=-1)
+    return np.stack([x, y], axis=-1)[is_inside], np.nonzero(is_inside)[0]
 
 
-def node_counts(
-    trapezoids: Trapezoids, rates: Floats, error: float, nearest: float = math.inf
-) -> Indices:
-    """Return the number of rows of quadrature nodes, and of nodes on each row, for each trapezoid.
+def node_counts(cells: Cells, rates: Floats, error: float, nearest: float = math.inf) -> Indices:
+    """Return the numbers of quadrature nodes along both sides of each cell, shape (n, 2).
 
-    ``rates`` are the highest frequencies of the integrand along x and y in 1/m, for all trapezoids
-    or for each of them. ``nearest`` is the distance in m of the poles of the integrand from the
-    plane.
+    ``rates``: highest frequencies of the integrand along x and y in 1/m. ``nearest``: distance of
+    its poles in m.
     """
-    y, left, right = trapezoids.transpose(1, 0, 2)
-    height, width = np.diff(y)[:, 0], (right - left).max(axis=1)
-    aslant = np.maximum(abs(np.diff(left)), abs(np.diff(right)))[:, 0]
-    over_x, over_y = rates[..., 0], rates[..., 1]
-    cycles = np.stack([over_y * height + over_x * aslant, over_x * width], axis=1)
-    sizes = np.stack([np.maximum(height, aslant), width], axis=1) / 2
+    origin, first, second, last = cells.transpose(1, 0, 2)
+    sides = np.abs([[first - origin, last - second], [second - origin, last - first]])
+    cycles = (sides * rates).sum(axis=-1).max(axis=1).T
+    sizes = np.linalg.norm(sides, axis=-1).max(axis=1).T / 2
     with np.errstate(divide="ignore"):
         poles = np.ceil(_POLE / np.arcsinh(nearest / sizes))
     return np.asarray(chirp_node_counts(math.pi * cycles, error) + poles.astype(np.intp))
 
 
-def rows_of(trapezoids: Trapezoids, counts: Indices) -> tuple[Floats, Floats, Floats]:
-    """Return the quadrature nodes of trapezoids as rows along x, and their weights.
-
-    Each trapezoid has m rows of n nodes, and ``counts`` contains m and n. The shapes are
-    (..., m, n) for x and for the weights, and (..., m) for y.
-    """
-    (up, of_rows), (along, on_row) = (unit_rule(count) for count in counts.tolist())
-    lines = trapezoids[..., :1] + up * np.diff(trapezoids)
-    y, left, right = (lines[..., k, :] for k in range(3))
-    length = (right - left)[..., None]
-    height = np.diff(trapezoids[..., 0, :])[..., None]
-    return left[..., None] + length * along, y, height * of_rows[:, None] * length * on_row
-
-
-def rule_on(
-    trapezoids: Trapezoids, rates: Floats, error: float, extra: int
-) -> tuple[Floats, Floats, Indices]:
-    """Return quadrature nodes on trapezoids, their weights, and the trapezoid's index of each node.
-
-    The rule has ``extra`` rows, and ``extra`` nodes on each row, more than :func:`node_counts`
-    returns.
-    """
-    counts = node_counts(trapezoids, rates, error) + extra
-    y, left, right = trapezoids.transpose(1, 0, 2)
-    x = np.concatenate([left, right], axis=1)
-    return rule_of_counts(np.stack([x, np.concatenate([y, y], axis=1)], axis=-1), counts)
-
-
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
-    """Return the highest spatial frequencies along x and y of integrands on a source, in 1/m.
-
-    For each point, the integrand is the field on the source times the wave to the point.
-    """
+    """Return the highest frequencies along x and y [1/m] of field times wave, for each point."""
     low, high = np.reshape(source.bounds, (2, 2))
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     away = corners - points[:, None, :2]
-    # The slope of the distance along an axis is largest at the positions on the source that are
-    # closest to the point in the direction perpendicular to this axis.
+    # Along each axis, the slope is steepest at the smallest perpendicular distance.
     outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
     distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature

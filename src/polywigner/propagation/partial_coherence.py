@@ -1,17 +1,9 @@
-"""Irradiance of partially coherent light, with parabolic or with spherical waves.
+"""Irradiance of partially coherent light, with parabolic or spherical waves.
 
-The irradiance of partially coherent light is the mean of the irradiances of a coherent source that
-is tilted in random directions. The tilts t, in cycles per metre, are normally distributed with the
-standard deviation 1/(2 pi width), where ``width`` is the coherence width (PC2). There are three
-methods for the mean:
-
-- In the Fresnel approximation (parabolic waves) a tilt only shifts the irradiance, so the mean is
-  a convolution with a normal density (PC9).
-- With exact (spherical) waves the fields of all tilts are computed from the same samples of the
-  source.
-- If the coherence width is far below the size of the source, :mod:`.lag_sums` is faster.
-
-If none of these methods applies, the caller computes the field of each tilt.
+The irradiance is a mean over random tilts of a coherent source, in cycles per metre, with a
+standard deviation of 1/(2 pi width) for the coherence width (PC2). Parabolic waves need a
+convolution (PC9). For spherical waves, all tilts share samples of the source. For small coherence
+widths, :mod:`.lag_sums` is faster.
 """
 
 from __future__ import annotations
@@ -25,28 +17,27 @@ import numpy as np
 
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
-from polywigner.numerics.nodes import normal_product_rule
+from polywigner.numerics.chirps import waves_of_cycles
+from polywigner.numerics.nodes import Cells, cell_rules, normal_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
     Channel,
-    Trapezoids,
     channel_at,
     channels_of,
     largest_rates,
     node_counts,
-    rows_of,
     summed_over_lags,
     summed_over_pairs,
-    trapezoids_of,
 )
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity, direction_cosines
 from polywigner.transforms.wavefronts import coherent_source
 
 Compute = Callable[[Any, Floats], Floats]
-"""Function that returns the irradiance of a coherent source at n points and its error, (2, n)."""
+"""Function that returns the irradiance and error (2, n) of a coherent source at n points."""
 
 
 def partly_coherent_irradiance(
@@ -58,17 +49,16 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Return the irradiance of partially coherent light at n points and its error, shape (2, n).
+    """Return irradiances and errors (2, n), None if separate fields of all tilts are faster.
 
-    Points have the shape (n, 2) behind a first-order system, otherwise (n, 3). ``error`` is the
-    allowed error relative to the largest irradiance. The result is None if it is faster to compute
-    the field of each tilt separately.
+    Points have the shape (n, 2) behind a first-order system, otherwise (n, 3). ``error`` is
+    relative to the largest irradiance.
     """
     if system is not None or method == "fresnel":
         return _in_parabolic_waves(compute, source, points, wavelength, system, error)
     if method not in CONDITIONS:
         return None
-    # This call has no other purpose than to raise the errors of invalid arguments.
+    # Raises the errors of invalid arguments.
     compute(coherent_source(source), points[:1])
     values = _in_spherical_waves(source, points, wavelength, CONDITIONS[method], error)
     return None if values is None else _with_error(values, error)
@@ -78,14 +68,11 @@ def _with_error(values: Floats, error: float) -> Floats:
     return np.stack([values, np.full(len(values), error * float(values.max(initial=0.0)))])
 
 
-# ---- parabolic waves -----------------------------------------------------------------------------
-
-# Size of the source, in coherence widths, above which sums over lags are tried first.
+# Size of the source [coherence widths] above which sums over lags are tried first.
 _SHORT = 30.0
-# Largest number of points of a lattice of shifts in one plane, and largest number of points in all
-# planes at which fields are computed.
+# Largest lattice of shifts in a plane, and largest number of field points in all planes.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
-# Number of values in the arrays of a block.
+# Numbers per block.
 _BLOCK = 1 << 22
 
 
@@ -143,21 +130,16 @@ def _in_parabolic_waves(
 
 
 class _Blur(NamedTuple):
-    """Normal distribution of the shifts of an irradiance that tilts of the source cause."""
-
     axes: Floats
-    """Principal directions in the plane of the points, as columns of a (2, 2) matrix."""
+    """Principal directions as columns, shape (2, 2)."""
     spreads: Floats
-    """Standard deviations (2,) of the shifts along the principal directions, in m."""
+    """Standard deviations along the principal directions in m, shape (2,)."""
     reaches: Floats
-    """Extents (2,) of the source along the directions of these shifts, in coherence widths."""
+    """Extents of the source along the principal directions in coherence widths, shape (2,)."""
 
 
 def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
-    """Return the blur of the irradiance behind a first-order system with the matrix B.
-
-    ``transfer`` is B. A tilt t shifts the irradiance by ``wavelength B t``.
-    """
+    """Return the blur for the matrix B: a tilt t displaces the irradiance by ``wavelength B t``."""
     axes, scales, right = np.linalg.svd(transfer)
     reaches = (abs(right) @ sides_of(source.bounds)) / source.coherence_width
     spreads = wavelength * scales / (2 * math.pi * source.coherence_width)
@@ -167,12 +149,10 @@ def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
 def _convolution(
     points: Floats, blur: _Blur, error: float
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
-    """Return a quadrature rule for the convolution of an irradiance with a blur at n points.
+    """Return m nodes, and a function of values (k, m) that returns their means (k, n); or None.
 
-    The rule consists of m nodes, and of a function that maps quantities (k, m) at the nodes to
-    their means (k, n) at the points. It is either the trapezoidal rule on one lattice for all
-    points, or the Gauss-Hermite rule about each point, whichever has fewer nodes. The result is
-    None if both rules have too many nodes. ``error`` is relative to the largest irradiance.
+    Either a trapezoidal rule on a common lattice or Gauss-Hermite rules about each point, whichever
+    has fewer nodes.
     """
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
@@ -215,32 +195,27 @@ def _convolution(
 
 
 class _LatticeAxis(NamedTuple):
-    """Trapezoidal rule for means about n points along an axis, with k nodes near each point."""
-
     nodes: Floats
-    """Coordinates (m,) of all nodes."""
+    """Shape (m,)."""
     near: Indices
-    """Indices (n, k) of the nodes near each point."""
+    """Indices of the nodes near each point, shape (n, k)."""
     weights: Floats
-    """Weights (n, k) of the nodes near each point."""
+    """Shape (n, k)."""
 
 
 def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _LatticeAxis:
-    """Return the trapezoidal rule for means over normal distributions about coordinates ``along``.
-
-    ``spread`` is the standard deviation, and ``steps`` determines the error, exp(-steps^2/2).
-    """
-    # The irradiance has frequencies up to reach/(2 pi spread), so that this step leaves an aliasing
-    # error of exp(-steps^2/2).
+    """Return the rule for normal distributions about ``along``, with the error exp(-steps^2/2)."""
+    # The irradiance is band-limited to reach/(2 pi spread), so the aliasing error is
+    # exp(-steps^2/2).
     step = 2 * math.pi * spread / (reach + steps)
-    # Tilts cause no blur along this axis.
+    # No blur along this axis.
     if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:
         nodes, near = np.unique(along, return_inverse=True)
         return _LatticeAxis(nodes, near[:, None], np.ones((len(along), 1)))
     half = math.ceil(steps * spread / step)
     origin = float(along.min())
     centre = np.rint((along - origin) / step).astype(np.intp)
-    # The lattice contains only nodes close to at least one point.
+    # The lattice is sparse between distant points.
     numbers = np.unique(np.unique(centre)[:, None] + np.arange(-half, half + 1))
     near = np.searchsorted(numbers, centre - half)[:, None] + np.arange(2 * half + 1)
     nodes = origin + step * numbers
@@ -249,53 +224,39 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
     return _LatticeAxis(nodes, near, weights / weights.sum(axis=1, keepdims=True))
 
 
-# ---- spherical waves -----------------------------------------------------------------------------
+# The factor exp(2 pi i t.x) of a tilt t separates into x and y. A product of matrices transforms
+# each row of nodes from y to t_y, and a second product all rows from x to t_x.
 
-# A tilt t multiplies the source's field by exp(2 pi i t.x), which is a product of a factor for x
-# and a factor for y. The outline is divided into trapezoids by lines along x through its vertices.
-# Each trapezoid is sampled at Gauss nodes on rows along x. One matrix product transforms each row
-# from x to the tilts t_x, and a second product transforms the results of all rows from y to the
-# tilts t_y.
-
-# Relative error of the quadrature rule on the source.
+# Relative error on the source.
 _QUADRATURE = 1e-9
-# Fraction of the largest tilt that the nodes on the source resolve; larger tilts have negligible
-# weights.
+# Resolved fraction of the largest tilt. Larger tilts have negligible weights.
 _RESOLVED = 0.8
-# Largest number of points with the same quadrature nodes, largest number of values of a spectrum
-# over the tilts, and largest number of values per batch.
+# Points per quadrature rule, numbers per spectrum over tilts, and numbers per block.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Computing time of a sum over the tilts in ns per point: for each node, and for each combination of
-# a row of nodes and a tilt.
+# Computing time [ns] per point of sums over tilts: per node, and per row and tilt.
 _NODE, _TILT = 60.0, 2.0
-# Computing time of boundary integrals in ns per point and tilt: for each wavelength of the length
-# of the outline, and for each edge.
+# Computing time [ns] per point and tilt of boundary integrals: per wavelength of edge, and per
+# edge.
 _WAVELENGTH, _EDGE = 250.0, 1e4
-# Longest computing time per point, in ns, of a sum over pairs of points on the source.
+# Longest computing time [ns] per point of sums over pairs.
 _LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
-    """Trapezoidal rule for normally distributed tilts along an axis."""
-
     step: float
-    """Distance between tilts in cycles per metre."""
+    """In cycles per metre."""
     half: int
-    """Number of tilts above zero."""
+    """Number of positive tilts."""
     weights: Floats
-    """Weights of the tilts, which add up to 1."""
+    """Normalised to 1."""
 
     @property
     def tilts(self) -> Floats:
-        """Tilts in ascending order, in cycles per metre."""
         return np.asarray(self.step * np.arange(-self.half, self.half + 1), np.float64)
 
 
 def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
-    """Return the rule for tilts of up to ``tail`` standard deviations.
-
-    The step is 2 pi/reach standard deviations, and ``width`` is the coherence width.
-    """
+    """Return the rule up to ``tail`` standard deviations, with steps of 2 pi/reach."""
     step = 2 * math.pi / reach
     half = math.ceil(tail / step)
     weights = np.exp(-0.5 * (step * np.arange(-half, half + 1)) ** 2)
@@ -303,8 +264,6 @@ def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
 
 
 class _TiltSum(NamedTuple):
-    """A partially coherent source, and the quadrature rules for its tilts along x and y."""
-
     source: Wavefront
     elements: Sequence[SourceElement]
     wavelength: float
@@ -316,11 +275,9 @@ class _TiltSum(NamedTuple):
 def _in_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
 ) -> Floats | None:
-    """Return the irradiance of partially coherent light with exact waves at points (n, 3).
+    """Return the irradiance at points (n, 3), None if boundary integrals are fastest.
 
-    The fastest of three methods is used: sums over tilts (Q7), sums over pairs of points on the
-    source (PC11), and a boundary integral for each tilt. The result is None if the boundary
-    integrals are the fastest method.
+    Other methods are sums over tilts (Q7) and over pairs of points (PC11).
     """
     tail = math.sqrt(2 * math.log(8 / error))
     reaches = sides_of(source.bounds) / source.coherence_width + tail
@@ -338,7 +295,7 @@ def _in_spherical_waves(
         members = order[start : start + size]
         counts = [
             node_counts(
-                _trapezoids(element.outline),
+                _cells(element.outline),
                 rates[members].max(axis=0),
                 _QUADRATURE,
                 float(points[members, 2].min()),
@@ -365,12 +322,11 @@ def _in_spherical_waves(
 def _summed_over_tilts(
     rule: _TiltSum, points: Floats, blocks: Sequence[tuple[Indices, Sequence[Indices]]]
 ) -> Floats:
-    """Return the irradiance at points (n, 3) as a mean over tilts of the fields (Q7).
+    """Return the mean of |U|^2 (Q7) over tilts at points (n, 3).
 
-    Each block contains the indices of points that use the same quadrature nodes, and the numbers of
-    nodes on each element.
+    Each block contains indices of points, and the node counts of each element.
     """
-    plane = np.stack(np.meshgrid(*(axis.tilts for axis in rule.axes)), axis=-1)
+    plane = np.stack(np.meshgrid(*(axis.tilts for axis in rule.axes), indexing="ij"), axis=-1)
     cosines: list[Any] = [
         1.0 if kappa is None else direction_cosines(plane + kappa, rule.wavelength)[..., None]
         for kappa in rule.channels
@@ -383,96 +339,73 @@ def _summed_over_tilts(
             total = sum(c * spectrum for c, spectrum in zip(cosines, spectra, strict=True))
             intensity = np.square(total.real) + np.square(total.imag)
             over_x, over_y = (axis.weights for axis in rule.axes)
-            values[members] = over_x @ np.tensordot(over_y, intensity, 1)
+            values[members] = over_y @ np.tensordot(over_x, intensity, 1)
     return values
 
 
 @lru_cache(maxsize=64)
-def _trapezoids(outline: Aperture) -> Trapezoids:
-    return trapezoids_of(outline.polygons.geoms)[0]
+def _cells(outline: Aperture) -> Cells:
+    return trapezoids(outline.rings).corners
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
-    """Return the integrals over the source from which the irradiance at points is computed.
+    """Return integrals over the source, with axes (channel, t_x, t_y, point).
 
-    The axes of the result are the quantity on the source, the tilt along y, the tilt along x, and
-    the point. The first half of a tilt axis contains the integrals with cos(2 pi x t) for t >= 0,
-    and the second half the integrals with sin(2 pi x t). ``counts`` contains the numbers of rows
-    and of nodes on each row, for each trapezoid of each element.
+    The first half of a tilt axis contains factors cos(2 pi x t), t >= 0, the second half sin(2 pi x
+    t). ``counts``: rows of constant x, and nodes per row, for each element and cell.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
-    halves = (2 * (along_y.half + 1), 2 * (along_x.half + 1), len(points))
+    halves = (2 * (along_x.half + 1), 2 * (along_y.half + 1), len(points))
     total = np.zeros((channels, halves[0], halves[1] * halves[2]), np.complex128)
     centre = np.reshape(rule.source.bounds, (2, 2)).mean(axis=0)
     for element, of_element in zip(rule.elements, counts, strict=True):
-        for trapezoid, shape in zip(_trapezoids(element.outline), of_element, strict=True):
-            x, y, weights = rows_of(trapezoid, shape)
-            # All rows of a rectangle have the same x coordinates, so one row is enough.
-            nodes = (x if np.diff(trapezoid[1:]).any() else x[:1]) - centre[0]
-            inner = np.empty((channels, len(y), *halves[1:]), np.complex128)
-            columns = channels * len(points) + (along_x.half if len(nodes) > 1 else 0)
-            step = max(1, _BATCH // (x.shape[1] * columns))
-            for start in range(0, len(y), step):
+        rules = cell_rules(_cells(element.outline), of_element)
+        for nodes, weights in (pair for _, *parts in rules for pair in zip(*parts, strict=True)):
+            x, y = nodes[:, 0, 0] - centre[0], nodes[..., 1] - centre[1]
+            # All rows of a rectangle share their y coordinates.
+            rows = y if np.ptp(y, axis=0).any() else y[:1]
+            inner = np.empty((channels, len(x), *halves[1:]), np.complex128)
+            columns = channels * len(points) + (along_y.half if len(rows) > 1 else 0)
+            step = max(1, _BATCH // (y.shape[1] * columns))
+            for start in range(0, len(x), step):
                 block = slice(start, start + step)
-                waves = _waves(nodes[block] if len(nodes) > 1 else nodes, along_x)
-                values = _samples(rule, element, x[block], y[block], weights[block], points)
+                waves = _waves(rows[block] if len(rows) > 1 else rows, along_y)
+                values = _samples(rule, element, nodes[block], weights[block], points)
                 inner[:, block] = _product(waves, values)
             inner *= element.weight
-            waves = _waves(y - centre[1], along_y)
-            total += _product(waves, inner.reshape(channels, len(y), -1))
+            waves = _waves(x, along_x)
+            total += _product(waves, inner.reshape(channels, len(x), -1))
     return total.reshape(channels, *halves)
 
 
 def _samples(
-    rule: _TiltSum, element: SourceElement, x: Floats, y: Floats, weights: Floats, points: Floats
+    rule: _TiltSum, element: SourceElement, nodes: Floats, weights: Floats, points: Floats
 ) -> Complex:
-    """Return the integrand of (Q7) without tilt at quadrature nodes, multiplied by their weights.
-
-    The nodes form m rows of n nodes with coordinates ``x`` (m, n) and ``y`` (m,). The axes of the
-    result are the quantity on the source, the row, the node and the point.
-    """
+    """Return the weighted integrand of (Q7) without tilt, with axes (channel, row, node, point)."""
     source, condition, wavelength = rule.source, rule.condition, rule.wavelength
     px, py, z = points.T
-    squares = (x[..., None] - px) ** 2 + ((y[:, None] - py) ** 2)[:, None]
+    squares = (nodes[..., :1] - px) ** 2 + (nodes[..., 1:] - py) ** 2
     distance = np.sqrt(squares + z * z)
-    # The phase is that of R - z = (R^2 - z^2)/(R + z), a form without cancellation; the constant
-    # phase of z does not change the irradiance.
-    cycles = squares / ((distance + z) * wavelength)
-    cycles -= np.rint(cycles)
-    cycles *= 2 * math.pi
-    sine, cosine = np.sin(cycles), np.cos(cycles)
-    inverse = 1.0 / distance
-    size = inverse * (weights / wavelength)[..., None]
-    nodes = np.stack([x, np.broadcast_to(y[:, None], x.shape)], axis=-1)
-    samples = np.empty((len(rule.channels), *distance.shape), np.complex128)
-    for kappa, values in zip(rule.channels, samples, strict=True):
-        field = channel_at(element, kappa, nodes)
+    # R - z without cancellation. The constant phase of z does not change the irradiance.
+    waves = waves_of_cycles(squares / ((distance + z) * wavelength)) / (1j * distance)
+    waves *= (weights / wavelength)[..., None]
+    samples = []
+    for kappa in rule.channels:
+        field = np.asarray(channel_at(element, kappa, nodes))
+        values = condition.slope * waves
         if kappa is None:
             if not source.is_flat:
                 offset = nodes - source.centre
-                bend = ((offset @ source.curvature) * offset).sum(axis=-1)
-                field = field * np.exp(1j * np.pi * bend)
-            # The contribution of the field is the spherical wave times (z/R) (1 + i/(kR)).
-            size_of_field = size * inverse * (condition.field * z)
-            imaginary = size_of_field * inverse * (wavelength / (2 * math.pi))
-            values.real = size_of_field * sine + imaginary * cosine
-            values.imag = imaginary * sine - size_of_field * cosine
-        else:
-            values.real, values.imag = (
-                condition.slope * size * sine,
-                -condition.slope * size * cosine,
-            )
-        if np.ndim(field):
-            values *= np.asarray(field)[..., None]
-    return samples
+                field = field * waves_of_cycles(((offset @ source.curvature) * offset).sum(-1) / 2)
+            near = 1.0 + (0.5j * wavelength / math.pi) / distance
+            values = (condition.field * z / distance) * near * waves
+        samples.append(values * field[..., None])
+    return np.stack(samples)
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:
-    """Return cos(2 pi x t), followed by sin(2 pi x t), for all tilts t >= 0 of an axis.
-
-    The shape is (..., 2 (half + 1), n) for coordinates x of the shape (..., n).
-    """
+    """Return cos(2 pi x t), then sin(2 pi x t), t >= 0, shape (..., 2 (half + 1), n)."""
     factor = np.exp(2j * math.pi * axis.step * x)[..., None, :]
     powers = np.repeat(factor, axis.half + 1, axis=-2)
     powers[..., 0, :] = 1.0
@@ -481,10 +414,7 @@ def _waves(x: Floats, axis: _TiltAxis) -> Floats:
 
 
 def _of_both_signs(sums: Complex, axis: int) -> Complex:
-    """Convert sums with cos(2 pi x t) and sin(2 pi x t), t >= 0, to sums with exp(2 pi i x t).
-
-    The result contains negative and positive tilts t in ascending order.
-    """
+    """Convert sums with cosines and sines to exp(2 pi i x t), with t in ascending order."""
     cosines, sines = np.split(sums, 2, axis=axis)
     sines = 1j * sines
     negative = np.flip(cosines - sines, axis).take(range(cosines.shape[axis] - 1), axis)
@@ -492,5 +422,5 @@ def _of_both_signs(sums: Complex, axis: int) -> Complex:
 
 
 def _product(table: Floats, values: Complex) -> Complex:
-    """Return the product of a real and a complex matrix, for which BLAS has no function."""
+    """Multiply a real by a complex matrix, for which BLAS has no function."""
     return np.asarray((table @ values.view(np.float64)).view(np.complex128))

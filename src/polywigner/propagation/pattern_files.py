@@ -42,6 +42,7 @@ from polywigner.propagation.far_field_tables import (
 from polywigner.propagation.patterns import (
     checked_pattern,
     cuts_of,
+    decibels,
     described,
     jones_of,
     vector_dataset,
@@ -54,18 +55,14 @@ from polywigner.source.polarisation import checked_polarisation
 if TYPE_CHECKING:
     import xarray
 
-# ---- reading ------------------------------------------------------------------------------------
-
-# Largest relative difference between the requested frequency and a frequency in a file.
+# Relative tolerance of requested frequencies.
 _SAME_FREQUENCY = 1e-3
-# Largest difference in dB between the directivity in a file and the directivity that follows from
-# the integral over its directions. Missing directions and coarse steps can cause smaller
-# differences.
+# Largest difference [dB] between the stated and the integrated directivity. Missing directions and
+# coarse steps cause smaller differences.
 _CONTRADICTION = 1.0
-# Largest relative difference between two fields in a file for the same direction, such as phi = 0
-# and 360 degrees.
+# Relative difference of repeated fields, such as at phi = 0 and 360 degrees.
 _SAME_FIELD = 1e-3
-# Smallest number of meridians from which the radiated power is integrated.
+# Meridians required to integrate the radiated power.
 _LEAST_MERIDIANS = 8
 
 
@@ -152,7 +149,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern from a file at the frequency closest to ``frequency``."""
+    """Read the pattern of a file at the frequency closest to ``frequency``."""
     return _read(path, frequency, math.inf)
 
 
@@ -183,7 +180,6 @@ def _check_suffix(suffix: str, known: Iterable[str]) -> None:
 def _selected(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
-    """Return the far field at the requested frequency, or the only far field of a file."""
     if not tables:
         raise FileFormatError("the file contains no far field")
     known = np.array([table.frequency for table in tables])
@@ -208,10 +204,6 @@ def _selected(
 
 
 def _dataset(table: FarFieldTable) -> xarray.Dataset:
-    """Return the pattern for a far field from a file.
-
-    A few cuts are enough if the file format implies the radiated power.
-    """
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
         raise FileFormatError(
             "some directions occur several times in the file; keep one row for each direction"
@@ -230,9 +222,7 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
     else:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
         power = _radiated_power(table, ElementPattern(theta, phi, (polar, azimuthal)).power(0.0))
-    with np.errstate(divide="ignore"):
-        squares = np.square(np.abs(polar)) + np.square(np.abs(azimuthal))
-        levels = 10 * np.log10(4 * math.pi / power * squares)
+    levels = decibels(np.square(np.abs(polar)) + np.square(np.abs(azimuthal)), power)
     sine, cosine = np.sin(phi), np.cos(phi)
     along = polar * cosine - azimuthal * sine, polar * sine + azimuthal * cosine
     peak = np.unravel_index(levels.argmax(), levels.shape)
@@ -244,7 +234,6 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
 def _about(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
-    """Return the attributes of a pattern, whose beam is assumed at the largest sample."""
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -258,12 +247,8 @@ def _about(
 
 
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360.
-
-    If some theta are negative, directions with phi + 180 degrees are added at the poles.
-    """
-    # (-theta, phi) and (theta, phi + 180) are the same direction, but their unit vectors along
-    # theta and phi have opposite signs, and so do the field components.
+    """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360."""
+    # Unit vectors at (-theta, phi) and (theta, phi + 180) have opposite signs.
     theta = theta.round(6) % 360
     beyond = theta > 180
     theta = np.where(beyond, 360 - theta, theta).round(6)
@@ -276,11 +261,7 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 
 
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Arrange the field components (2, k) of k directions in degrees on a grid of theta and phi.
-
-    Returns theta (n,) and phi (m,) in rad, and the components E_theta and E_phi (2, n, m). Raises
-    FileFormatError if the grid is incomplete, or has different fields in the same direction.
-    """
+    """Return theta (n,) and phi (m,) in rad, and field components (2, n, m) on their grid."""
     polar, row = np.unique(theta, return_inverse=True)
     azimuth, column = np.unique(phi, return_inverse=True)
     shape = len(polar), len(azimuth)
@@ -301,10 +282,7 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
 
 
 def _radiated_power(table: FarFieldTable, integral: float) -> float:
-    """Return the radiated power in W that follows from the directivity in a file.
-
-    Without a directivity, the power is ``integral``, the integral of the field over all directions.
-    """
+    """Return the radiated power in W by the directivity in a file, by default ``integral``."""
     squares = np.square(np.abs(table.fields)).sum(axis=0)
     peak = int(squares.argmax())
     strongest = float(squares[peak]) / (2 * FREE_SPACE)
@@ -318,8 +296,7 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
         f"the file contains a directivity of {stated:.2f} dBi, but the integral over its "
         f"directions gives {level:.2f} dBi"
     )
-    # Missing directions reduce the integral of the power, so they can only increase the directivity
-    # `level`.
+    # Missing directions can only increase the integrated directivity.
     if (abs(level - stated) if is_sphere else stated - level) > _CONTRADICTION:
         raise FileFormatError(
             f"{contradiction}; check the units in the header, or export finer steps"
@@ -343,7 +320,6 @@ _GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE
 
 
 def _planning_cuts(lines: list[str]) -> xarray.Dataset:
-    """Read the gain over theta, at phi = 0 and 90 degrees, from an MSI Planet file (.msi, .pln)."""
     words = [line.split() for line in lines]
     values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
     match = _GAIN.fullmatch(values.get("GAIN", ""))
@@ -365,8 +341,7 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
         raise FileFormatError(
             "expected the same angles in the horizontal and the vertical cut, got different angles"
         )
-    # In the file, angles increase to the right and downwards, as seen from behind the antenna. If y
-    # points up, x points to the left.
+    # File angles increase to the right and downwards, seen from behind the antenna with y up.
     theta = np.where(angles > 180, 360 - angles, -angles)
     levels = gain - np.stack([attenuation for _, attenuation in cuts], axis=1)
     back = np.flatnonzero(theta == -180)
@@ -379,7 +354,6 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
 
 
 def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Return the angles of a cut in degrees, from 0 to below 360, and the attenuations in dB."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
@@ -393,34 +367,29 @@ def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[
     return angles, table[rows, 1]
 
 
-# ---- writing ------------------------------------------------------------------------------------
-
 Polarisation = Literal["x", "y"]
 Lines = Iterator[str]
 
-# Largest attenuation in dB in files of planning tools.
+# Largest attenuation in planning files [dB].
 _MOST_ATTENUATION = 99.9
-# Axial ratio in dB that stands for infinity in files of CST.
+# Finite stand-in for an infinite axial ratio in CST files [dB].
 _AXIAL_RATIO = 40.0
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """Content of a pattern file to write."""
-
     theta: Floats
-    """Angles (n,) in degrees."""
+    """In degrees, shape (n,)."""
     phi: Floats
-    """Angles (m,) in degrees."""
+    """In degrees, shape (m,)."""
     directivity: Floats
-    """Directivity (n, m) in dBi."""
+    """In dBi, shape (n, m)."""
     components: tuple[Complex, Complex]
-    """E_theta and E_phi (n, m) in V, with phases exp(+j omega t - j k r)."""
+    """E_theta and E_phi in V with phases exp(+j omega t - j k r), shapes (n, m)."""
     about: dict[str, float]
-    """Numerical attributes of the pattern, in Hz, W and dBi."""
+    """In Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
-        """Yield phi, theta and the values of each direction; theta varies fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)
@@ -566,7 +535,7 @@ def _ffd(pattern: _Pattern) -> Lines:
 
 def _grasp(pattern: _Pattern) -> Lines:
     step = _step("theta", pattern.theta, ".cut")
-    # Fields are scaled so that |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P, with rE in V.
+    # |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P.
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * pattern.about["radiated_power"]))
     for j, phi in enumerate(pattern.phi):
         yield f"polywigner, {pattern.about['frequency']:.12g} Hz, phi = {phi:.9g} deg"
@@ -587,11 +556,11 @@ def _msi(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # Angles in the file increase to the right and downwards, as seen from behind the antenna.
+    # File angles increase to the right and downwards, seen from behind the antenna.
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"
-        # Theta in degrees: 0, -1, ..., -179, 180, 179, ..., 1.
+        # 0, -1, ..., -179, 180, 179, ..., 1 degrees.
         angles = 180.0 - (np.arange(360) + 180) % 360
         front = np.where(np.abs(angles) > 90, FLOOR, np.interp(angles, theta, levels))
         for degrees, level in enumerate(front):
@@ -599,7 +568,7 @@ def _msi(pattern: _Pattern) -> Lines:
 
 
 def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
-    """Return theta in degrees, and the levels in dBi, of the meridian at an azimuth in degrees."""
+    """Return theta in degrees, and levels in dBi, of the full meridian at ``phi`` in degrees."""
     meridians = cuts_of(np.radians(pattern.theta), np.radians(pattern.phi), pattern.directivity)
     for angle, theta, levels in meridians:
         offset = (math.degrees(angle) - phi) % 360.0
@@ -616,7 +585,6 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
 
 
 def _step(name: str, angles: Floats, suffix: str) -> float:
-    """Return the step of angles in degrees; raise ArgumentError unless they are evenly spaced."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

@@ -26,7 +26,7 @@ from polywigner.propagation.far_fields import (
     checked_far_field,
     steered_direction,
 )
-from polywigner.propagation.point_grids import angle_axes, checked_phi, checked_theta, unit_vectors
+from polywigner.propagation.point_grids import angle_axes, checked_theta_and_phi, unit_vectors
 from polywigner.propagation.stores import source_attrs, source_coords
 from polywigner.propagation.vector_fields import axial_ratios, co_and_cross, ludwig_components
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -40,23 +40,21 @@ if TYPE_CHECKING:
 
 Values = NDArray[Any]
 
-# Tolerances in rad for angles on the horizon and for opposite meridians, because angles converted
-# from degrees are rounded.
+# Tolerances [rad] of angles on the horizon and of opposite meridians, after conversion from
+# degrees.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
-# Number of samples per lobe of the width wavelength/D, where D is the size of the source. The
-# samples resolve nulls down to some 30 dB below the lobe.
+# Samples per lobe of width wavelength/D, for nulls some 30 dB deep.
 _STEPS_PER_LOBE = 64
-# Smallest and largest number of samples of a half circle.
+# Smallest and largest number of samples per half circle.
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
-# Number of interpolated samples per angular step of a table.
+# Interpolated samples per angular step of a table.
 _STEPS_PER_ANGLE = 4
-# If the level along the normal is at most this many dB below the beam, the tangents of the great
-# circles at the beam are parallel to x and y.
+# Level difference [dB] below which the beam counts as normal, with circles along x and y.
 _NORMAL = 0.1
-# Smallest number of meridians from which a pattern is interpolated over phi.
+# Meridians required for interpolation over phi.
 _LEAST_MERIDIANS = 8
-# Rounding error of the z component of directions on the horizon.
+# Rounding error of z on the horizon.
 _HORIZON = 1e-15
 
 _ATTRIBUTES = (
@@ -150,7 +148,7 @@ def radiation_pattern(
     >>> round(pattern.attrs["largest_directivity"], 2)  # dBi
     21.35
     """
-    polar, azimuth = checked_theta(theta), checked_phi(phi)
+    polar, azimuth = checked_theta_and_phi(theta, phi)
     far = checked_far_field(source, wavelength, options)
     values = far.grid(polar, azimuth)
     return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(polar, azimuth))
@@ -208,7 +206,6 @@ def beam_cuts(
 
 
 def _great_circles(far: FarField, step: float) -> xarray.Dataset:
-    """Return the pattern along two great circles through the beam, with an angular step in rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
@@ -237,16 +234,9 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
     )
 
 
-# ---- datasets -----------------------------------------------------------------------------------
-
-
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
-    """Return the pattern for values of a far field in directions, given by unit vectors (..., 3).
-
-    ``values`` contains the scalar field (...), or the components of the electric field (..., 3).
-    """
     power, energy = far.powers
     largest, theta, phi = far.beam
     squares = np.square(np.abs(values))
@@ -279,7 +269,7 @@ def _dataset(
 
 
 def jones_of(components: tuple[Values, Values]) -> Values:
-    """Return the Jones vector of field components along x and y; its larger component is real."""
+    """Return the Jones vector of field components along x and y, with a real larger component."""
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
 
@@ -292,9 +282,9 @@ def vector_dataset(
     about: dict[str, Any],
     source: PlaneSource | Wavefront | None = None,
 ) -> xarray.Dataset:
-    """Return the pattern of a polarised source from its directivity and its field along x and y.
+    """Return the pattern of a polarised source.
 
-    ``levels`` is the directivity in dBi, and ``along`` contains both components of the field.
+    ``levels`` is the directivity in dBi, and ``along`` the field along x and y.
     """
     co, cross = co_and_cross(along, jones)
     variables = {
@@ -315,7 +305,6 @@ def decibels(intensity: Values, power: float) -> Values:
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
-    """Return the ratio of the co- to the cross-polar field in dB; NaN if both are zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
@@ -340,7 +329,7 @@ def described(
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset with the units and long names of its variables, and with its source."""
+    """Return a dataset with units, long names and its source."""
     from polywigner import __version__
 
     convention = {
@@ -357,28 +346,25 @@ def described(
     return labelled_arrays(labelled, axes, about)
 
 
-# ---- cuts ---------------------------------------------------------------------------------------
-
 CutKind = Literal["theta", "meridian", "across", "x", "y"]
-"""Kind of a cut: "theta" for a meridian, otherwise a great circle through the beam."""
 
 
 class Cut(NamedTuple):
     """Directivity along a meridian, or along a great circle through the beam."""
 
     phi: float
-    """Azimuth in rad of the meridian at theta > 0, or of the tangent of a great circle."""
+    """Azimuth of the meridian at theta > 0, or of the circle's tangent, in rad."""
     angles: Floats
-    """Angles theta of a meridian, or angles from the beam along a great circle, in rad."""
+    """Theta, or angle from the beam, in rad."""
     levels: Floats
-    """Directivities in dBi."""
+    """Directivity in dBi."""
     kind: CutKind
     cross_levels: Floats | None = None
-    """Directivity of the cross-polar part in dBi; None for a scalar pattern."""
+    """Cross-polar directivity in dBi, None for a scalar pattern."""
 
 
 def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, float]]:
-    """Return theta (n,), phi (m,), directivity (n, m) in dBi, and the numerical attributes."""
+    """Return theta (n,), phi (m,), directivity (n, m) in dBi, and numerical attributes."""
     theta, phi, levels, about = _checked_levels(pattern, ("theta", "phi"))
     if np.isnan(levels).any():
         raise ArgumentError(
@@ -391,7 +377,6 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
 def _checked_levels(
     pattern: Any, axes: tuple[str, str]
 ) -> tuple[NDArray[Any], Floats, Floats, dict[str, float]]:
-    """Return two axes, the directivity in dBi, and the numerical attributes of a pattern."""
     names = dict(zip(axes, axes, strict=True)) | {"directivity": " ".join(axes)}
     first, second, levels, *values = arrays_of(
         pattern, names, "polywigner.radiation_pattern", *_ATTRIBUTES
@@ -404,7 +389,6 @@ def _checked_levels(
 def _cross_polar(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the cross-polar directivity of a pattern in dBi, or ``levels`` if it is scalar."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -412,17 +396,13 @@ def _cross_polar(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Return the angles theta in front of the plane, and the directivity at these angles."""
+    """Return theta and directivity in front of the plane."""
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 
 
 def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield phi, the angles theta and the levels of each meridian of a pattern.
-
-    The columns of ``levels`` at phi and phi + pi are joined to one meridian. If there is no column
-    at phi + pi, the meridian starts at the smallest theta.
-    """
+    """Yield phi, theta and levels of each meridian, with columns at phi and phi + pi joined."""
     order = np.argsort(theta)
     has_both_signs = theta.min() < -_SAME_ANGLE
     remaining = np.full(len(phi), True)
@@ -442,12 +422,12 @@ def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float,
 
 
 def angle_between(a: float, b: float) -> float:
-    """Return the angle between the meridians at two azimuths, from 0 to pi/2 rad."""
+    """Return the angle between meridians, from 0 to pi/2 rad."""
     return abs(math.remainder(a - b, math.pi))
 
 
 def cuts_in(pattern: Any) -> list[Cut]:
-    """Return the cuts of a pattern: its meridians, or the great circles of :func:`beam_cuts`."""
+    """Return the meridians of a pattern, or the great circles of :func:`beam_cuts`."""
     if "cut" not in getattr(pattern, "dims", ()):
         theta, phi, levels, about = checked_pattern(pattern)
         crossed = _cross_polar(pattern, ("theta", "phi"), about, levels)
@@ -480,8 +460,7 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     if "field" not in pattern or not fine_enough or not covers_front(polar, azimuths):
         return []
     is_scalar = "cross_field" not in pattern
-    # A scalar field is interpolated as a field along x (Ludwig's third definition), which is smooth
-    # at the pole.
+    # As a field along x (Ludwig's third definition), a scalar field is smooth at the pole.
     if is_scalar:
         pattern = pattern.assign(cross_field=0 * pattern["field"])
         pattern = pattern.assign_attrs(polarisation=[1.0, 0.0, 0.0, 0.0])

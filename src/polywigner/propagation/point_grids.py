@@ -32,14 +32,8 @@ Index = tuple[int, ...]
 _AXES = ("x", "y", "z")
 
 
-def checked_theta(values: Any) -> Floats:
-    """Return angles theta from the normal in rad; raise ArgumentError unless within -pi to pi."""
-    return checked_angles(values, "theta", math.pi)
-
-
-def checked_phi(values: Any) -> Floats:
-    """Return angles phi from the x axis in rad; raise ArgumentError for invalid angles."""
-    return checked_angles(values, "phi", math.inf)
+def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
+    return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 
 def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
@@ -54,8 +48,7 @@ def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
 def unit_vectors(theta: Floats, phi: Floats) -> Floats:
     """Return unit vectors (n, m, 3) at angles theta (n,) and phi (m,) in rad."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # In floating point, cos(pi/2) is 6e-17, but directions on the horizon must count as both front
-    # and back.
+    # In floating point, cos(pi/2) is 6e-17, but the horizon belongs to front and back.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
@@ -81,17 +74,15 @@ METHODS: tuple[str, ...] = get_args(Method)
 DEFAULT_TOLERANCE = 1e-9
 """Default relative error of fields."""
 
-# Smallest tolerance of fields, some tens of times the rounding error.
+# Some tens of rounding errors.
 _LEAST = 1e-13
 
 
 def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
-    """Return finite coordinates (..., *shape) in metres; raise ArgumentError otherwise."""
     return finite_array(points, f"{expected}, in metres", (..., *shape))
 
 
 def checked_points(points: Any) -> Floats:
-    """Return points in metres in front of the source; raise ArgumentError unless all z > 0."""
     expected = (
         "expected points as real numbers of shape (..., 3), with x, y and z along the last axis"
     )
@@ -105,16 +96,15 @@ def checked_points(points: Any) -> Floats:
     return array
 
 
-def checked_amplitude_tolerance(tolerance: float | None) -> float:
-    """Return the tolerance of a field; raise ArgumentError if :func:`amplitude` cannot meet it."""
-    return tolerance_from(tolerance, DEFAULT_TOLERANCE, _LEAST)
+def tolerance_from(
+    tolerance: float | None,
+    default: float = DEFAULT_TOLERANCE,
+    least: float = _LEAST,
+    where: str = "",
+) -> float:
+    """Return a tolerance from ``least`` to 0.1, or the default.
 
-
-def tolerance_from(tolerance: float | None, default: float, least: float, where: str = "") -> float:
-    """Return a tolerance from ``least`` to 0.1, or the default if the tolerance is None.
-
-    Raises ArgumentError for other values; ``where`` is appended to the range in the message, such
-    as " with obstacles".
+    ``where`` is appended to the range in the error message.
     """
     if tolerance is None:
         return default
@@ -123,15 +113,11 @@ def tolerance_from(tolerance: float | None, default: float, least: float, where:
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; raise ArgumentError for an unknown name."""
     return checked_choice(method, "method", allowed)
 
 
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
-    """Warn if estimated errors exceed the allowed errors.
-
-    ``what`` is the plural noun for the results in the message.
-    """
+    """Warn if estimated errors exceed the allowed errors; ``what`` is a plural noun."""
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
@@ -141,32 +127,24 @@ def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
         )
 
 
-# ---- grids ---------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Points on a line, in a plane, in a volume or on a hemisphere."""
-
     coords: dict[str, xarray.Variable]
-    """Names and coordinates of the axes, in m or rad."""
+    """Axes in m or rad."""
     points_at: Callable[..., Floats]
-    """Function that returns the points (n, m, ..., 3) in m for coordinates (n,), (m,), ... along
-    the axes."""
+    """Function of coordinates (n,), (m,), ... that returns points (n, m, ..., 3) in m."""
 
     @property
     def shape(self) -> Index:
-        """Number of points along each axis."""
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
-        """Return a block of ``shape`` points in m, whose first point has the index ``first``."""
+        """Return a block of points in m, from the index ``first``."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
 
 def _straight(origin: Floats, directions: Floats, *along: Floats) -> Floats:
-    """Return the points of a grid with straight axes, for coordinates ``along`` each axis."""
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
 
@@ -176,7 +154,7 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 
 
 def box_grid(box: Any, shape: Any) -> Grid:
-    """Return the grid of a box, with points on all of its faces."""
+    """Return the grid of a box, faces included."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
@@ -189,7 +167,7 @@ def box_grid(box: Any, shape: Any) -> Grid:
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
-    """Return the grid of a rectangle, given as a box of zero thickness or as three corners."""
+    """Return the grid of a rectangle, from a flat box or three corners."""
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
@@ -219,7 +197,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 
 
 def line_grid(ends: Any, samples: Any) -> Grid:
-    """Return the grid of a line, whose coordinate is the distance from the first end."""
+    """Return the grid of a line over the distance from its first end."""
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
@@ -231,13 +209,13 @@ def line_grid(ends: Any, samples: Any) -> Grid:
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
-    """Return the grid of a hemisphere, whose coordinates are the angles theta and phi."""
+    """Return the grid of a hemisphere over theta and phi."""
     length = checked_length(radius, "radius")
     origin = _checked(centre, "expected a centre (3,)", 3)
     if origin.ndim != 1:
         raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
     points_at = partial(_spherical, origin, length)
-    grid = Grid(angle_axes(checked_theta(theta), checked_phi(phi)), points_at)
+    grid = Grid(angle_axes(*checked_theta_and_phi(theta, phi)), points_at)
     checked_points(grid.points((0, 0), grid.shape))
     return grid
 
@@ -254,7 +232,6 @@ def _straight_grid(
 
 
 def _span(low: float, high: float, count: int) -> Floats:
-    """Return ``count`` evenly spaced values including both ends, or the midpoint for one value."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

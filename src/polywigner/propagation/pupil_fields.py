@@ -31,7 +31,6 @@ from polywigner.transforms.aberrated_pupils import (
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.pupil_gradients import (
-    Jets,
     PupilNumbers,
     edges_of,
     quotient,
@@ -39,10 +38,9 @@ from polywigner.transforms.pupil_gradients import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Number of pairs of a quadrature node and a point per block, which takes some tens of megabytes.
-# Largest number of pairs per call; 1e9 pairs take about a minute.
+# Pairs (node, point) per block, some tens of megabytes, and per call. About 1e9 take a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
-# Number of the points at which the error of the quadrature rule is estimated.
+# Points for the error estimate.
 _CHECKED = 32
 
 
@@ -51,9 +49,8 @@ def aberrated_spectrum(
 ) -> Converged:
     """Return the Fourier transform of an aberrated pupil field at frequencies nu (n, 2).
 
-    The integral is ``int u exp(2 pi i W/wavelength - 2 pi i nu.(x - centre)) dx``, where W is the
-    path length of the aberration. ``tolerance`` is the allowed error as a fraction of the integral
-    of |u|. The error is estimated at some of the frequencies.
+    The integral is ``int u exp(2 pi i W/wavelength - 2 pi i nu.(x - centre)) dx`` for the path
+    length W. ``tolerance`` is relative to the integral of |u|.
     """
     band = band_of(nu)
     some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
@@ -70,7 +67,7 @@ def aberrated_spectrum(
 
 
 def band_of(nu: Floats) -> tuple[Floats, Floats]:
-    """Return the lowest and the highest of spatial frequencies (n, 2) along each axis."""
+    """Return the lowest and highest frequencies along each axis of nu (n, 2)."""
     if not len(nu):
         return np.zeros(2), np.zeros(2)
     return nu.min(axis=0), nu.max(axis=0)
@@ -85,12 +82,10 @@ def element_sums(
     factors: Callable[[Floats, Floats], Floats] | None = None,
     centre: Any = (0.0, 0.0),
 ) -> Iterator[Complex]:
-    """Yield the Fourier transform of each element of a pupil, multiplied by factors.
+    """Yield the Fourier transform (k, n) of each unweighted element times k factors.
 
-    The integral is ``int factor u exp(-2 pi i nu.(x - centre)) dx``, where u is the aberrated field
-    of the element without its weight. ``factors`` is a function that returns k factors (k, ...) at
-    coordinates x and y (...). By default there is one factor, which is 1. The shape of the result
-    is (k, n).
+    The integral is ``int factor u exp(-2 pi i nu.(x - centre)) dx``. ``factors(x, y)`` returns the
+    factors (k, ...), by default 1.
     """
     lattice = FrequencyLattice(nu)
     for number in range(len(pupil.elements)):
@@ -104,11 +99,8 @@ def element_sums(
 
 
 def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
-    """Return the Fourier sum of a field over quadrature nodes, at all frequencies of a lattice.
-
-    The nodes (k, m, 2) lie on k rows of constant x, and ``field`` (k, m) includes their weights.
-    """
-    # If the frequencies lie on a grid, all frequencies along x use the same sums over y.
+    """Return the Fourier sum of weighted fields (k, m) on k rows of nodes with constant x."""
+    # On a grid, all frequencies along x use the same sums over y.
     waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
     if waves > _MOST:
         raise ArgumentError(
@@ -128,21 +120,8 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
     return np.asarray(total[lattice.index])
 
 
-def spectrum_jets(
-    pupil: AberratedPupil, nu: Floats, numbers: PupilNumbers, tolerance: float
-) -> Jets:
-    """Return the values of :func:`aberrated_spectrum`, and their derivatives.
-
-    The result (n, 1 + m) contains the value and the m derivatives at each of n frequencies.
-    """
-    values, _, extra = aberrated_spectrum(pupil, nu, tolerance)
-    return numbers.joined(values, _OfSpectrum(pupil, nu, extra, tolerance))
-
-
 @dataclass(frozen=True, eq=False)
 class _OfSpectrum:
-    """Derivatives of :func:`aberrated_spectrum` with respect to the numbers of a pupil."""
-
     pupil: AberratedPupil
     nu: Floats
     extra: int
@@ -183,8 +162,8 @@ def aberrated_fresnel_field(
 ) -> tuple[Complex, Floats]:
     """Return the Fresnel field of an aberrated pupil at points, and its error.
 
-    With the wavelength L and the path length W of the aberration, the field at the point (X, z) is
-    ``exp(ikz)/(i L z) int u(x) exp(2 pi i W/L + i pi |X - x|^2/(L z)) dx``.
+    The field at (X, z) is ``exp(ikz)/(i L z) int u(x) exp(2 pi i W/L + i pi |X - x|^2/(L z)) dx``,
+    with the wavelength L and the path length W.
     """
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     for z in np.unique(points[:, 2]).tolist():
@@ -292,8 +271,7 @@ def psf(
     allowed = checked_tolerance(tolerance)
     radius = pupil.checked_pupil_radius(plain, pupil_radius)
     distance = pupil.image_distance(focal_length, numerical_aperture, radius)
-    # The phase exp(2 pi i w |x|^2/a^2) is that of a lens of power -2 w lambda/a^2, which is the
-    # same for all wavelengths.
+    # A lens of power -2 w lambda/a^2 has the phase exp(2 pi i w |x|^2/a^2) at all wavelengths.
     bend = 2.0 * pupil.checked_waves(defocus) * float(fractions @ lengths) / radius / radius
     system = FirstOrder.fourier(distance)
     if bend:
@@ -310,7 +288,8 @@ def psf(
             scale = checked_aberration(aberration, length, has_gradients=True) * distance
             aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
             nu = image_points.reshape(-1, 2) / scale
-            jets = spectrum_jets(aberrated, nu, numbers, allowed) / scale
+            values, _, extra = aberrated_spectrum(aberrated, nu, allowed)
+            jets = numbers.joined(values, _OfSpectrum(aberrated, nu, extra, allowed)) / scale
         total = total + fraction * squared_modulus(jets)
     energy = pupil.energy_jets(plain, aberrated, numbers, allowed)
     return numbers.result(quotient(total, energy), image_points.shape[:-1], is_complex=False)

@@ -25,25 +25,20 @@ from polywigner.source.obliquities import CONDITIONS
 Position = tuple[float, float, float]
 
 _OPS = NumpyOperations()
-# Quadrature rule for the waves that edges diffract.
 _RULE = EdgeRule.of(8.0, 100, 14)
-# Upper bound on the error of the quadrature rule, as a fraction of the incident field. The largest
-# error for 40,000 random edges was 1e-13; half of the points were within 10 wavelengths of the
-# shadow boundary.
+# Error of the rule relative to the incident field. The largest of 40,000 random edges was 1e-13.
 _ERROR = 2e-13
-# Points exactly on a shadow boundary are shifted off it. The shift is the fraction _SHIFT of the
-# distance from the source, in the direction _ASIDE.
+# Displacement off shadow boundaries, relative to the source distance, and its direction.
 _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
-# On a line through the source and a corner, the waves of both edges diverge and their sum loses
-# digits. Points within _AT_CORNER of such a line get the mean field of two points at the distance
-# _BESIDE_CORNER on opposite sides. Both lengths are fractions of the distance from the source.
+# Close to a line through source and corner, the edge waves diverge and their sum loses digits. The
+# mean of two points at _BESIDE_CORNER replaces it. Relative to the source distance.
 _AT_CORNER, _BESIDE_CORNER = 1e-10, 1e-9
-# Number of pairs of a point and an edge per block. Temporary arrays of a block take a few MB.
+# Pairs (point, edge) per block, a few MB.
 _PAIRS = 1 << 15
 
 
 def incident_of_point(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
-    """Return the spherical wave ``exp(ikR)/R`` at points, where R is the distance from a source."""
+    """Return the spherical wave ``exp(ikR)/R`` of a point source."""
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_cycles(distance / wavelength) / distance)
 
@@ -51,9 +46,9 @@ def incident_of_point(source: Position | Floats, points: Floats, wavelength: flo
 def waves_through(
     opening: Aperture, source: Position, points: Floats, wavelength: float, mirrored: float
 ) -> tuple[Complex, Floats]:
-    """Return the field of a point source behind an opening in a screen, and its error (B9).
+    """Return the field of a point source behind an opening, and its error (B9).
 
-    ``mirrored`` is the factor of the edge waves that the mirror image of the source excites.
+    ``mirrored``: factor of the edge waves of the source's mirror image.
     """
     begin = np.concatenate(opening.rings) / wavelength
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength
@@ -91,7 +86,6 @@ def waves_through(
 
 
 def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
-    """Return whether each point lies on a line through a source and a corner of an opening."""
     near = np.zeros(len(points), np.bool_)
     away = points - source
     lengths = np.linalg.norm(away, axis=1)
@@ -242,7 +236,7 @@ def field_of_screen(
     tolerance: float,
     engine: str,
 ) -> tuple[Complex, NDArray[np.float64]]:
-    """Return the field behind a screen at points with z > 0, and an estimate of its error."""
+    """Return the field behind a screen at points with z > 0, and its error."""
     if method not in CONDITIONS:
         raise ArgumentError(
             f"the field behind a screen requires one of the methods {', '.join(CONDITIONS)}, got "

@@ -1,13 +1,9 @@
-"""Shadows with diffraction: the field of a source behind opaque bodies and plates. Source: (SB1).
+"""Fields of sources behind opaque bodies and plates, with diffraction at their edges.
 
-The source is replaced by a grid of points with the same field beyond a few wavelengths (B8). The
-wave of each point is zero in the geometric shadow of the bodies. The boundary waves (SB3) of the
-edges of the silhouette are added (Maggi and Rubinowicz), so the field is smooth across the boundary
-of the shadow. Waves over two edges and creeping waves are neglected.
-
-A surface behind an edge blocks the wave of the edge (SB6). Behind that surface, the wave of the
-edge is the wave around a single edge, as seen from the midpoint of the first edge. The shortest
-detour over the rim of the surface determines its amplitude and phase.
+The source is replaced by an equivalent grid of points (B8). The wave of each point is zero in the
+geometric shadow. The boundary diffraction waves (SB3) of the silhouette's edges (Maggi and
+Rubinowicz) make the field continuous (SB1). Surfaces behind an edge block its wave (SB6). Double
+diffraction and creeping waves are neglected.
 """
 
 from __future__ import annotations
@@ -61,44 +57,35 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 Number = TypeVar("Number")
-"""A float, or an array of NumPy or Dr.Jit."""
 
 DEFAULT_TOLERANCE = 1e-6
-"""Default relative error of fields behind obstacles, far below the black-edge model's error."""
+"""Default relative error behind obstacles, far below the error of the black-edge model."""
 LEAST_TOLERANCE = 1e-8
-"""The smallest tolerance of fields behind obstacles."""
 
-# Smallest tolerance, quadrature rule on an edge, and coarser rule for the error estimate. For
-# 40,000 random edges, half of the points close to shadow boundaries, the largest errors of both
-# rules as a fraction of the wave were 1.5e-6 and 2e-5, 5e-9 and 3e-7, and 4e-10 and 2e-7.
+# Smallest tolerance, quadrature rule, coarser rule for the error estimate. Largest relative errors
+# of both rules on 40,000 random edges: 1.5e-6 and 2e-5, 5e-9 and 3e-7, 4e-10 and 2e-7.
 _RULES = (
     (1e-4, EdgeRule.of(1.0, 12, 5), EdgeRule.of(1.0, 10, 4)),
     (1e-6, EdgeRule.of(2.0, 24, 5), EdgeRule.of(2.0, 20, 5)),
     (0.0, EdgeRule.of(4.0, 40, 5), EdgeRule.of(4.0, 32, 4)),
 )
-# Allowed error of the points that represent the source, as a fraction of the tolerance.
+# Allowed error of the equivalent points, as a fraction of the tolerance.
 _OF_GRID = 0.1
-# Error of nodes that replace these points, as a fraction of the tolerance.
+# Allowed error of the interpolation nodes, as a fraction of the tolerance.
 _OF_NODES = 0.15
-# Direction from a point to the neighbouring point at which it is decided whether the point is
-# illuminated or in shadow.
+# Direction of the small displacement off shadow boundaries before visibility is tested.
 ASIDE = np.array([0.57, 0.31, 0.76])
-# Lengths are negligible below these fractions of the extent of all edges and points, and of the
-# distances from the source. They are fifty times the rounding errors.
+# Negligible lengths, as fractions of the scene's extent and of the source distance.
 _FINE, _ROUNDED = 1e-9, 1e-14
-# A point this close to a surface, as a multiple of the negligible length, is on the illuminated
-# side of the surface.
+# Thickness of surfaces, as a multiple of the negligible length.
 _ON_SURFACE = 4.0
-# Number of pairs of an edge and a sample below which NumPy is faster than compiled code, because of
-# the time to start the code.
+# Number of pairs (edge, point) below which launching a compiled kernel takes longer than NumPy.
 _FEW = 10_000
-# Distance of a point from the line through the source and a corner, divided by the square root of
-# its distance from the source, in wavelengths. Below the first number, derivatives of the edge
-# waves lose digits; at the second number, they do not. The third number limits the search to
-# directions close to a corner.
+# Distances from the line through source and corner, over the square root of the source distance
+# [square root of a wavelength]. Derivatives lose digits below _CORNER, but not at _BESIDE. _ALIGNED
+# is a relative limit of the search.
 _CORNER, _BESIDE, _ALIGNED = 1e-5, 1e-4, 1e-8
-# Distance from the source in wavelengths below which a warning reports that evanescent waves are
-# neglected.
+# Clearance [wavelengths] below which the neglected evanescent waves matter.
 _NEAR = 1.0
 
 
@@ -115,12 +102,9 @@ def shadow_of(
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
     """Return the change of the field at points (n, 3) in m that obstacles cause.
 
-    Also return a mask of the points inside a body, where the field is zero, and the estimated
-    errors (n,), which are zero unless ``with_error``. ``bodies`` are in wavelengths, and
-    plates in one plane if the edge is not "black". ``source`` is a source that
-    :func:`equivalent_grid` accepts, or a PointSource.
-
-    Raises ArgumentError for obstacles around the source, and for sources that need too many points.
+    Also return a mask of the points inside bodies, where the field is zero, and the estimated
+    errors (n,), which are zero unless ``with_error`` is true. ``bodies`` are in wavelengths. Raises
+    ArgumentError if an obstacle encloses part of the source or the source needs too many points.
     """
     positions = points / wavelength
     if edge != "black":
@@ -156,8 +140,7 @@ def diffracted(
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change by bodies, the free field and the error at positions in wavelengths.
 
-    With ``is_sheet``, the edges belong to a conducting sheet. Its plane is the plane in ``seen``,
-    with the normal towards the source.
+    With ``is_sheet``, the edges belong to a conducting sheet.
     """
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
     edges = _Edges.of(bodies, sources, seen, positions)
@@ -184,11 +167,9 @@ def diffracted(
 def _near_corners(
     views: Sequence[tuple[Floats, Floats]], positions: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Return a mask of points (n, 3) on a line through a point of the source and a corner.
+    """Return a mask of points in line with the source and a corner, and steps off the line.
 
-    ``views``: points (3,) of the source, and the edges (m, 2, 3) that they see. On these lines the
-    derivatives (SB5) of the waves of two edges diverge, and their sum loses its digits. Also return
-    displacements (k, 3) across the line, over which the field is smooth.
+    On the line, the derivatives (SB5) of both edge waves diverge, and their sum loses digits.
     """
     near = np.zeros(len(positions), bool)
     for origin, edges in views:
@@ -215,7 +196,7 @@ def _seen(
     method: str,
     tolerance: float,
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
-    """Return the points that represent a source, and their silhouettes of the bodies."""
+    """Return the equivalent points of a source, and their silhouettes of the bodies."""
     boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
     targets = np.concatenate([np.stack(boxes), np.stack([positions, positions], axis=1)])
     error = _OF_GRID * tolerance
@@ -225,14 +206,10 @@ def _seen(
 
 @dataclass(frozen=True)
 class _Edges:
-    """Edges that the points of a source see, and the points where their waves are computed."""
-
     groups: list[tuple[Floats, Blocker | None]]
-    """Rows (k, 17) of edges by the surface behind them: point of the source, seven numbers; ends;
-    and plane of the face behind."""
+    """Edges (k, 17) by blocker: source point (7), both ends (6), plane of the face behind (4)."""
     targets: Targets
     are_blocked: bool
-    """Whether a surface blocks waves of edges, or edges have shadow lines."""
 
     @property
     def count(self) -> int:
@@ -246,7 +223,6 @@ class _Edges:
         seen: Sequence[Silhouette],
         positions: Floats,
     ) -> _Edges:
-        """Return the edges of the silhouettes, for fields at positions (n, 3)."""
         centre = np.mean([point.position for point in sources], axis=0)
         blocked = blocked_edges(bodies, seen, centre)
         group = np.concatenate(blocked.groups)
@@ -267,13 +243,12 @@ class _Edges:
             heights = positions @ planes[:, :3].T + planes[:, 3]
             if (heights < -margin[:, None]).any():
                 groups.append((rows, blocker))
-            else:  # nothing is behind the surface
+            else:  # No position is behind the surface.
                 group[group == number] = NO_SURFACE
         lines = shadow_lines(table[group == OWN_SURFACE])
         are_blocked = bool(groups) or len(lines) > 0
         groups.append((np.concatenate([table[group < 0], lines]), None))
-        # Illumination is decided from the angles of the edges for points beyond all bodies, and by
-        # tracing rays for other points.
+        # Edge angles determine visibility only beyond all bodies. Other points need ray tracing.
         by_angles = np.zeros(len(positions), bool)
         if not blocked.blockers and all(silhouette.is_closed for silhouette in seen):
             by_angles = np.all([bodies.beyond(p.position, positions) for p in sources], axis=0)
@@ -291,7 +266,6 @@ def _summed(
     coarser: EdgeRule | None = None,
     is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
-    """Return the change of the field, the free field, and the error (0 without a coarser rule)."""
     if few is not None:
         change, free = few.change(edges.targets, rule)
         error = few.error * np.abs(free).max() if coarser is not None else 0.0
@@ -300,7 +274,6 @@ def _summed(
     count = len(positions)
     samples = np.column_stack([positions, aside, by_angles])
     change, free, error = *np.zeros((2, count), np.complex128), np.zeros(count)
-    # The engine is chosen from the number of edges of all groups together.
     chosen = resolved(engine, count, edges.count)
     is_oblique = any(point.field for point in sources)
     for rows, surface in edges.groups:
@@ -328,10 +301,7 @@ def _summed(
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
-    """Return lengths (n,) that are negligible at points (n, 3), far above rounding errors.
-
-    ``ends`` (m, 3) are ends of edges, and ``sources`` (k, 3) are positions.
-    """
+    """Return the lengths (n,) that are rounding errors at points (n, 3)."""
     if not len(ends):
         return np.zeros(len(points))
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -353,15 +323,11 @@ def _edge(
     sample: Point,
     _: Point,
 ) -> Values:
-    """Return the change of the field by one edge for one point of the source, and its error.
+    """Return the change of the field by one edge for one source point, and its error (SB3), (SB5).
 
-    ``sample`` contains a point, its neighbour, and 1 if the angles of edges decide between light
-    and shadow. For blocked edges it also contains the depth up to which points lie on a surface,
-    and the real and imaginary part of the amplitude of edge waves behind the blocker.
-    ``is_oblique``: whether the point of the source has a weight of the field, whose edge waves
-    (SB5) depend on the direction from the point to the edge. ``is_blocked``: whether a surface is
-    behind the edge. ``is_sheet``: whether the edge belongs to a conducting sheet in the
-    plane of the row.
+    ``row``: a row of ``_Edges.groups``. ``sample``: point, displaced point, and 1 if edge angles
+    determine visibility. For blocked edges also the thickness of surfaces and the complex
+    transmission.
     """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
@@ -411,33 +377,31 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
 
 # ---- surfaces behind edges -----------------------------------------------------------------------
 
-# Far from a shadow boundary, the wave around an edge tends to 1/(_STEEP sqrt(detour)) of the free
-# wave, with the detour in wavelengths.
+# Edge diffraction far from the shadow boundary: amplitude 1/(_STEEP sqrt(detour)) of the free wave,
+# with the detour in wavelengths.
 _STEEP = 2.0 * math.pi * math.sqrt(2.0)
-# Detour in wavelengths at which the wave around a second edge is attenuated to 1/e. Waves over two
-# edges are neglected except close to the boundary of the second shadow, where they keep the field
-# continuous.
+# Detour [wavelengths] that attenuates doubly diffracted waves to 1/e. They only keep the field
+# continuous across the second shadow boundary.
 _SECOND = 16.0
-# If a body that is not convex has more triangles than this, only its face behind the edge blocks
-# the wave of the edge.
+# Largest number of triangles of a nonconvex blocker. Finer meshes are reduced to one face.
 _MOST_TRIANGLES = 256
 
 
 @dataclass(frozen=True)
 class Blocker:
-    """The surface behind an edge. Lengths are in wavelengths."""
+    """The surface behind an edge, in wavelengths."""
 
     origin: Floats
-    """Midpoint (3,) of the edge."""
+    """Midpoint of the edge, shape (3,)."""
     triangles: Floats
-    """Triangles (t, 3, 3) of the surface that face the origin."""
+    """Triangles that face the origin, shape (t, 3, 3)."""
     rim: Floats
-    """Edges (m, 2, 3) of the surface's silhouette from the origin."""
+    """Silhouette of the surface from the origin, shape (m, 2, 3)."""
 
     def hides(self, points: Floats, within: Floats) -> NDArray[np.bool_]:
         """Return a mask of the points (n, 3) that the surface hides from the origin.
 
-        The surface does not hide points whose distance from its planes is below ``within`` (n,).
+        Points less than ``within`` (n,) behind the surface are visible.
         """
         hidden = np.zeros(len(points), bool)
         if len(self.triangles):
@@ -448,7 +412,7 @@ class Blocker:
         return hidden
 
     def transmission(self, ops: Any, point: Point, hidden: Any) -> Pair:
-        """Return the amplitude at a point of the wave from the origin, over the free wave."""
+        """Return the ratio of the wave from the origin at a point to the free wave."""
         detour, amplitude = 1e30, 0.0
         for edge in self.rim:
             origin, start, end = (tuple(p) for p in (self.origin, *edge))
@@ -461,9 +425,9 @@ class Blocker:
 
 
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
-    """Return the detour of the shortest path over an edge, and the amplitude of its wave."""
-    detour, cosine, _ = path_over(ops, source, point, start, end)
-    # Cosine of half the angle by which the path bends, as in Kirchhoff's obliquity.
+    """Return the length of the detour over an edge, and the amplitude of its wave."""
+    detour, cosine, *_ = path_over(ops, source, point, start, end)
+    # Kirchhoff's obliquity: cosine of half the bending angle.
     share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
     return detour, share * ops.exp(detour * (-1.0 / _SECOND))
 
@@ -473,8 +437,8 @@ def behind_face(
 ) -> Number:
     """Return the weight d^2/(d^2 + a^2) of an edge's shadow behind a face, 0 in front of the face.
 
-    The point lies at the distance d plus a margin behind the plane of the face, and at the distance
-    a from the plane through the source and the edge.
+    ``d`` is the depth of the point behind the face minus ``margin``, and ``a`` its distance from
+    the plane through source and edge.
     """
     depth = ops.maximum(-(dot(plane, point) + plane[3]) - margin, 0.0)
     normal = cross(difference(start, source), difference(end, source))
@@ -484,25 +448,21 @@ def behind_face(
     return weight
 
 
-# Group numbers of edges without a surface behind them, and of edges in front of a surface of the
-# same body.
+# Groups of edges without a surface behind them, and with a surface of the same body.
 NO_SURFACE, OWN_SURFACE = -1, -2
 
 
 @dataclass(frozen=True)
 class BlockedEdges:
-    """Edges of silhouettes, grouped by the surface behind them."""
+    """Silhouette edges, grouped by the surface behind them."""
 
     blockers: list[Blocker]
     groups: list[Indices]
-    """For each silhouette, the number of the blocker of each edge, or NO_SURFACE or OWN_SURFACE."""
+    """Index of each edge's blocker, NO_SURFACE or OWN_SURFACE, for each silhouette."""
 
 
 def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats) -> BlockedEdges:
-    """Return the blockers of the edges of silhouettes, seen from close to a source position (3,).
-
-    An edge of several silhouettes has a single blocker.
-    """
+    """Return the blockers of silhouette edges, seen from a source position (3,)."""
     number, front, behind = (
         np.concatenate([getattr(s, name) for s in seen]) for name in ("numbers", "bodies", "behind")
     )
@@ -518,7 +478,7 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
     rows, body = rows[~is_own], body[~is_own]
     if not len(rows):
         return BlockedEdges([], _split(group, seen))
-    # All faces of a convex body form one blocker.
+    # A convex body is a single blocker.
     is_simple = np.array([body.is_simple for body in bodies.bodies])
     keys = np.column_stack([number[rows], np.where(is_simple[body], -1 - body, behind[rows])])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -538,10 +498,9 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
 
 
 def shadow_lines(table: Floats) -> Floats:
-    """Return rows (k, 17) of the shadow lines that edges cast on faces, in the opposite direction.
+    """Return the shadows (k, 17) that edges cast on the faces behind them, with reversed direction.
 
-    Each row of ``table`` contains seven numbers of a point of the source, the ends of an edge, and
-    the plane of the face behind the edge.
+    The rows of ``table`` have the format of ``_Edges.groups``.
     """
     source, plane = table[:, None, :3], table[:, None, 13:]
     ends = table[:, 7:13].reshape(-1, 2, 3)[:, ::-1] - source
@@ -558,10 +517,9 @@ def _split(group: Indices, seen: Sequence[Silhouette]) -> list[Indices]:
 def _blocker(
     bodies: Obstacles, numbers: Indices, flush: Indices, plane: Floats, origin: Floats
 ) -> Blocker:
-    """Return the surface of some bodies behind a plane, seen from the midpoint of an edge.
+    """Return the surface of bodies behind a plane, seen from the midpoint of an edge.
 
-    ``flush`` are other bodies in contact with these bodies, which continue the plane. Slits between
-    them are closed.
+    ``flush``: adjoining bodies that continue the plane. Slits between them are closed.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]

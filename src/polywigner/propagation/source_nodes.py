@@ -1,9 +1,8 @@
-"""A few nodes that represent the points of a source in shadows, and their waves at edges.
+"""Interpolation nodes that replace the equivalent points of a source behind obstacles (SB7).
 
-The field of a radiating point behind obstacles, divided by its free field, is a smooth function of
-the position of the point. It is evaluated at a few nodes of the source and interpolated. The wave
-of a node is the sum of the waves of all radiating points, each multiplied by a Lagrange polynomial;
-it is exact in free space. Lengths are in wavelengths. Source: (SB7).
+The ratio of the diffracted field to the free field is a smooth function of the source point. It is
+evaluated at a few nodes and interpolated by Lagrange polynomials. The result is exact in free
+space. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -25,57 +24,49 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 EDGE_AMPLITUDE = 1.0 / (math.sqrt(8.0) * math.pi)
-"""Amplitude of the wave around an edge over the free wave, times the square root of the detour."""
+"""Ratio of an edge wave to the free wave, times the square root of the detour."""
 NEAR = 0.3
-"""Detour below which the edge wave is computed with the weights of the nodes at the point."""
-# Numbers of nodes along x or y, and the largest error of an edge's wave by interpolation, over the
-# largest free field, for which each number is used. The numbers are odd, so that the centre is a
-# node. With several nodes, the error is overestimated by a factor of four to ten.
+# Number of nodes along x or y: largest estimated interpolation error, over the largest free field.
+# Odd numbers include the centre. The estimate is four to ten times too large.
 _LIMITS = {1: 1e-3, 3: 8e-3, 5: 8e-3, 7: 8e-3}
-# Largest error, in the same unit, for which the centre replaces all nodes.
+# Relative error below which the centre alone represents the source.
 _BY_CENTRE = 5e-4
-# Least limit between the detours of near and of far edges, and the ratios to it that are tried.
+# Smallest detour that divides near edges from far ones, and the multiples of it that are tried.
 _LEAST_DETOUR, _RATIOS = 0.05, tuple(1.5**k for k in range(10))
-# Largest number of nodes.
 _MOST_NODES = 225
-# Least distance on a far edge between the edge and the line from the centre of the source to the
-# point, over half of the size of the source.
+# Smallest distance of far edges from the line of sight, over half the source size.
 _CLEAR = 1.5
-# Factor by which the estimated error of far nodes may exceed the allowed error. The estimate was at
-# least ten times too large for plates, boxes and balls, with tolerances of 1e-4 and 1e-6.
+# Allowed ratio of the estimated to the requested error. For plates, boxes and balls the estimate
+# was at least ten times too large.
 _FAR_ERROR = 5.0
-# Ratio of the costs of a far node and a near node, if all detours are below 1.
 _FAR_COST = 0.1
-# Number of directions along each axis of the hemisphere in which the largest far field is searched.
+# Number of direction cosines along each axis for the search of the largest far field.
 _DIRECTIONS = 33
-# Number of positions on edges times number of radiating points per block (some 100 MB).
+# Pairs (edge position, source point) per block, about 100 MB.
 _BLOCK = 1 << 21
 
 
 @dataclass(frozen=True)
 class SourceNodes:
-    """Nodes of a source, and the radiating points that they represent."""
+    """Nodes of a source, and the equivalent points that they replace."""
 
     points: Sequence[RadiatingPoint]
-    """The n radiating points."""
     positions: Floats
-    """Positions (k, 3) of the nodes."""
+    """Shape (k, 3)."""
     fractions: Floats
-    """Fractions (k, n) of each radiating point that each node represents; they add up to 1."""
+    """Weight of each node for each of the n points, shape (k, n). Columns sum to 1."""
 
     @property
     def is_reduced(self) -> bool:
-        """Whether there are fewer nodes than radiating points."""
         return len(self.positions) < len(self.points)
 
     @cached_property
     def origins(self) -> Floats:
-        """Positions (n, 3) of the radiating points."""
+        """Positions of the equivalent points, shape (n, 3)."""
         return np.array([point.position for point in self.points])
 
     @cached_property
     def centre(self) -> Floats:
-        """Mean position (3,) of the radiating points."""
         return np.mean(self.origins, axis=0)
 
     @cached_property
@@ -90,27 +81,26 @@ class SourceNodes:
         return float(np.abs(phases @ slope + rays[:, 2] * (phases @ field)).max())
 
     def waves_at(self, places: Floats) -> tuple[Complex, Floats]:
-        """Return the waves of the nodes, and of the entire source, at positions (q, 3).
+        """Return the waves (q, k + 1) of nodes at points (q, 3), relative to unit spherical waves.
 
-        The waves (q, k + 1) are relative to a unit wave from the node, and for the entire source
-        from the centre. Also return the detours (q,) from which on the wave of the source is
-        accurate enough.
+        The last column is the wave of the entire source relative to a unit wave from its centre.
+        Also return the detours (q,) from which this column is accurate enough.
         """
         parts, detours = zip(*map(self._waves_at, self.blocks_of(places)), strict=True)
         return np.concatenate(parts), np.concatenate(detours)
 
     def blocks_of(self, places: Floats) -> list[Floats]:
-        """Divide positions (q, 3) into blocks whose waves from all points fit in memory."""
+        """Divide positions (q, 3) into blocks that limit memory."""
         return np.array_split(places, 1 + len(places) * len(self.points) // _BLOCK)
 
     def waves_of_points(self, places: Floats) -> Complex:
-        """Return the waves (q, n) of the radiating points at positions (q, 3)."""
+        """Return the waves (q, n) of the equivalent points at positions (q, 3)."""
         return np.stack([point.wave(places.T) for point in self.points], axis=1)
 
     def waves_and_dipoles(self, places: Floats) -> list[Complex]:
-        """Return these waves, and their parts from weights of the field without obliquity, (q, n).
+        """Return the waves (q, n) of the equivalent points, and their dipoles without obliquity.
 
-        The second array is left out if no point has a weight of the field.
+        Zero dipoles are omitted.
         """
         units = _unit_waves(places, self.origins)
         field, slope = (np.array([point[k] for point in self.points]) for k in (1, 2))
@@ -137,7 +127,7 @@ class SourceNodes:
         return parts, root * root
 
     def dipoles_at(self, places: Floats) -> Complex:
-        """Return the dipoles (q, k + 1) of the waves of :meth:`waves_at`, without obliquity."""
+        """Return the dipoles of :meth:`waves_at` without obliquity, shape (q, k + 1)."""
         field = np.array([point.field for point in self.points])
         parts = [
             self._over_units(some, field * _unit_waves(some, self.origins))[0]
@@ -146,60 +136,46 @@ class SourceNodes:
         return np.concatenate(parts)
 
     def _over_units(self, places: Floats, waves: Complex) -> tuple[Complex, Complex]:
-        """Return the waves of the nodes and of the source over unit waves, and the unit waves.
-
-        ``waves``: waves (q, n) of the radiating points at positions (q, 3). Both results have the
-        shape (q, k + 1), with a last column for the entire source.
-        """
+        """Return the waves of :meth:`waves_at` for point waves (q, n), and the unit waves."""
         units = _unit_waves(places, np.concatenate([self.positions, self.centre[None]]))
         parts = np.column_stack([waves @ self.fractions.T, waves.sum(axis=1)])
         return parts / units, units
 
 
 def _unit_waves(places: Floats, starts: Floats) -> Complex:
-    """Return unit spherical waves (q, k) from the points ``starts`` (k, 3) at positions (q, 3)."""
     waves = [spherical_wave(NumpyOperations(), tuple((places - start).T)) for start in starts]
     return np.stack([wave.real + 1j * wave.imag for wave in waves], axis=1)
 
 
 def all_points(points: Sequence[RadiatingPoint]) -> SourceNodes:
-    """Return the radiating points of a source as its nodes."""
+    """Return the equivalent points of a source as its nodes."""
     return SourceNodes(points, np.array([point.position for point in points]), np.eye(len(points)))
 
 
 def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
-    """Return the nodes of a source for edges with ends (m, 2, 3): few if all edges are far away."""
+    """Return the nodes of a source for edges with ends (m, 2, 3)."""
     every = all_points(points)
     allowed = {count: limit * every.peak for count, limit in _LIMITS.items()}
     return _few_nodes(every, _WavesAtEdges.of(every, edges), _turned_by(NEAR), allowed)
 
 
 class Interpolation(NamedTuple):
-    """Nodes of a source that interpolate the waves of near and of far edges."""
+    """Nodes for near edges and for far edges."""
 
     near: SourceNodes
     far: SourceNodes
     detour: float
-    """Detour from which on an edge is far."""
+    """Smallest detour of far edges."""
 
 
 def interpolation_for(
     points: Sequence[RadiatingPoint], edges: Floats, error: float, overlap: float, is_shared: bool
 ) -> Interpolation | None:
-    """Return the nodes with the least cost for edges with ends (m, 2, 3); None if there are none.
+    """Return the cheapest nodes for edges with ends (m, 2, 3), None if too many would be needed.
 
-    Parameters
-    ----------
-    points : sequence of RadiatingPoint
-        Points of the source.
-    edges : ndarray, shape (m, 2, 3)
-        Ends of the edges, in wavelengths.
-    error : float
-        Allowed error of the wave of an edge, times the distance from the source.
-    overlap : float
-        Largest detour of near edges over the least detour of far edges.
-    is_shared : bool
-        Whether all points see the same edges. If not, the near nodes are all points.
+    ``error``: allowed error of an edge wave, times the source distance. ``overlap``: largest detour
+    of near edges over the smallest detour of far edges. ``is_shared``: whether all points see the
+    same edges.
     """
     every = all_points(points)
     waves = _WavesAtEdges.of(every, edges)
@@ -220,16 +196,15 @@ def interpolation_for(
 
 @dataclass(frozen=True)
 class _WavesAtEdges:
-    """Waves of the points of a source at positions on edges, summed over one axis of the source."""
+    """Waves of the equivalent points at positions on edges, summed over x or over y."""
 
     distance: Floats
-    """(q,) from the centre of the source."""
+    """From the centre of the source, shape (q,)."""
     axes: list[tuple[Floats, Complex]]
-    """For x and y: positions (k,) from the centre, and the waves (q, k) of their points."""
+    """For x and y: coordinates (k,) about the centre, and waves (q, k)."""
 
     @classmethod
     def of(cls, source: SourceNodes, edges: Floats) -> _WavesAtEdges:
-        """Sum the waves at both ends of edges (m, 2, 3), next to the source, and in between."""
         start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
         squares = np.maximum((along * along).sum(axis=1), 1e-300)
         nearest = np.clip(((source.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
@@ -251,15 +226,11 @@ class _WavesAtEdges:
 
 
 EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
-"""Wave of an edge, for distances (q, 1) from the source and positions (k,) along its axis."""
+"""Relative edge wave for source distances (q, 1) and coordinates (k,) on the source."""
 
 
 def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
-    """Return the wave of an edge over the wave at a point far behind it.
-
-    Over the source, its phase changes by 2 pi sqrt(2 detour/distance) times the position. The
-    detour itself changes by half of the squared position over the distance, if ``curvature`` is 1.
-    """
+    """Return the edge wave in the far field, relative to the wave at the observation point."""
 
     def wave(distance: Floats, at: Floats) -> Complex:
         cycles = (np.sqrt(2.0 * detour / distance) + 0.5 * curvature * at / distance) * at
@@ -269,10 +240,7 @@ def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
 
 
 def _divided_at(detour: float) -> EdgeWave:
-    """Return the wave of an edge over the wave at the edge.
-
-    It diverges at positions that have the point on the boundary of their shadow.
-    """
+    """Return the edge wave relative to the wave at the edge."""
 
     def wave(distance: Floats, at: Floats) -> Floats:
         ratio = 1.0 + at / np.sqrt(2.0 * detour * distance)
@@ -284,13 +252,13 @@ def _divided_at(detour: float) -> EdgeWave:
 def _few_nodes(
     every: SourceNodes, waves: _WavesAtEdges, wave: EdgeWave, allowed: Mapping[int, float]
 ) -> SourceNodes:
-    """Return the first nodes along each axis with an error that is small enough.
+    """Return the fewest nodes whose interpolation error is allowed.
 
-    ``allowed``: errors for each number of nodes along an axis, times the distance of the edge.
+    ``allowed``: error for each number of nodes along an axis, times the distance of the edge.
     """
     numbers = []
     for at, sums in waves.axes:
-        # points with one coordinate have one node along this axis
+        # Points in a line along the other axis need a single node.
         for count in [count for count in allowed if count == 1 or len(at) > 1]:
             nodes, fractions = _axis(at, count)
             distance = waves.distance[:, None]
@@ -310,10 +278,7 @@ def _few_nodes(
 
 
 def _axis(at: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return Gauss nodes (k,) over coordinates (n,), and their Lagrange polynomials (k, n) there.
-
-    The polynomial of a node is 1 at this node and 0 at the other nodes.
-    """
+    """Return Gauss nodes (k,) for coordinates (n,), and the Lagrange polynomials (k, n)."""
     centre, half = 0.5 * (at.max() + at.min()), 0.5 * np.ptp(at)
     nodes = centre + half * gauss_legendre(count)[:, 0]
     others = [np.delete(nodes, k) for k in range(count)]

@@ -1,8 +1,7 @@
-"""Datasets in memory, lazy or on disk: zarr stores written chunk by chunk, and NetCDF files.
+"""Datasets in memory, lazy or on disk: zarr stores written by chunks, and NetCDF files.
 
-zarr writes a chunk to a temporary file and renames it, so a chunk is either complete or missing,
-and a second run computes only the missing chunks. The attributes and coordinates of a store contain
-the settings of its run (docs/large_runs.md).
+zarr renames a temporary file, so a chunk is either complete or missing. A second run with the same
+settings computes only the missing chunks (docs/large_runs.md).
 """
 
 from __future__ import annotations
@@ -44,34 +43,29 @@ if TYPE_CHECKING:
     from distributed.deploy import Cluster
 
 Index = tuple[int, ...]
-"""Index of a sample, or number of samples, along each dimension of a grid."""
+"""Index or number of samples along each dimension."""
 Block = Callable[[Index, Index], NDArray[Any]]
-"""Function that computes a block of a grid, from the index of its first sample and its shape."""
+"""Function of the first index and the shape that computes a block of a grid."""
 Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
-"""Variable of a dataset: the function that computes its blocks, its dtype, and its attributes."""
+"""Function that computes blocks, dtype, and attributes."""
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
-"""Sizes of chunks, in a form that dask accepts."""
+"""Chunk sizes in a form that dask accepts."""
 Scheduler: TypeAlias = "str | Cluster | None"
-"""Address of a dask.distributed scheduler, or a cluster object such as ``LocalCluster``."""
 Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
-"""A dataset or an array, in memory or lazy, or the path of a store on disk."""
+"""Dataset, or path of a store."""
 
-# Longest time in s to wait for a scheduler, and for its first worker.
+# Timeout [s] for a scheduler and its first worker.
 _PATIENCE = 10.0
 
-# Largest number of samples of a result in memory (16 GiB of float32). The limit is explicit,
-# because some systems would accept an allocation of any size.
+# Samples in memory (16 GiB of float32). Some systems accept allocations of any size.
 _MOST_IN_MEMORY = 1 << 32
 
 LARGEST_CHUNK = 1 << 22
-"""Largest number of samples of a chunk (16 MiB of float32), enough for the kernels' full speed."""
+"""Samples per chunk (16 MiB of float32), enough for the full speed of kernels."""
 
 
 def required(*names: str) -> ModuleType:
-    """Import modules of the extra ``datasets``, and return the last module.
-
-    Raises MissingExtraError if a module is not installed.
-    """
+    """Import modules of the extra ``datasets``, and return the last one."""
     modules: list[ModuleType] = [
         require(name, "datasets", "large results are stored and distributed with") for name in names
     ]
@@ -79,7 +73,7 @@ def required(*names: str) -> ModuleType:
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Return the shape of chunks with up to ``samples`` samples for a grid of a given shape."""
+    """Return the shape of chunks of up to ``samples`` samples."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
@@ -88,22 +82,19 @@ def chunks_within(shape: Sequence[int], samples: int) -> Index:
 
 
 def source_attrs(source: Any) -> dict[str, str]:
-    """Return the dataset attribute that describes a source in at most 200 characters."""
+    """Return the attribute that describes a source in at most 200 characters."""
     return {"source": f"{source!r:.200}"}
 
 
 def source_coords(source: Any) -> dict[str, xarray.Variable]:
-    """Return the dataset coordinate that contains a source as JSON."""
-    # The dtype is object, because zarr cannot store NumPy's strings of fixed length.
+    """Return the coordinate that contains a source as JSON."""
+    # zarr cannot store strings of fixed length.
     values = np.array(source_json(source), dtype=object)
     return {SOURCE_COORDINATE: labelled_array(values, (), {"long_name": "source file in JSON"})}
 
 
-# ---- results on grids ---------------------------------------------------------------------------
-
-
 class StoreOptions(TypedDict, total=False):
-    """Options of datasets that are lazy, or written to a store."""
+    """Options of lazy or stored datasets."""
 
     chunks: Chunks | None
     scheduler: Scheduler
@@ -122,27 +113,12 @@ def results_on_grid(
     chunk_size: int = LARGEST_CHUNK,
     compiled: bool = True,
 ) -> xarray.Dataset:
-    """Return a dataset of variables on a grid: in memory, lazy, or in a store on disk.
+    """Return a dataset in memory, lazy with ``chunks``, or stored with ``out``.
 
-    ``options`` contains StoreOptions and ``out``. With the option ``chunks`` the dataset is lazy,
-    and with ``out``, the path of a store, the dataset is written to disk. Values in memory are
-    computed in blocks of up to ``block_size`` samples. Chunks of a store have up to ``chunk_size``
-    samples, unless ``chunks`` is specified.
-
-    If ``compiled`` is true, each chunk is computed by all ``threads`` of Dr.Jit's thread pool, one
-    chunk after the other. Otherwise ``threads`` chunks are computed at the same time.
-
-    Raises
-    ------
-    ArgumentError
-        If an option requires a store, or if dask or zarr does not accept the chunks.
-    StoreError
-        If the path cannot be written to, or is not a store with the same settings.
-    EngineError
-        If the scheduler does not respond.
-    MissingExtraError
-        If dask, which ``chunks`` and ``out`` require, or zarr, which ``out`` requires, is not
-        installed.
+    ``options`` contains StoreOptions and ``out``. ``block_size`` and ``chunk_size`` limit the
+    samples of a block in memory and of a stored chunk. If ``compiled`` is true, all threads compute
+    each chunk; otherwise each thread computes a chunk. Raises ArgumentError, StoreError,
+    EngineError or MissingExtraError.
     """
     from polywigner import __version__
 
@@ -193,7 +169,6 @@ def _in_memory(
 def _lazy_array(
     block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
-    """Return a dask array whose chunks are computed by the picklable function ``block``."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -204,8 +179,7 @@ def _lazy_array(
             f"expected chunks that dask accepts: a number, a tuple of {len(shape)} numbers, or "
             f"'auto', got {chunks!r}: {error}"
         ) from None
-    # The block function is a node of dask's graph, so each worker receives it once and reuses its
-    # caches.
+    # As a node of the graph, the function is sent to each worker once, with its caches.
     node = required("dask").delayed(block, traverse=False)
     options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
     array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
@@ -228,9 +202,9 @@ def _compute_chunk(
 def _complete(
     folder: Path, dataset: xarray.Dataset, default: str, options: Mapping[str, Any]
 ) -> None:
-    """Compute the missing chunks of a store, which is created if it does not exist.
+    """Compute the missing chunks of a store, which is created if necessary.
 
-    ``default`` is the name of dask's scheduler that is used if the options specify no scheduler.
+    ``default``: dask scheduler without the option ``scheduler``.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     required("zarr", "dask")
@@ -247,8 +221,7 @@ def _complete(
     bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
     with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
-            # The store is created after the scheduler has responded, so that a failed connection
-            # leaves no store.
+            # A failed connection leaves no store.
             if is_new:
                 _create(folder, dataset)
             with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
@@ -263,7 +236,6 @@ def _complete(
 
 
 def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
-    """Raise StoreError unless a store and a dataset have the same settings."""
     stored = open_store(folder)
     before, now = _settings_of(stored), _settings_of(dataset)
     different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
@@ -277,10 +249,6 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
 
 
 def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
-    """Return the names and values of a dataset's settings: attributes, dtypes and chunks.
-
-    The values are JSON strings.
-    """
     settings: dict[str, Any] = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
         settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
@@ -292,9 +260,7 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 
 def _create(folder: Path, dataset: xarray.Dataset) -> None:
-    """Create a store with the metadata and coordinates of a dataset, but without chunks."""
-    # Chunks are not compressed, because compression would halve the speed, and the last digits of
-    # results do not compress.
+    # Compression would halve the speed, and rounding errors do not compress.
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # NaN for missing chunks
         for name, array in dataset.data_vars.items()
@@ -312,11 +278,10 @@ def _create(folder: Path, dataset: xarray.Dataset) -> None:
 
 
 def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
-    """Return dask tasks that compute and write the missing chunks of a store."""
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
-        # dask fuses the computation and the writing of a chunk into one task.
+        # dask fuses computing and writing a chunk.
         blocks = array.data.map_blocks(_write_region, path=path, meta=meta).to_delayed()
         for index in np.ndindex(blocks.shape):
             if not path.joinpath("c", *map(str, index)).is_file():
@@ -325,16 +290,14 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 
 
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
-    """Write one chunk of a store, and return an empty array in place of its values."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
-    # Chunks that are all NaN are written too, because a chunk without a file counts as missing.
+    # A chunk without a file counts as missing, even if all its values are NaN.
     array = required("zarr").open_array(path, mode="r+")
     array.with_config({"write_empty_chunks": True})[region] = values
     return values[(slice(0),) * values.ndim].copy()
 
 
 def _connected(scheduler: Scheduler) -> Client:
-    """Connect to a scheduler that has workers, or raise EngineError."""
     distributed = required("distributed")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
@@ -349,10 +312,7 @@ def _connected(scheduler: Scheduler) -> Client:
 
 
 def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Open a zarr store of format 3 lazily; raise StoreError if the path is not such a store.
-
-    In contrast to pickle files, a store cannot contain code that zarr executes.
-    """
+    """Open a zarr store of format 3 lazily; raise StoreError for other paths."""
     required("zarr", "dask")
     import xarray
 
@@ -364,9 +324,6 @@ def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
             f"there is no zarr store of format 3 at {folder} ({type(error).__name__}: "
             f"{error!s:.200}); choose another path"
         ) from error
-
-
-# ---- files for other programs --------------------------------------------------------------------
 
 
 def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
@@ -407,7 +364,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 
 def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset, which may have complex variables, to a new zarr store of format 3."""
+    """Write a dataset, which may be complex, to a new zarr store of format 3."""
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.
@@ -429,7 +386,6 @@ def _opened(dataset: Stored) -> xarray.Dataset:
 
 
 def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Split complex variables into two real variables, and convert attributes to plain types."""
     for name, array in dataset.data_vars.items():
         if array.dtype.kind == "c":
             parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}

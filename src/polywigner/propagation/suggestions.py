@@ -26,7 +26,7 @@ from polywigner.source import Array
 from polywigner.transforms import PhaseSpaceSource
 
 Band = tuple[str, str, float, float, float, bool]
-"""An axis of a grid: name, unit, first and last value, Nyquist step, and ``band_limited``."""
+"""Name, unit, first and last value, Nyquist step, and ``band_limited``."""
 
 SampledQuantity = Literal[
     "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance"
@@ -34,16 +34,13 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Largest step of positions, relative to the width of the narrowest part of the source. The Wigner
-# function of a strip, along x, is a triangle of this width, which is then sampled several times.
+# Largest step of positions over the narrowest width, which is the width of W along x.
 _OF_WIDTH = 0.5
-# Largest number of samples along an axis. Larger numbers are a sign of wrong units.
+# Samples per axis. More samples are a sign of wrong units.
 _MOST_SAMPLES = 1 << 53
-# Largest theta of points on a hemisphere, because fields are not computed in the plane z = 0.
+# Largest theta, since fields are not computed in the plane z = 0.
 _GRAZING = math.radians(89.5)
-# Numbers of points along each axis of a box, and along theta and phi of a hemisphere, at which the
-# local frequencies of the field are evaluated. A few points are enough, because the frequencies
-# vary slowly.
+# Points along box axes, theta and phi. Local frequencies vary slowly.
 _POINTS, _THETA, _PHI = 17, 31, 24
 
 
@@ -268,7 +265,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
 
 
 def _narrowest(element: Aperture | Slits) -> float:
-    """Return the width of the narrowest strip, ring or slit of an element; half a square's side."""
+    """Return the width of the narrowest strip, ring or slit; half a square's side."""
     if isinstance(element, Slits):
         return float(np.diff(element.intervals, axis=1).min())
     return min(2 * part.area / part.length for part in element.polygons.geoms)
@@ -288,29 +285,22 @@ def _axis(band: Band, oversampling: float) -> AxisSampling:
     return AxisSampling(name, unit, low, high, count, nyquist, band_limited)
 
 
-# ---- sampling of fields --------------------------------------------------------------------------
-
-
 def _field_bands(
     bounds: tuple[float, ...], wavelength: float, coherent: bool, kind: str, region: Any
 ) -> list[Band]:
-    """Return the axes of a grid for a field in a "box", on a "line" or on a hemisphere ("radius").
-
-    ``coherent`` specifies whether the quantity is the amplitude, not the irradiance.
-    """
-    metres = 1.0  # length in m of one unit of the axis
+    """Return the axes for a field in a "box", on a "line" or on a hemisphere ("radius")."""
+    metres = 1.0  # per unit of the axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # The angles between rays from the source are largest at points directly in front of it.
+        # Rays from the source spread most at points directly in front of it.
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # A line needs many points, because the directions of rays change fast if the line passes
-        # close to the source.
+        # Ray directions change fast where a line passes close to the source.
         grid = line_grid(region, _POINTS**2)
         points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
         tangents = [(points[-1] - points[0]) / length]
@@ -335,7 +325,6 @@ def _field_bands(
 
 
 def _rays(points: Floats, bounds: tuple[float, ...]) -> Floats:
-    """Return unit vectors (n, 9, 3) from nine points of the source's bounding box to each point."""
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)
         for k, (low, high) in enumerate(zip(bounds[:2], bounds[2:], strict=True))

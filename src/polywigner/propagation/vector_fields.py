@@ -1,17 +1,13 @@
-"""Electric fields of polarised sources, by three models of equivalent currents. Source: (VP1).
+"""Electric fields of polarised sources, from equivalent currents (VP1).
 
-A source has the scalar field u and the polarisation p = (p_x, p_y) in the plane z = 0. It is
-replaced by magnetic currents alone (an opening in a metal screen), by electric currents alone, or
-by half of both (Huygens).
+A source with the scalar field u and the polarisation p is replaced by magnetic currents (an opening
+in a metal screen), by electric currents, or by half of both (Huygens). Their electric fields are
+``(q d/dz - z q.grad) Phi/(ik)`` and ``q Phi + grad (q.grad Phi)/k^2``, with the unit normal z,
+``q = (p_x, p_y, 0)``, and the potential ``Phi = int u exp(ikR)/(i wavelength R) dx``.
 
-The electric field of magnetic currents is ``(q d/dz - z q.grad) Phi/(ik)``, and the electric field
-of electric currents is ``q Phi + grad (q.grad Phi)/k^2``. In both, z is the unit normal,
-``q = (p_x, p_y, 0)``, and ``Phi = int u exp(ikR)/(i wavelength R) dx`` is a scalar potential.
-
-The potential is the second Rayleigh-Sommerfeld integral of the plane waves of u, each divided by
-its direction cosine p_z. The derivative dPhi/dz/(ik) is the first Rayleigh-Sommerfeld integral.
-Derivatives along the plane become factors of the plane waves, and integrals along the edges of the
-source.
+Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u over their direction cosines
+p_z, and dPhi/dz/(ik) is the first. Derivatives along the plane become factors of the plane waves,
+and integrals along edges.
 """
 
 from __future__ import annotations
@@ -42,9 +38,9 @@ from polywigner.propagation.boundary import (
 )
 from polywigner.propagation.curved_fields import field_at_nodes, summed_over_cells
 from polywigner.propagation.point_grids import (
-    checked_amplitude_tolerance,
     checked_method,
     checked_points,
+    tolerance_from,
     warn_of_missed,
 )
 from polywigner.radiometry.directions import (
@@ -72,20 +68,19 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Plane waves are divided by their direction cosine p_z, which is not possible for |p_z| close to
-# zero. Because the field is analytic in the frequency of a wave, such a wave is replaced by a
-# weighted mean of four neighbouring waves. Their phases differ by this value in radians across half
-# of the source. The relative error, from the fourth derivative, is 1e-11.
+# Grazing waves cannot be divided by p_z. As the field is analytic in the frequency, a mean of four
+# neighbours replaces them. Their phases differ by this angle [rad] across half of the source. The
+# relative error is 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
-# Smallest tolerance of each part of a field, which is its rounding error.
+# Rounding error of each part of a field.
 _LEAST = 1e-13
 
 
 def polarised_parts(
     source: PlaneSource | Wavefront, polarisation: Any
 ) -> list[tuple[PlaneSource | Wavefront, Complex]]:
-    """Return a polarised source as a sum of scalar sources, each with a unit vector (3,)."""
+    """Return a polarised source as scalar sources with unit vectors (3,)."""
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -170,14 +165,14 @@ def field(
     name = checked_method(method, MODELS)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     positions, length = checked_points(points), checked_wavelength(wavelength)
-    allowed = checked_amplitude_tolerance(tolerance)
+    allowed = tolerance_from(tolerance)
     radiator = checked_radiator(source)
     parts = polarised_parts(radiator, polarisation)
     flat = positions.reshape(-1, 3)
     total = np.zeros((len(flat), 3), np.complex128)
     errors, limits = np.zeros((2, len(flat)))
     for part, q in parts:
-        if isinstance(part, Wavefront):  # Fields of curved waves are sums over nodes on the source.
+        if isinstance(part, Wavefront):
             terms = partial(_dipole_terms, part, q, MODELS[name])
             value, off = summed_over_cells(part, flat, length, terms, (3,))
         else:
@@ -194,11 +189,7 @@ def _dipole_terms(
     wave: Wavefront, q: Complex, currents: Currents,
     part: Any, cells: Floats, points: Floats, wavelength: float,
 ) -> Complex:  # fmt: skip
-    """Return the field of equivalent currents at the nodes of k cells of a curved wave.
-
-    The field at one point per cell has the shape (k, nodes, 3), and is multiplied by the weights of
-    the nodes.
-    """
+    """Return the weighted fields (k, nodes, 3) of equivalent currents on k cells."""
     nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
     ahead[..., :2] = points[:, None, :2] - nodes
@@ -207,9 +198,9 @@ def _dipole_terms(
 
 
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
-    """Return the electric field of the equivalent currents in one square wavelength.
+    """Return the electric field of equivalent currents on a square wavelength at the origin.
 
-    The currents lie at the origin, and ``ahead`` (..., 3) are positions in wavelengths.
+    ``ahead`` (..., 3): positions in wavelengths.
     """
     distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
     s, a = ahead / distance, 0.5j / (math.pi * distance)
@@ -233,20 +224,14 @@ def _near_field(
     q: Complex,
     currents: Currents,
 ) -> tuple[Complex, Floats, Floats]:
-    """Return the electric field of a source with one polarisation q at points (n, 3).
-
-    Also returns the estimated and the allowed errors.
-    """
+    """Return the electric field at points (n, 3) for the polarisation q, its error and limit."""
     radiator, (m, e) = radiator_of(source), currents
     without_grazing = _not_grazing(radiator, wavelength)
     field = np.zeros((len(points), 3), np.complex128)
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Return the potential Phi if ``method`` is SECOND, otherwise dPhi/dz/(ik).
-
-        The plane waves are multiplied by ``factor``, a function of their cosines p_x and p_y.
-        """
+        """Return Phi for SECOND, otherwise dPhi/dz/(ik), with factors of p_x and p_y."""
         base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
             factors = factor(element.frequencies * wavelength)
@@ -275,15 +260,14 @@ def _near_field(
 
 
 def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
-    """Return the electric field of the line integrals along the edges of a source (VP4)."""
+    """Return the electric field of the line integrals along edges (VP4)."""
     m, e = currents
     n, field = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
     if m:
         field[:, 2] -= m / (2 * math.pi) * (sums.wave @ n)
     if e:
         scale = -1j * e / (4 * math.pi**2)
-        # The gradient of the integrand u G has two parts: the displacement from the point to the
-        # edge times `rise`, from G, and the wave vector, from u.
+        # The gradient of u G has a displacement term (`rise`) and a wave vector term.
         weighted, grown = sums.rise * n, sums.rise_by_length * n
         total = weighted.sum(axis=1)
         for a in range(2):
@@ -296,7 +280,6 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
-    """Replace plane waves that graze the plane of a source by means over neighbouring waves."""
     half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
     step = _ASIDE / (2 * math.pi * half)
     elements = []
@@ -324,48 +307,43 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
     return replace(radiator, elements=tuple(elements))
 
 
-# ---- integrals along edges -----------------------------------------------------------------------
-
-# Number of pairs of a point and a panel per block, and number of panels per block.
+# Pairs (point, panel) per block, and panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
-# Computing time of a pair of a point and a panel, in units of the time of one edge in a Fourier
-# transform. The choice of an engine depends on this ratio.
+# Cost of a pair, in units of an edge in a Fourier transform.
 _TERMS = 16
-# Tolerance of integrals along edges, as a fraction of the field's tolerance, because the integrals
-# of different edges may cancel.
+# Fraction of the tolerance, since integrals of edges may cancel.
 _FRACTION = 1e-2
 
 
 @dataclass(frozen=True)
 class EdgeIntegrals:
-    """Integrals along the edges of a source, for n points and m panels of the edges.
+    """Integrals of a plane wave u times G = exp(2 pi i R)/R along m panels, for n points.
 
-    The integrands contain one plane wave u of the field and the spherical wave
-    ``G = exp(2 pi i R)/R``, where R is the distance from the point. Lengths are in wavelengths.
+    R is the distance from the point. Lengths are in wavelengths.
     """
 
     where: NDArray[np.intp]
-    """Indices (n,) of the points."""
+    """Indices of the points, shape (n,)."""
     points: Floats
-    """Points (n, 3), relative to the centre of the source."""
+    """From the centre of the source, shape (n, 3)."""
     begin: Floats
-    """First ends (m, 2) of the panels, relative to the centre of the source."""
+    """First ends of the panels from the centre of the source, shape (m, 2)."""
     along: Floats
-    """Directions (m, 2) of the panels."""
+    """Shape (m, 2)."""
     plane: Floats
-    """Direction cosines p_x and p_y (m, 2) of the wave on each panel."""
+    """Direction cosines p_x and p_y of the wave, shape (m, 2)."""
     cosine: Complex
-    """Direction cosines p_z (m,) of the waves."""
+    """Direction cosine p_z of the wave, shape (m,)."""
     wave: Complex
-    """Integrals (n, m) of u G."""
+    """Integral of u G, shape (n, m)."""
     rise: Complex
-    """Integrals (n, m) of ``h = u (1/R - 2 pi i) G/R``."""
+    """Integral of ``h = u (1/R - 2 pi i) G/R``, shape (n, m)."""
     rise_by_length: Complex
-    """Integrals (n, m) of t h, where t is the distance from the first end of the panel."""
+    """Integral of t h for the distance t from the first end, shape (n, m)."""
 
     @property
     def normal(self) -> Floats:
-        """Outward normals (m, 2) of the panels."""
+        """Outward normals, shape (m, 2)."""
         return np.stack([self.along[:, 1], -self.along[:, 0]], axis=1)
 
 
@@ -410,9 +388,6 @@ def edge_integrals(
                 )
 
 
-# ---- far fields ----------------------------------------------------------------------------------
-
-
 def far_vectors(
     parts: Sequence[tuple[PlaneSource | Wavefront, Complex]],
     directions: Floats,
@@ -422,10 +397,10 @@ def far_vectors(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """Return the electric far field of a polarised source in directions s. Source: (VP2).
+    """Return the electric far field of a polarised source in directions s (VP2).
 
     The far field is the limit of ``r exp(-ikr) E(r s)`` at large distances r, in m times the unit
-    of u. It is zero at z < 0. ``parts`` are the scalar sources of :func:`polarised_parts`.
+    of u. It is zero at z < 0.
     """
     nu = directions[..., :2] / wavelength
     total = np.zeros(directions.shape, np.complex128)
@@ -436,10 +411,7 @@ def far_vectors(
 
 
 def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return the far field of currents with the polarisation q, per unit of scalar field (VP2).
-
-    The scalar far field is ``F/(i wavelength)``, where F is the Fourier transform of the source.
-    """
+    """Return the far field of currents over the scalar far field ``F/(i wavelength)`` (VP2)."""
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
     far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
@@ -447,7 +419,7 @@ def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
 
 
 def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Complex]:
-    """Return the components of a far field along x and y by Ludwig's third definition."""
+    """Return far-field components along x and y by Ludwig's third definition."""
     x, y, z = np.moveaxis(directions, -1, 0)
     axes = ludwig_axes(x, y, np.maximum(z, -1.0 + np.finfo(np.float64).epsneg))
     along_x, along_y = ((far * np.stack(axis, axis=-1)).sum(axis=-1) for axis in axes)
@@ -455,19 +427,19 @@ def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Comple
 
 
 def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
-    """Convert components along x and y to co- and cross-polar parts for a Jones vector (VP3)."""
+    """Convert components along x and y to co- and cross-polar parts (VP3)."""
     (x, y), (p, q) = components, jones
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
 
 
 def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
-    """Convert co- and cross-polar parts to components along x and y; see :func:`co_and_cross`."""
+    """Convert co- and cross-polar parts to components along x and y."""
     p, q = jones
     return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross
 
 
 def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
-    """Return the axial ratios of polarisation ellipses in dB; infinite for linear polarisation."""
+    """Return axial ratios in dB, infinite for linear polarisation."""
     x, y = components
     right, left = np.abs(x - 1j * y), np.abs(x + 1j * y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -477,10 +449,7 @@ def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
 def vector_powers(
     parts: Sequence[tuple[PlaneSource | Wavefront, Complex]], wavelength: float, model: str
 ) -> tuple[float, float]:
-    """Return the radiated power of a polarised source, and the power on the source, in W.
-
-    They are the integrals of |E|^2 over the front hemisphere, and of |u|^2 over the source.
-    """
+    """Return the integrals of |E|^2 over the front, and of |u|^2 over the source, in W."""
     lag = max(largest_lag(part) for part, _ in parts)
     power = 0.0
     for directions, solid_angle in directions_and_weights(lag, wavelength):

@@ -1,7 +1,7 @@
-"""Irradiance by Wigner rays, to a tolerance.
+"""Irradiance by Wigner rays (R1), to a tolerance.
 
-The irradiance is an integral of the Wigner function W over positions on the automean of the source.
-It is computed by Gauss rules on triangles that no kink of W crosses. Source: (R1), (T1), (T2).
+Gauss rules integrate the Wigner function W over triangles on the automean that no kink of W crosses
+(T1), (T2).
 """
 
 from __future__ import annotations
@@ -42,32 +42,27 @@ from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliqui
 from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
-# The allowed error is absolute if the irradiance is below this fraction of the largest possible
-# irradiance (T2).
+# Below this fraction of the largest possible irradiance (T2), the allowed error is absolute.
 _FLOOR = 1e-3
-# Number of edges of a source above which Wigner rays take seconds. The exact field takes a
-# hundredth of this time.
+# Edges above which rays take seconds, a hundred times longer than the exact field.
 _MANY_EDGES = 50
-# Distance from the source in wavelengths below which Wigner rays are a rough approximation.
+# Distance [wavelengths] below which rays are a rough approximation.
 _NEAREST = 2.0
 
-# Numbers of additional nodes along a side of each triangle, for successively finer quadrature
-# rules. Two nodes integrate W exactly on triangles far smaller than a wavelength, where W is a
-# quadratic.
+# Additional nodes along a side, for successive rules. Two nodes are exact on small triangles, where
+# W is quadratic.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
-# If there are more triangles than this, a rule with one additional node is tried first.
+# Triangles above which a rule with one additional node comes first.
 _MANY_TRIANGLES = 500
-# Largest number of nodes of a quadrature rule, which take 64 MiB of memory.
+# Largest number of nodes, 64 MiB.
 _MOST_NODES = 1 << 22
-# The same quadrature rules are used for all points whose largest spatial frequencies agree within
-# this fraction of 1/wavelength.
+# Points whose highest frequencies agree within this fraction of 1/wavelength share a rule.
 _RATE_STEP = 0.25
-# The irradiance at a point is no longer refined if its error is below this fraction of the allowed
-# error.
+# Fraction of the allowed error below which a point is not refined.
 _SETTLED = 0.03
 
 NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
-"""Function that returns the irradiance at points for the nodes and weights of a quadrature rule."""
+"""Function of nodes, weights and points that returns irradiances."""
 
 
 def irradiance_by_rays(
@@ -78,10 +73,7 @@ def irradiance_by_rays(
     allowed: float,
     engine: Engine,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance by Wigner rays at points (n, 3), and an estimate of its error.
-
-    ``allowed`` is the tolerance of :func:`irradiance`.
-    """
+    """Return the irradiance by Wigner rays at points (n, 3), and its error."""
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
     if isinstance(source, Wavefront) and not source.is_flat:
@@ -119,18 +111,12 @@ def irradiance_by_rays(
 
     area = sum(element.area for element in flat.elements_in_plane)
     reach = wavelength * radiator.distance_of_centre(points)
-    # Largest possible irradiance (T2).
     largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)
     floor = _FLOOR * largest
     values, errors = np.zeros(len(points)), np.zeros(len(points))
     rates = _phase_rates(flat, wavelength, points, curved)
     steps = np.ceil(rates * wavelength / _RATE_STEP)
-    if has_few_kinks(flat):
-        triangles = smooth_triangles(flat)
-    else:
-        # Kinks of W cross these triangles, but the gradient of W is continuous across most kinks.
-        # The errors of Gauss rules are proportional to the fourth power of the size of a triangle.
-        triangles = quartered(triangles_of(list(mutual_support(flat).polygons.geoms))[0])
+    triangles = _triangles(flat)
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
         _check_nodes(triangles, rate, wavelength)
@@ -147,11 +133,10 @@ def irradiance_by_rays(
 
 @lru_cache(maxsize=64)
 def _along_rays(base: Kernel) -> Kernel:
-    """Return a kernel of the irradiance along one ray (R1), from a kernel of the Wigner function.
+    """Return a kernel of the irradiance along a ray (R1), from a kernel of the Wigner function.
 
-    The arguments of the kernel are the position x, y on the source, the point X, Y, Z, the
-    wavelength, and the three coefficients of the obliquity (D2). For a curved wave they are
-    followed by the curvatures Q_xx, Q_xy and Q_yy, and by the two coordinates of the centre.
+    Arguments: x, y on the source, the point X, Y, Z, wavelength, three obliquity coefficients (D2),
+    and for curved waves Q_xx, Q_xy, Q_yy and the centre.
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
@@ -193,16 +178,11 @@ def _refined_sums(
     tolerance: float,
     floor: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance at points and its error, from successively finer quadrature rules.
+    """Return the irradiance at points and its error, from successive quadrature rules.
 
     The allowed error is ``tolerance`` times the irradiance, or times ``floor`` if that is larger.
-
-    Notes
-    -----
-    A point at the distance d = ``clearance`` from the source causes singularities of the integrand
-    at complex positions, at the distance d from the real positions. A rule with the spacing h of
-    its nodes then has a relative error of exp(-2 pi d/h). If this error exceeds 1/e, two rules may
-    agree although both are wrong, so the error estimate is infinite.
+    The complex singularities of a point at the distance d give nodes of spacing h a relative error
+    exp(-2 pi d/h). Above 1/e, two wrong rules may agree, so the error is infinite.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))
@@ -240,7 +220,6 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
-    """Return the highest spatial frequency in 1/m of the integrand of (R1) for each point."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
@@ -257,21 +236,14 @@ def _phase_rates(
     return rates + bent
 
 
-# ---- triangles on which W is smooth --------------------------------------------------------------
-
-# Largest number of kinks of W, which take some seconds, and largest number of their intersections.
+# Largest number of kinks (some seconds), and of their intersections.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
-# Number of sampled kinks whose intersections are counted, to estimate the total number of
-# intersections.
+# Sampled kinks for the estimated number of intersections.
 _SAMPLE = 256
 
 
-@lru_cache(maxsize=64)
 def _kinks(source: Aperture | Array) -> Floats | None:
-    """Return the line segments on which W has kinks (T1), by their ends, shape (m, 2, 2).
-
-    Returns None if W has too many kinks.
-    """
+    """Return the segments (m, 2, 2) on which W has kinks (T1), None if there are too many."""
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
@@ -293,10 +265,7 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 
 
 def _distinct(segments: Floats, grid: float) -> Floats:
-    """Round the ends of segments to a grid, and remove duplicates and segments of length zero.
-
-    Segments that differ only in the order of their ends are duplicates.
-    """
+    """Round segments to a grid, and remove duplicates in either direction."""
     steps = np.rint(segments / grid)
     order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
     steps = np.take_along_axis(steps, order[..., None], axis=1)
@@ -305,32 +274,23 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def has_few_kinks(source: Aperture | Array) -> bool:
-    """Return whether the Wigner function of a source has few enough kinks to divide its automean.
-
-    The limits are 65,536 kinks, and about 1e6 intersections of kinks.
-    """
-    segments = _kinks(source)
-    if segments is None:
-        return False
-    lines = shapely.linestrings(segments)
-    sample = lines[:: max(1, len(lines) // _SAMPLE)]
-    intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
-    return bool(intersections / len(sample) * len(lines) / 2 <= _MOST_INTERSECTIONS)
-
-
-@lru_cache(maxsize=64)
-def smooth_triangles(source: Aperture | Array) -> Triangles:
-    """Return triangles that tile the automean of a source, and that no kink of W crosses.
-
-    The source must satisfy :func:`has_few_kinks`.
-    """
-    segments = _kinks(source)
-    assert segments is not None
+def _triangles(source: Aperture | Array) -> Triangles:
+    """Return triangles that tile the automean, not crossed by kinks unless there are too many."""
+    segments, support = _kinks(source), mutual_support(source).polygons
+    if segments is None or _intersection_count(segments) > _MOST_INTERSECTIONS:
+        # Across most kinks, the gradient of W is continuous. Errors are of fourth order in the
+        # size.
+        return quartered(triangles_of(list(support.geoms))[0])
     grid = grid_size(segments.reshape(-1, 2))
     noded = shapely.union_all(shapely.linestrings(segments), grid_size=grid)
     cells = np.array(polygons_in(shapely.polygonize([noded])), dtype=object)
-    support = mutual_support(source).polygons
     shapely.prepare(support)
     inside = shapely.contains_properly(support, shapely.point_on_surface(cells))
     return triangles_of(cells[inside])[0]
+
+
+def _intersection_count(segments: Floats) -> float:
+    lines = shapely.linestrings(segments)
+    sample = lines[:: max(1, len(lines) // _SAMPLE)]
+    intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]
+    return float(intersections / len(sample) * len(lines) / 2)

@@ -1,9 +1,8 @@
-"""Checks of sources and directions, and integrals over all directions in front of a source.
+"""Checks of sources and directions, and integrals over the hemisphere.
 
-As functions of direction, the Wigner function and the squared Fourier transform of a source are
-sums of waves ``exp(i k rho sin(theta) cos(phi - phi0))``, where rho is at most the diameter of the
-source. Gauss-Legendre nodes in theta and evenly spaced nodes in phi integrate such waves exactly,
-except for rounding errors, if there are a few more nodes than half periods of the wave.
+W and |F|^2 are sums of waves ``exp(i k rho sin(theta) cos(phi - phi0))``, where rho is at most the
+diameter of the source. Gauss-Legendre nodes in theta and evenly spaced nodes in phi integrate such
+waves to rounding errors.
 """
 
 from __future__ import annotations
@@ -32,17 +31,13 @@ from polywigner.transforms import lag_marginal
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 
-# Largest product of the bandwidth and the propagation time across the source. The mean over a band
-# of frequencies requires about as many wavelengths.
+# Largest bandwidth times the propagation time across the source, about the number of wavelengths.
 _MOST_SPREAD = 500.0
 _MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
-    """Return a bandwidth in Hz.
-
-    Raises ArgumentError unless it is above zero and below twice the frequency.
-    """
+    """Return a bandwidth in Hz; raise ArgumentError unless it is below twice the frequency."""
     width = checked_number(bandwidth, "bandwidth", _MEANING)
     carrier = SPEED_OF_LIGHT / wavelength
     if not 0 < width < 2 * carrier:
@@ -56,9 +51,9 @@ def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
 def wavelengths_of_band(
     wavelength: float, bandwidth: float, lag: float, error: float
 ) -> list[tuple[float, float]]:
-    """Return wavelengths in m, and weights, for a mean over a band of frequencies.
+    """Return wavelengths in m and weights for a mean over a band of frequencies.
 
-    ``lag`` is the size of the source in m, and ``error`` is the allowed error of the mean.
+    ``lag``: size of the source in m. ``error``: allowed error of the mean.
     """
     spread = bandwidth * lag / SPEED_OF_LIGHT
     if not spread <= _MOST_SPREAD:
@@ -79,8 +74,7 @@ PlaneSource = Aperture | Array
 def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
     """Return an aperture, an array in the plane z = 0, or a curved wave.
 
-    Raises the errors of :func:`checked_source`. A partially coherent source raises
-    IlluminationError unless ``partly`` is true.
+    Raises IlluminationError for partially coherent light unless ``partly`` is true.
     """
     if not isinstance(source, Wavefront):
         return checked_source(source)
@@ -109,13 +103,11 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(flat).__name__}; {advice}"
         )
-    # The poses of elements in the plane are applied, so that spatial frequencies have two
-    # components.
+    # Applying the poses of elements gives spatial frequencies of two components.
     return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
 def checked_directions(direction: Any) -> Floats:
-    """Return directions; raise ArgumentError unless they are unit vectors with z >= 0."""
     check_no_drjit(direction=direction)
     array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
@@ -128,52 +120,39 @@ def checked_directions(direction: Any) -> Floats:
 
 
 def checked_positions(x: Any) -> Floats:
-    """Return positions in the aperture plane in m; raise ArgumentError unless they are finite."""
     check_no_drjit(x=x)
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
 
-# ---- integrals over directions -------------------------------------------------------------------
-
-# Largest width of a source in wavelengths. Its power is a sum over 1.5e11 directions, which takes
-# half a day for a square on two cores.
+# Largest source [wavelengths]: 1.5e11 directions, half a day for a square on two cores.
 _MOST_WAVELENGTHS = 1e5
-# Number of directions per block, which takes a few MB.
+# Directions per block, a few MB.
 _BLOCK = 1 << 17
-# Number of values of the Fourier transform or the Wigner function above which a terminal shows a
-# progress bar. These values take a few seconds.
+# Evaluations above which a terminal shows a progress bar, a few seconds.
 _LONG = 1 << 25
 
-# Smallest width in wavelengths of sources whose power is an integral over lags with a smooth
-# cut-off. For narrower sources, sums over directions take only seconds.
+# Smallest source [wavelengths] with an integral over lags. Sums over directions take seconds.
 _WIDE = 600.0
-# Largest relative difference between the powers from two positions of the cut-off. If the
-# difference is larger, the power is computed as a sum over directions.
+# Relative difference of the powers from two cut-offs, above which directions are summed.
 _SAME = 1e-6
-# The integral over lags is used if the largest spatial frequency of the field is below this
-# fraction of 1/wavelength.
+# Largest frequency of the field, as a fraction of 1/wavelength, for an integral over lags.
 _STEEP = 0.8
-# Width of the cut-off in wavelengths for waves along the normal. This width reduces the
-# contribution of the rim of the hemisphere to exp(-32).
+# Width of the cut-off [wavelengths] at normal incidence. The horizon contributes exp(-32).
 _SOFT = 1.8
-# Lags at which the integral over lags is cut off, in units of the width of the cut-off. The power
-# is computed for both values.
+# Two cut-off lags, in widths of the cut-off.
 _ENDS = (4.5, 6.5)
-# Distance from the cut-off to the end of the integral, in units of the width of the cut-off. Longer
-# lags contribute 1e-14 of the power.
+# End of the integral beyond the cut-off, in its widths. Longer lags contribute 1e-14.
 _BEYOND = 5.5
-# Largest number of directions of edges at which the angle of the lag is divided into panels.
+# Edge directions at which the lag angles are divided into panels.
 _MOST_KINKS = 48
-# Number of Gauss nodes on a panel of angles, and number of Gauss nodes per wavelength along the
-# length of the lag.
+# Gauss nodes per panel of angles, and per wavelength of lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
-# Largest phase in radians on one panel of theta. Larger panels would be slow, because the computing
-# time of Gauss nodes grows as the cube of their number.
+# Phase [rad] per panel of theta. The computing time of n Gauss nodes grows as n^3.
 _PANEL = 400.0
 
 
 def largest_lag(source: PlaneSource | Wavefront) -> float:
-    """Return the largest distance in m between two points of a source, or an upper bound."""
+    """Return the diameter of a source in m, or an upper bound."""
     flat: Any = flat_source(source)
     if isinstance(flat, Aperture):
         return flat.diameter
@@ -188,10 +167,7 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
-    """Return an upper bound in m on the path difference from two points of a source to any point.
-
-    Path differences before the source, such as in curved waves and feed networks, are included.
-    """
+    """Return an upper bound in m on path differences, including curved waves and feed networks."""
     lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)
     if paths is not None:
@@ -207,7 +183,6 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
 
 
 def check_width(lag: float, wavelength: float) -> None:
-    """Raise ArgumentError for a source that is too large for integrals over directions."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
             f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
@@ -219,13 +194,12 @@ def check_width(lag: float, wavelength: float) -> None:
 def directions_and_weights(
     lag: float, wavelength: float, positions: int = 1
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield quadrature nodes on the hemisphere z > 0: unit vectors (n, 3) and solid angles (n,).
+    """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
-    The rule integrates the Wigner function or the squared Fourier transform of a source of the size
-    ``lag`` in m, also times polynomials of the direction's components. The error is 1e-14 of the
-    largest value. The rule has about 15 (lag/wavelength)^2 nodes, at least a hundred. Terminals
-    show a progress bar for long computations, where the caller evaluates each direction at
-    ``positions`` positions. Raises ArgumentError if ``lag`` has too many wavelengths.
+    The rule integrates W or |F|^2 of a source of size ``lag`` in m, also times polynomials of the
+    components, with an error of 1e-14 of the largest value. It has about 15 (lag/wavelength)^2
+    nodes, at least a hundred. ``positions``: evaluations per direction, for the progress bar.
+    Raises ArgumentError for too large sources.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -253,24 +227,16 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
 
 
 def _azimuths(phase: Floats) -> NDArray[np.intp]:
-    """Return the number of evenly spaced azimuths phi that are required to integrate waves.
-
-    For each phase, the integrand is ``exp(i phase cos(phi)) cos(phi)^m`` with m = 0, 1 or 2, and
-    the error is 3e-15.
-    """
-    # The error with n azimuths is 2 J_n(phase), which is negligible if n exceeds the phase by a few
-    # times phase^(1/3). The constants were fitted to phases from 0.1 to 3000.
+    """Return the number of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
+    # The error 2 J_n(phase) is 3e-15. Constants fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
 @lru_cache(maxsize=8)
 def _polar(phase: float) -> tuple[Floats, Floats]:
-    """Return polar angles between 0 and pi/2, and their weights, for integrals of waves.
-
-    ``phase`` is the largest phase of the waves in radians.
-    """
-    # On half a panel the phase changes by at most pi/4 of its largest value, and n nodes integrate
-    # phases below 2 n minus a few cube roots of n. The constants were fitted as in `_azimuths`.
+    """Return nodes between 0 and pi/2 and weights, for waves of a largest phase in rad."""
+    # On half a panel, the phase changes by at most pi/4 of its largest value. The constants were
+    # fitted as in `_azimuths`.
     panels = max(1, math.ceil(phase / _PANEL))
     along = phase / panels
     count = math.ceil(math.pi / 8 * along + 4.0 * math.cbrt(along) + 7.0)
@@ -288,10 +254,9 @@ def power_by_lags(
 
     Returns None if a sum over directions is required.
     """
-    # The obliquity factor is smooth except at the horizon. Therefore lags of more than some
-    # wavelengths contribute only through parallel sides: (wavelength/width)^(5/2) of the power, or
-    # (wavelength/width)^(3/2) for obliquities with a normal derivative. A smooth cut-off omits
-    # these lags.
+    # The obliquity is smooth except at the horizon. Long lags contribute only through parallel
+    # sides: (wavelength/width)^(5/2) of the power, or ^(3/2) with a normal derivative. A smooth
+    # cut-off omits these lags.
     slope = steepest(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
     reach = (_ENDS[-1] + _BEYOND) * soft
@@ -314,10 +279,7 @@ def power_by_lags(
 
 
 def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the largest transverse direction cosine of a source's field.
-
-    It is the highest spatial frequency of the field times the wavelength.
-    """
+    """Return the largest transverse direction cosine of a source's field."""
     flat: Any = flat_source(source)
     highest = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
@@ -328,12 +290,11 @@ def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
 
 
 def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, Floats]:
-    """Return the angles of lags over half a circle, and weights of integrals over the circle.
+    """Return angles of lags over a half circle, and weights for the full circle.
 
-    The integrand is the autocorrelation of the source's field as a function of the lag. ``rate`` is
-    an upper bound on the derivative of its phase with respect to the angle.
+    ``rate``: bound on the phase derivative of the autocorrelation with respect to the angle.
     """
-    # The autocorrelation has kinks at lags along edges, where the angle is divided into panels.
+    # The autocorrelation has kinks at lags along edges.
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
     along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
@@ -351,16 +312,12 @@ def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, F
     return np.concatenate(nodes), np.concatenate(weights)
 
 
-# Smallest radiated fraction of the power on a source. Rounding errors are 1e-13 of this power, so
-# the directivity of a source that radiates less would have no correct digit.
+# Smallest radiated fraction of the power. Rounding errors are 1e-13 of the power.
 _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return the radiated power and the power on a source in W.
-
-    Raises IlluminationError if the source does not radiate.
-    """
+    """Return both powers in W; raise IlluminationError if the source does not radiate."""
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"the source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check "

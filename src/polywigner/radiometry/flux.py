@@ -29,7 +29,7 @@ from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Error of the mean radiant intensity over a band of wavelengths, relative to its largest value.
+# Relative error of the mean radiant intensity over a band.
 _BAND_ERROR = 1e-12
 
 
@@ -149,12 +149,11 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # radiant_intensity adapts phases that depend on path lengths to each wavelength.
+        # Each wavelength needs new phases of path lengths.
         total = sum(w * radiant_intensity(radiator, directions, node, **how) for node, w in parts)
         return np.asarray(total)[()]
 
     def squared_spectrum(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
-        """Return the squared Fourier transform, divided by the squared wavelength."""
         return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
 
     nu = directions[..., :2] / length
@@ -167,7 +166,7 @@ def radiant_intensity(
     return (directions[..., 2] * squares).astype(squares.dtype, copy=False)[()]
 
 
-# Number of values of the radiance per block (32 MB).
+# Radiances per block (32 MB).
 _BLOCK = 1 << 22
 
 

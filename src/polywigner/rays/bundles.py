@@ -1,7 +1,4 @@
-"""Rays as a dataset, their irradiance, and ray files of Ansys Zemax OpticStudio (.dat).
-
-Each ray has a position, a direction and a weight in watts.
-"""
+"""Rays as a dataset, their irradiance, and ray files of Ansys Zemax OpticStudio (.dat)."""
 
 from __future__ import annotations
 
@@ -33,14 +30,13 @@ from polywigner.numerics import Floats
 if TYPE_CHECKING:
     import xarray
 
-# Units and long names of the variables of a dataset of rays.
+# Units and long names.
 _VARIABLES = {
     "position": ("m", "point on the ray"),
     "direction": ("1", "unit vector along the ray"),
     "weight": ("W", "power of the ray, signed"),
 }
-# Allowed error of the length of unit vectors. It is large because ray tracers may use single
-# precision.
+# Tolerance of unit vectors from ray tracers in single precision.
 _UNIT = 1e-4
 
 
@@ -53,7 +49,7 @@ def bundle(
 ) -> xarray.Dataset:
     """Return n rays as a dataset.
 
-    Quasi-random rays belong to independent sets, whose numbers ``batch`` contains, shape (n,).
+    ``batch``: number of the independent set of quasi-random rays, shape (n,).
     """
     import xarray
 
@@ -118,8 +114,8 @@ def traced(
 def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
-    Lost rays contain NaN. Raises ArgumentError if the argument is not a dataset of rays or a
-    direction is not a unit vector.
+    Lost rays contain NaN. Raises ArgumentError for other datasets, and for directions that are not
+    unit vectors.
     """
     import xarray
 
@@ -141,13 +137,12 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays that were drawn, also if the dataset contains only some of them."""
+    """Return the number of drawn rays, not only of the rays in a selection."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
 def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
-    """Check positions, directions and weights of ``count`` rays, and return them as arrays."""
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
         columns.append(checked_vectors(value, f"expected {name} of shape {shape}", ()))
@@ -155,7 +150,7 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
             raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        # This comparison is False for lost rays, which contain NaN.
+        # False for lost rays, which contain NaN.
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
@@ -165,14 +160,11 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
     return position, direction, weight
 
 
-# Largest number of pixels along an axis.
 _MOST_ALONG_AXIS = 1 << 14
-# Largest total number of pixels, and largest product of the numbers of pixels and batches (1 GB).
-_MOST_PIXELS, _MOST_SUMS = 1 << 22, 1 << 26
-# Number of rays that are processed together, which takes some 100 MB.
+_MOST_PIXELS = 1 << 22
+# Rays per block, some 100 MB.
 _BLOCK = 1 << 20
-# Rays that start behind the plane still count if their distance from the plane is below this
-# fraction of the largest coordinate, because positions on the plane are rounded.
+# Distance behind the plane, relative to the largest coordinate, that is a rounding error.
 _ON_PLANE = 1e-9
 
 
@@ -239,16 +231,10 @@ def rebuild(
     edges = _edges(bounds, shape)
     size = len(edges[1]) - 1, len(edges[0]) - 1
     pixels = math.prod(size)
-    # The numbers of batches may have gaps, because the rays may be a selection of the rays that
-    # were drawn.
+    # Batch numbers of a selection of rays may have gaps.
     known, number = np.unique([0] if batch is None else batch, return_inverse=True)
     batches = max(1, len(known))
-    if batches * pixels > _MOST_SUMS:
-        raise ArgumentError(
-            f"expected at most {_MOST_SUMS} pixels times batches, got {pixels} pixels and "
-            f"{batches} batches of rays; use fewer pixels"
-        )
-    # The last entry of each array is the sum over all pixels.
+    # The last entry is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
     for start in range(0, len(weight), _BLOCK):
@@ -270,37 +256,26 @@ def rebuild(
     squares[-1] = squares[:-1].sum()
     total, error = _errors(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
-    variables = {
-        "irradiance": (total, "irradiance, mean over a pixel"),
-        "standard_error": (error, "standard error of the irradiance"),
-    }
-    images = {
-        name: (
-            ("y", "x"),
-            (values[:-1] / area).reshape(size),
-            {"units": "W m-2", "long_name": text},
-        )
-        for name, (values, text) in variables.items()
-    }
+    images = {}
+    for name, values, meaning in (
+        ("irradiance", total, "irradiance, mean over a pixel"),
+        ("standard_error", error, "standard error of the irradiance"),
+    ):
+        about = {"units": "W m-2", "long_name": meaning}
+        images[name] = ("y", "x"), (values[:-1] / area).reshape(size), about
     coords = {
         name: ((name,), (axis[1:] + axis[:-1]) / 2, {"units": "m"})
         for name, axis in zip("xy", edges, strict=True)
     }
-    about = {"power": total[-1], "power_error": error[-1], "lost": lost, "missed": missed}
-    return xarray.Dataset(images, coords, {**rays.attrs, **about})
+    totals = {"power": total[-1], "power_error": error[-1], "lost": lost, "missed": missed}
+    return xarray.Dataset(images, coords, {**rays.attrs, **totals})
 
 
 def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return the power in each pixel, and its standard error.
-
-    The arguments are sums of weights, shape (batch, pixel), and sums of squared weights, shape
-    (pixel,).
-    """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
         return total, math.sqrt(batches) * np.std(sums, axis=0, ddof=1)
-    # This variance is ``count`` times the variance of the power that one ray adds to the pixel.
     # Rays that miss the pixel add zero power.
     variance = squares - total**2 / count
     return total, np.sqrt(np.maximum(variance, 0.0) * count / max(1, count - 1))
@@ -309,10 +284,7 @@ def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
 def _pixel_coordinates(
     position: Floats, direction: Floats, pose: Floats, edges: tuple[Floats, Floats], virtual: bool
 ) -> Floats:
-    """Return the points where rays meet a plane, or NaN for rays that do not meet the plane.
-
-    Coordinates are in pixels along x and y.
-    """
+    """Return the points where rays meet a plane, in pixels; NaN for rays that miss it."""
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
@@ -334,7 +306,6 @@ def _pose(plane: Any) -> Floats:
 
 
 def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
-    """Return the coordinates of pixel edges along x and along y, in m."""
     expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
     row = finite_array(bounds, expected, (4,))
     if not (row[2:] > row[:2]).all():
@@ -349,11 +320,11 @@ def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
 
 
-# Lengths of the units m, in, cm, ft and mm in metres, indexed by the header field DimensionUnits.
+# DimensionUnits: m, in, cm, ft, mm.
 _METRES = (1.0, 0.0254, 0.01, 0.3048, 0.001)
 _MM = 4
 
-_IDENTIFIERS = 1010, 8675309  # identifiers of the current format and of its older versions
+_IDENTIFIERS = 1010, 8675309  # current and older versions of the format
 _HEADER = np.dtype(
     [("Identifier", "<i4"), ("NbrRays", "<u4"), ("Description", "S100")]
     + [(name, "<f4") for name in ("SourceFlux", "RaySetFlux", "Wavelength")]
@@ -362,15 +333,13 @@ _HEADER = np.dtype(
     + [("unused", "<f4", 4), ("ray_format_type", "<i4"), ("flux_type", "<i4")]
     + [("reserved", "<i4", 2)]
 )
-# Number of values per ray for each value of the header field ray_format_type.
+# Numbers per ray for each ray_format_type.
 _NUMBERS = {0: 7, 2: 8}
 _MICROMETRE = 1e-6
-# Properties of each file that is written: sign of its powers, suffix of its name, and description
-# in its header.
+# Sign of the powers, suffix of the name, and description.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in the header of files written by polywigner. It contains the number of rays that were
-# drawn, and the sign of their powers.
+# Description in our headers: number of drawn rays, and sign of their powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -438,7 +407,6 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write rays to one file, and return its path; with a suffix, write only rays of one sign."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)
@@ -450,7 +418,6 @@ def _write_part(
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
     header["DimensionUnits"] = _MM
     header["Scale"] = 1.0
-    # Coordinates of lost rays may overflow.
     with in_place(path) as scratch, np.errstate(over="ignore"):
         scratch.write_bytes(header.tobytes() + columns.astype("<f4").tobytes())
     return path
@@ -534,13 +501,13 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     wavelength = float([*wavelengths, header["Wavelength"]][0])
     attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
     position, direction, weight = rays[:, :3] * _METRES[unit], rays[:, 3:6], rays[:, 6]
-    # The positions of lost rays are NaN.
+    # Lost rays have NaN positions.
     is_valid = np.isfinite(position).all(axis=1)
     if not np.isfinite(rays[is_valid, 3:7]).all():
         raise wrong("directions or powers that are NaN")
     if not direction.any(axis=1).all():
         raise wrong("directions of length zero")
-    # Unit vectors in single precision have errors of 6e-8.
+    # Single precision has errors of 6e-8.
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])

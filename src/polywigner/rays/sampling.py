@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
     checked_choice,
     checked_count,
     checked_generator,
+    checked_length,
     checked_number,
     checked_wavelength,
     real_array,
@@ -93,7 +94,7 @@ def sample_automean(
     >>> positions.shape, round(float(density.sum()), 6)
     ((100, 2), 100.0)
     """
-    # A curved wave has the same support as its flat source.
+    # Curvature does not change the support.
     flat: Any = flat_source(source)
     numbers = _checked_numbers(samples, kernel_for("wigner", flat).dimension, seed)
     support = _support(flat)
@@ -102,8 +103,7 @@ def sample_automean(
         part, u = _chosen(ends - begins, numbers[:, 0])
         positions = (begins[part] + u * (ends - begins)[part])[:, None]
         return positions, np.full(len(positions), 1.0 / support.length)
-    # Coordinates are relative to the centre, because the heights of trapezoids far from the origin
-    # would lose digits.
+    # Coordinates far from the origin would lose digits.
     cells = trapezoids([ring - support.centre for ring in support.rings])
     part, u = _chosen(cells.areas, numbers[:, 0])
     row = [column[part] for column in cells]
@@ -112,18 +112,17 @@ def sample_automean(
     return positions, np.full(len(positions), 1.0 / support.area)
 
 
-# Largest number of samples. Their positions and densities take 6 GiB.
+# Samples with 6 GiB of positions and densities.
 _MOST_SAMPLES = 1 << 28
 
 
 def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
-    """Return the numbers in [0, 1) that the caller specifies, or random numbers."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
     expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
     array = real_array(samples, expected, (None, columns))
-    # The comparison is false for NaN.
+    # False for NaN.
     inside = (array >= 0.0) & (array < 1.0)
     if not inside.all():
         raise ArgumentError(f"{expected}, got {array[~inside][0]}")
@@ -131,25 +130,19 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
 
 
 def _support(source: Any) -> Aperture | Slits:
-    """Return the automean of a source."""
     if isinstance(source, Array) and source.dimension > 1:
         return automean(source.support)
     if isinstance(source, Aperture):
         return automean(source)
     ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
-    # The midpoints between two slits form an interval. The lower and the upper ends of all
-    # intervals are sorted separately. The union of the intervals then has a gap between ends[k] and
-    # begins[k + 1] if begins[k + 1] is larger.
+    # Midpoints of two slits form an interval. After sorting the lower and the upper ends
+    # separately, the union has a gap between ends[k] and begins[k + 1] if begins[k + 1] is larger.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
     gaps = np.flatnonzero(begins[1:] > ends[:-1])
     return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Select an interval for each random number, with probabilities proportional to ``sizes``.
-
-    The index of the interval and the position within the interval are returned.
-    """
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)
@@ -159,28 +152,22 @@ def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
 RaySampling = Literal["uniform", "quasi-random"]
 
 
-# Number of rays that are drawn together, which takes some 200 MB.
+# Rays per block, some 200 MB.
 _BLOCK = 1 << 20
-# Number of independent sets of quasi-random numbers. The scatter of the sets estimates the standard
-# error to about a fifth.
+# Independent sets of quasi-random numbers, whose scatter estimates the standard error to a fifth.
 BATCHES = 16
-# Largest angle by which a cone may extend behind the source, as a fraction of pi/2. It is not zero
-# because axes may be in single precision.
+# Angle of a cone behind the source, as a fraction of pi/2, for axes in single precision.
 _UNIT = 1e-6
-# Smallest cosine between a ray and the normal of the source. It keeps factors such as 1/cos^2
-# finite.
+# Smallest cosine of rays, which keeps 1/cos^2 finite.
 _LEAST_COSINE = 1e-8
 
 
 def _numbers(
     sampling: str, count: int, seed: Any, tilts: int
 ) -> Iterator[tuple[Floats, int | None]]:
-    """Yield blocks of random numbers in [0, 1), and the batch of each block.
+    """Yield blocks of numbers in [0, 1), shape (m, 4 + tilts), and their batch or None.
 
-    The numbers have the shape (m, 4 + tilts). The first two columns determine the direction of a
-    ray, the next two its position, and the remaining columns its tilt. The batch is None for
-    independent random numbers. Raises MissingExtraError if quasi-random numbers are requested
-    without scipy.
+    Columns: direction (2), position (2), tilt.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -198,46 +185,39 @@ def _numbers(
 
 
 def _normal_numbers(numbers: Floats) -> Floats:
-    """Map pairs of uniform numbers continuously to pairs of standard normal numbers.
-
-    The square of the radius is exponentially distributed (Box and Muller 1958).
-    """
+    """Map pairs of uniform numbers to normal ones continuously (Box and Muller 1958)."""
     plane = _disc(numbers)
     square = (plane**2).sum(axis=1)
-    # The rim of the disc would be mapped to infinity, so the square of the radius is limited to
-    # just below 1.
+    # Keeps the rim of the disc finite.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
     unset = np.full_like(square, 2.0)
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
 
 
 def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
-    """Return sqrt(numerator/divisor), or sqrt(limit) if the divisor is zero."""
     return np.sqrt(np.divide(numerator, divisor, out=limit, where=divisor > 0))
 
 
 @dataclass(frozen=True)
 class Cone:
-    """Cone of ray directions, most of which are drawn within a narrower beam."""
+    """Cone of ray directions, concentrated in a narrower beam."""
 
     frame: Floats
-    """Rotation matrix whose last column is the axis of the cone, shape (3, 3)."""
+    """Rotation matrix with the axis in its last column, shape (3, 3)."""
     radius: float
-    """Sine of the half angle of the cone."""
+    """Sine of the half angle."""
     width: float
-    """Sine of the half width of the beam, or infinity for uniform directions."""
+    """Sine of the beam's half width; infinite for uniform directions."""
 
     def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
-        """Map random numbers to directions; return unit vectors and the inverse of their density.
+        """Map random numbers (n, 2) to unit vectors (n, 3), with the inverse of their density.
 
-        The random numbers have the shape (n, 2), and the unit vectors have the shape (n, 3). The
-        density is per solid angle projected along z. ``slope``, shape (n, 2), contains the
-        direction cosines of the beam of each ray, relative to the axis of the cone. If it is None,
-        the beam is along the axis.
+        The density is per solid angle projected along z. ``slope`` (n, 2): direction cosines of the
+        beams, relative to the axis.
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
-        # The product ratio * ratio overflows to infinity, while ratio**2 would raise an error.
+        # Unlike ratio**2, ratio * ratio overflows to infinity without an error.
         plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
@@ -247,9 +227,8 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
-        """Return the centres of beams in the unit disc of directions, shape (n, 2)."""
         cosines = self.frame[:2, 2] + slope
-        # Centres outside the unit disc are moved to its rim, so that no beam is behind the plane.
+        # No beam points behind the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
         along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
         plane = np.column_stack([cosines, along]) @ self.frame[:, :2] / self.radius
@@ -257,11 +236,10 @@ class Cone:
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
-    """Return a cone of directions about an axis.
+    """Return a cone of directions, by default the hemisphere.
 
-    The half angle is in rad, by default pi/2 (the hemisphere). ``width`` is the sine of the half
-    width of the beam. Raises ArgumentError for invalid arguments, and for cones that extend behind
-    the source.
+    ``half_angle`` in rad, ``width``: sine of the beam's half width. Raises ArgumentError for cones
+    that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2
@@ -282,21 +260,19 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
 
 
 def _frame(axis: Floats) -> Floats:
-    """Return a rotation matrix whose last column is ``axis``; for the z axis it is the identity."""
+    """Return a rotation matrix with ``axis`` in its last column, the identity for z."""
     x, y, z = axis
-    # The axis has z >= 0, so the denominator is not zero (Duff and others 2017).
+    # Duff and others 2017. The denominator is not zero, since z >= 0.
     a = -1.0 / (1.0 + z)
     b = x * y * a
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
 
 
 def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Floats, Floats]:
-    """Concentrate points of the unit disc about a centre; return the points and their area weights.
+    """Concentrate points of the unit disc about a centre; return them with area weights.
 
-    The resulting density is proportional to ``1/(core + t)``, where ``t`` is the squared distance
-    from the centre. The Wigner function of a polygon decays in the same manner. On each line from
-    the centre to the rim, the integral ``ln(1 + t/core)`` of the density is inverted. If ``centre``
-    is None, the points are concentrated about the centre of the disc.
+    The density is proportional to ``1/(core + t)`` for the squared distance t, as W of a polygon
+    decays. Its integral ``ln(1 + t/core)`` is inverted along rays from the centre.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
@@ -309,26 +285,20 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 
 
 def _reach(plane: Floats, centre: Floats) -> Floats:
-    """Return squared distances from points in the unit disc to its rim.
-
-    The points are ``centre``, and the distances are measured in the directions ``plane``.
-    """
+    """Return squared distances from centres to the unit circle in the directions ``plane``."""
     length = np.hypot(*plane.T)
     along = np.divide(
         (plane * centre).sum(axis=1), length, out=np.zeros_like(length), where=length > 0
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # For positive values of `along`, the quotient avoids the cancellation in chord - along.
+    # Avoids cancellation in chord - along.
     reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(reach**2)
 
 
 def _disc(numbers: Floats) -> Floats:
-    """Map the unit square to the unit disc with constant density.
-
-    The map is continuous, and concentric squares become circles (Shirley and Chiu 1997).
-    """
+    """Map the unit square to the unit disc with constant density (Shirley and Chiu 1997)."""
     a, b = 2 * numbers.T - 1
     is_wide = np.abs(a) > np.abs(b)
     radius = np.where(is_wide, a, b)
@@ -340,10 +310,8 @@ def _disc(numbers: Floats) -> Floats:
 
 Directions = Literal["beam", "uniform"]
 
-# Largest number of rays. This many rays need 12 GB of memory.
+# Rays that need 12 GB.
 _MOST = 100_000_000
-# Largest power in W whose square is still a floating-point number.
-_MOST_WATTS = 1e100
 
 
 @takes_frequency
@@ -461,8 +429,8 @@ def sample_rays(
         points, per_area = sample_automean(flat, first[:, 2:])
         slope = None
         if isinstance(radiator, Wavefront):
-            # A curved wavefront shifts the frequency argument of W of the flat source by Q (x - c),
-            # (Q2). A partially coherent wave is a mean over normally distributed tilts, (PC4).
+            # Curvature shifts the frequency of W by Q (x - c) (Q2), tilts are normally distributed
+            # (PC4).
             slope = (points - radiator.centre) @ radiator.curvature
             if tilts:
                 slope += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)
@@ -492,7 +460,6 @@ def sample_rays(
 
 
 def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
-    """Return the source in the plane z = 0, and its pose, shape (4, 4)."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
@@ -504,9 +471,7 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats
 
 
 def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
-    """Return the requested power divided by the power of the unscaled source."""
     if power is None:
         return 1.0
-    meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
-    watts = checked_number(power, "power", meaning, lambda x: 0 < x < _MOST_WATTS)
+    watts = checked_length(power, "power", meaning="a number in W above zero")
     return watts / radiated_power(source, wavelength, obliquity)  # type: ignore[call-overload]

@@ -1,11 +1,11 @@
 """Links between a transmitting and a receiving source.
 
-=================== ==========================================================================
-module content ===================
-========================================================================== ``couplings`` coupling of
-a transmitter and a receiver in any pose, and the powers of sources that normalise it ``cell_pairs``
-integral of the coupling to a given tolerance, as a sum over pairs of cells of both sources
-=================== ==========================================================================
+===============  ==================================================================
+module           content
+===============  ==================================================================
+``couplings``    coupling of two sources in any pose, and powers that normalise it
+``cell_pairs``   the integral of a coupling, as a sum over pairs of cells
+===============  ==================================================================
 """
 
 from polywigner.reception.couplings import coupling

@@ -1,16 +1,13 @@
 """Integral of a link kernel over two sources, which are divided into cells.
 
-The kernel K gives the field at a point of the receiver due to a point of the transmitter. If two
-cells are small compared with their distance, K is the product of two plane waves along the unit
-vector s between the cell centres and a slowly varying function of both points. This function is
-interpolated between Gauss nodes, q along each side of the bounding box of each cell. The integral
-over the fields u_t and u_r of both sources is then
+The kernel K(x, y) is the field at the receiver of a point of the transmitter. Between distant
+cells, K is a product of plane waves along the line s of their centres and of a smooth function.
+This function is interpolated at q Gauss nodes along each side of the cells' bounding boxes, so that
 
     int int u_t K u_r = sum_ij M_i K_ij M'_j,    M_i = int u_t(x) exp(-ik s.x) L_i(x) dx       (RX3)
 
-where L_i is the Lagrange polynomial of node i, and M'_j is the corresponding integral over the
-receiver. A pair of cells requires q^4 values of K, regardless of the size of the cells in
-wavelengths. For rectangular cells, (RX3) is the Gauss rule of twice the order.
+with the Lagrange polynomial L_i of node i. A pair of cells requires q^4 values of K, regardless of
+its size in wavelengths.
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, product
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import shapely
@@ -29,32 +26,27 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
 from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 
-# Parts of a clipped polygon are due to rounding errors if their area is below this fraction of the
-# area of the cell.
+# Relative area below which clipped parts are rounding errors.
 _SLIVER = 1e-14
-# Both sides of a box are halved if the shorter side is at least this fraction of the longer side.
-# Otherwise only the longer side is halved, because elongated boxes waste nodes along the short
-# side.
+# Smallest ratio of the sides of boxes that are quartered. Longer boxes are halved.
 _SQUARE = 0.7
-# Number of nodes per cycle of a wave, as a fraction of NODES_PER_CYCLE. The result is 2.5 nodes per
-# cycle; Gauss rules require at least pi/2. With 4 additional nodes, integrals of waves over
-# triangles have errors of 1e-11 of the area.
+# Nodes per cycle as a fraction of NODES_PER_CYCLE: 2.5 nodes per cycle, where Gauss rules need
+# pi/2. With 4 additional nodes, waves over triangles have errors of 1e-11 of the area.
 _NODE_RATIO = 0.7
-# Number of quadrature rules that are cached for further poses and orders. Each rule takes at most
-# some hundred kB.
+# Cached rules of some hundred kB.
 _MOST_CACHED = 256
 
 
 class Cells:
-    """A source that is divided into a tree of cells.
+    """A source as a tree of cells: parts in rectangular boxes.
 
-    A cell is the part of the source in a rectangular box. Cell 0 is the entire source, and cells
-    are divided only when smaller cells are needed. Positions are in wavelengths, relative to the
-    centre of the bounding box of the source.
+    Cell 0 is the entire source. Other cells are created on demand. Positions are in wavelengths
+    from the centre of the bounding box.
     """
 
     def __init__(self, source: Any, wavelength: float) -> None:
@@ -62,7 +54,7 @@ class Cells:
         self.centre = np.reshape(self._source.bounds, (2, 2)).mean(axis=0)
         self.wavelength = wavelength
         self.highest_frequency = steepest(source, wavelength)
-        """Highest spatial frequency of the source field, in cycles per wavelength."""
+        """Of the field, in cycles per wavelength."""
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], Indices]] = []
         self._children: dict[int, list[int]] = {}
@@ -72,15 +64,11 @@ class Cells:
         polygons = np.array(outlines, dtype=object)
         hull = shapely.GeometryCollection(polygons.tolist()).convex_hull
         self.corners = shapely.get_coordinates(hull)[:-1]
-        """Vertices of the convex hull of the source in metres, shape (n, 2)."""
+        """Vertices of the convex hull in metres, shape (n, 2)."""
         self._add(polygons, np.arange(len(polygons)))
 
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
-        """Divide cells into halves or quarters.
-
-        The numbers of the new cells are returned, with the index in ``cells`` of each original
-        cell.
-        """
+        """Divide cells; return the new cells, and the index in ``cells`` of each original cell."""
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
         counts = np.array([len(parts) for parts in halves], dtype=np.intp)[number]
@@ -88,16 +76,13 @@ class Cells:
         return numbers, np.repeat(np.arange(len(cells)), counts)
 
     def _nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
-        """Return a quadrature rule for one cell.
+        """Return nodes (n, 2) and field-weighted weights (n,) in square wavelengths for a cell.
 
-        The rule consists of nodes, shape (n, 2), and weights times the source field in square
-        wavelengths, shape (n,). It integrates waves of ``rate`` cycles per wavelength times a
-        polynomial of the given ``order`` over the cell. Each side of the cell has ``extra``
-        additional nodes.
+        The rule integrates waves of ``rate`` cycles per wavelength times a polynomial of the
+        ``order``, with ``extra`` additional nodes per side.
         """
         longest = float((self.high[cell] - self.low[cell]).max())
         cycles = _NODE_RATIO * (rate + self.highest_frequency)
-        # The polynomial requires "order" additional nodes along the longest side.
         cycles += order / (NODES_PER_CYCLE * longest)
         triangles, owners = self._triangles_of(cell)
         nodes, weights, triangle = rule_by_triangles(triangles, cycles / self.wavelength, extra)
@@ -110,17 +95,12 @@ class Cells:
                 values[inside] *= field(nodes[inside])
         if not self._source.is_flat:
             relative = nodes - self._source.centre
-            values = values * exp_cycles(
+            values = values * waves_of_cycles(
                 ((relative @ self._source.curvature) * relative).sum(axis=1) / 2
             )
         return (nodes - self.centre) / self.wavelength, values
 
     def _triangles(self, cell: int) -> tuple[Floats, Indices]:
-        """Divide a cell into triangles.
-
-        Returns the corners in metres, shape (n, 3, 2), and the index of the source element that
-        contains each triangle.
-        """
         polygons, numbers = self._parts[cell]
         triangles, owner = triangles_of(polygons)
         wide = areas(triangles) > 0
@@ -139,7 +119,6 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
-        """Add the part of a cell inside ``box`` as a new cell, unless this part is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -157,27 +136,24 @@ class Cells:
 
 @lru_cache(maxsize=16)
 def cells_of(source: Any, wavelength: float) -> Cells:
-    """Return the tree of cells of a source; equal sources share one tree."""
+    """Return the tree of cells of a source, cached for equal sources."""
     return Cells(source, wavelength)
 
 
-# Number of kernel values, or of field values at nodes, that are computed together. Arrays of this
-# size stay in the cache of the processor.
+# Kernel or field values per block, which fit in the processor's cache.
 _BLOCK = 1 << 14
-# Largest number of terms of a matrix product. For more terms BLAS starts threads, which are slower.
+# Terms of a matrix product above which BLAS starts threads, which are slower.
 _PRODUCT = 1 << 18
-# Largest number of interpolated integrals M_i that are computed together (64 MiB).
+# Integrals M_i per block (64 MiB).
 _MOMENTS = 1 << 21
-# Spatial frequencies in cycles per wavelength are rounded up to multiples of this value, so that
-# different poses use the same nodes.
+# Step of frequencies [cycles per wavelength], so that poses share nodes.
 _RATE_STEP = 0.125
 
 Pairs: TypeAlias = Any
-"""Record array of pairs of cells, with the index of the pose and the indices of both cells."""
+"""Record array: pose, transmitter cell, receiver cell."""
 
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
-    """Return a record array from one-dimensional arrays of equal length."""
     make: Any = np.rec.fromarrays  # The type hints of NumPy require formats.
     return make(columns, names=names)
 
@@ -186,14 +162,12 @@ _PAIR = "pose,transmitter,receiver"
 
 
 class Sight:
-    """Distances and dot products between nodes of the transmitter and nodes of the receiver.
+    """Arguments of a link kernel: distances and dot products between nodes.
 
-    They are the arguments of a link kernel. The nodes x of the transmitter have the shape (n, i,
-    2), and the nodes y of the receiver the shape (n, j, 3). Both are in the transmitter's frame,
-    relative to the centre of their source. ``offset``, shape (n, 3), is the vector from the
-    transmitter's centre to the receiver's centre, and ``rotation``, shape (n, 3, 3), is the
-    rotation of the receiver's frame. In the descriptions of the attributes, R is the length of the
-    vector r from x to y, and n and m are the normals of transmitter and receiver.
+    Nodes x (n, i, 2) of the transmitter and y (n, j, 3) of the receiver are relative to the centre
+    of their source, in the transmitter's frame. ``offset`` (n, 3) is the vector between the
+    centres, and ``rotation`` (n, 3, 3) the rotation of the receiver's frame. R is the length of the
+    vector r from x to y; n and m are the normals of transmitter and receiver.
     """
 
     def __init__(self, x: Floats, y: Floats, offset: Floats, rotation: Floats) -> None:
@@ -201,26 +175,24 @@ class Sight:
         normal = rotation[:, :, 2]
         centre_distance = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
         ones = np.ones((*x.shape[:2], 1)), np.ones((len(y), 1, y.shape[1]))
-        # This formula loses no digits at large distances: |offset + y - x|^2 - |offset|^2 = (|x|^2
-        # - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y.
+        # Loses no digits at large distances: |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x)
+        # + (|y|^2 + 2 offset.y) - 2 x.y.
         of_x = (x * x).sum(axis=2) - 2 * (x @ offset[:, :2, None])[..., 0]
         of_y = (y * y).sum(axis=2) + 2 * (y @ offset[:, :, None])[..., 0]
         left = np.concatenate([-2 * x, of_x[..., None], ones[0]], axis=2)
         right = np.concatenate([np.swapaxes(y[..., :2], 1, 2), ones[1], of_y[:, None]], axis=1)
         excess = left @ right
-        self.distance = excess + centre_distance * centre_distance
-        np.sqrt(self.distance, out=self.distance)
-        excess /= self.distance + centre_distance
-        excess *= 2 * np.pi
-        self.wave = np.cos(excess), np.sin(excess)
-        """Real and imaginary part of the wave ``exp(ik(R - |offset|))``, shape (n, i, j)."""
+        self.distance = np.sqrt(excess + centre_distance * centre_distance)
+        phase = 2 * np.pi * excess / (self.distance + centre_distance)
+        self.wave = np.cos(phase), np.sin(phase)
+        """Real and imaginary part of ``exp(ik(R - |offset|))``, shape (n, i, j)."""
         self.rise = (offset[:, None, 2] + y[..., 2])[:, None, :]
-        """Dot products of the transmitter's normal n and r, shape (n, 1, j)."""
+        """n.r, shape (n, 1, j)."""
         away = (offset * normal).sum(axis=1)[:, None] - (x @ normal[:, :2, None])[..., 0]
         self.away = away[..., None]
-        """Dot products of the receiver's normal m and r, shape (n, i, 1)."""
+        """m.r, shape (n, i, 1)."""
         self.lean = normal[:, 2, None, None]
-        """Dot products of both normals n and m, shape (n, 1, 1)."""
+        """n.m, shape (n, 1, 1)."""
 
     @property
     def r(self) -> list[Floats]:
@@ -235,27 +207,26 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """A transmitter and a receiver in n relative poses; all lengths are in wavelengths."""
+    """A transmitter and a receiver in n relative poses, in wavelengths."""
 
     transmitter: Cells
     receiver: Cells
     rotation: Floats
-    """Rotations of the receiver's frame into the transmitter's frame, shape (n, 3, 3)."""
+    """From the receiver's frame to the transmitter's frame, shape (n, 3, 3)."""
     offset: Floats
-    """Vectors from the transmitter's centre to the receiver's centre, shape (n, 3)."""
+    """From the transmitter's centre to the receiver's centre, shape (n, 3)."""
     kernel: Callable[[Sight], tuple[Floats, Floats]]
-    """Function that returns the real and imaginary part of the kernel, such as ``link_kernel``."""
+    """Real and imaginary part of the kernel, such as ``link_kernel``."""
     extra: float
-    """Number of additional nodes along a side of a cell, which determines the accuracy."""
+    """Additional nodes along a side of a cell, which determine the accuracy."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half the diagonals of both cells of each pair, and the distance of the cells."""
+        """Return half the diagonals of both cells of each pair, and their distance."""
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return the vector from the first to the second cell centre of each pair, shape (n, 3)."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -263,10 +234,9 @@ class Links:
         return vectors
 
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
-        """Return the contribution of each pair of cells to the coupling, (RX3).
+        """Return the contribution of each pair to the coupling (RX3), and its sum of moduli.
 
-        The phase of the distance of the sources is omitted. The sum of the moduli of all terms, to
-        which rounding errors are proportional, is returned as well.
+        The phase of the distance of the sources is omitted.
         """
         values, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for rows, here, there, sight in self._blocks(pairs, order):
@@ -278,11 +248,7 @@ class Links:
         return values, size
 
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, Sight]]:
-        """Yield blocks of pairs, as needed by :meth:`sums`.
-
-        A block contains a slice of the pairs, the integrals M_i and M'_j of (RX3), and the
-        distances between the nodes.
-        """
+        """Yield slices of pairs, with M_i and M'_j of (RX3) and the distances between nodes."""
         count = order * order
         most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
@@ -303,18 +269,17 @@ class Links:
                 axes = np.swapaxes(rotation[:, :, :2], 1, 2)
                 receiver_nodes = _nodes(self.receiver, block_pairs.receiver, order)
                 y, from_y = (nodes @ axes for nodes in receiver_nodes)
-                left = here[local] * exp_cycles((from_x @ ahead[:, :2])[..., 0])
-                right = there[local] * exp_cycles(-(from_y @ ahead)[..., 0])
+                left = here[local] * waves_of_cycles((from_x @ ahead[:, :2])[..., 0])
+                right = there[local] * waves_of_cycles(-(from_y @ ahead)[..., 0])
                 block = slice(begin + local.start, begin + local.stop)
                 for first in range(0, count, rows):
                     row = slice(first, first + rows)
                     yield block, left[:, row], right, Sight(x[:, row], y, offset, rotation)
 
     def _moments(self, cells: Cells, numbers: Indices, waves: Floats, order: int) -> Complex:
-        """Return the integrals M_i of (RX3) for cells with the given numbers, shape (n, q^2).
+        """Return the integrals M_i of (RX3), shape (n, q^2).
 
-        ``waves``, shape (n, 2), contains the spatial frequencies of the plane waves in cycles per
-        wavelength. The phase of a wave is zero at the centre of its cell.
+        ``waves`` (n, 2): frequencies in cycles per wavelength, with zero phase at the cell centres.
         """
         fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
         rate = float(np.ceil(fastest / _RATE_STEP) * _RATE_STEP)
@@ -329,31 +294,21 @@ class Links:
                 first, second = _basis(relative[part] / half, order)
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
-                    field = exp_cycles(waves[block] @ relative[part].T) * weights[part]
-                    # Complex terms are stored as pairs of real numbers, because BLAS cannot
-                    # multiply real by complex matrices.
+                    field = waves_of_cycles(waves[block] @ relative[part].T) * weights[part]
+                    # BLAS cannot multiply real by complex matrices.
                     terms = (field[:, :, None] * second).view(np.float64)
                     moments[block] += (first.T @ terms).view(np.complex128)
         return moments.reshape(len(numbers), order * order)
 
 
-def exp_cycles(cycles: Floats) -> Complex:
-    """Return ``exp(2 pi i cycles)``, the wave with a phase in cycles."""
-    phase = 2 * np.pi * cycles
-    values = np.empty(phase.shape, np.complex128)
-    values.real, values.imag = np.cos(phase), np.sin(phase)
-    return values
-
-
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return the Gauss nodes in the boxes of cells, absolute and relative to the box centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
 
 
 def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Complex:
-    """Return the sum ``sum_ij left_i K_ij right_j`` for each pair, where ``K = real + i imag``."""
+    """Return ``sum_ij left_i K_ij right_j`` for each pair, with ``K = real + i imag``."""
     columns = np.stack([right.real, right.imag], axis=2)
     of_real, of_imag = real @ columns, imag @ columns
     inner = of_real[..., 0] - of_imag[..., 1] + 1j * (of_real[..., 1] + of_imag[..., 0])
@@ -367,11 +322,7 @@ def _centre(cells: Cells, numbers: Indices | int) -> Floats:
 
 @lru_cache(maxsize=32)
 def _rule(order: int) -> tuple[Floats, Floats]:
-    """Return the Gauss nodes of the square [-1, 1]^2, and a matrix for interpolation.
-
-    The nodes have the shape (q^2, 2). The matrix, shape (q, q), converts values at the nodes of one
-    axis to coefficients of a Legendre series.
-    """
+    """Return Gauss nodes (q^2, 2) of [-1, 1]^2, and the matrix (q, q) to Legendre coefficients."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes, nodes, indexing="ij")
     series = np.polynomial.legendre.legvander(nodes, order - 1).T * weights
@@ -380,50 +331,31 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(points: Floats, order: int) -> Floats:
-    """Return the Lagrange polynomials of the Gauss nodes at n points, shape (2, n, q)."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
-# ---- links to a tolerance ------------------------------------------------------------------------
-
-# Orders of interpolation. The difference between the results of two orders estimates the error of
-# the lower order. Pairs of cells that require more than the last order are divided. Smaller cells
-# with lower orders take more time: two sources of 10 wavelengths at a distance of 10 wavelengths
-# require 2e5 kernel values as one pair of order 22, and twice as many as several pairs of order 18.
+# Orders of interpolation. Pairs that need more are divided. High orders are faster than small
+# cells: two sources of 10 wavelengths, 10 wavelengths apart, need 2e5 kernel values for order 22,
+# and twice as many in pairs of order 18.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
-# Largest phase of the interpolated function across a pair of cells, in radians. Pairs with a larger
-# phase are divided without evaluation.
+# Largest phase [rad] of the interpolated function across a pair.
 _MOST_PHASE = 70.0
-# Largest ratio of the sum of half the diagonals of both cells to their distance. Pairs with a
-# larger ratio are divided without evaluation.
+# Largest sum of half the diagonals of both cells, over their distance.
 _MOST_RATIO = 4.0
-# Smallest ratio of the order to the phase in radians at which interpolation may have a correct
-# digit. Gauss rules require 1/2.
+# Smallest ratio of order to phase [rad] with a correct digit. Gauss rules require 1/2.
 _IDLE = 0.25
-# Rounding error of the sum over a pair of cells, relative to the sum of the moduli of its terms.
+# Rounding error of a pair, over its sum of moduli.
 _ROUNDING = 1e-15
-# Largest number of kernel values per pose, whose computation takes some minutes, and largest number
-# of pairs of cells per pose.
+# Kernel values per pose, some minutes, and pairs of cells per pose.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
-class LinkSums(NamedTuple):
-    """Couplings of n poses, before normalisation and without the phase of the distance."""
+def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, Floats, Floats]:
+    """Return ``int int u_t K u_r`` (RX3) for n poses, and their estimated and allowed errors.
 
-    values: Complex
-    errors: Floats
-    """Estimated errors, shape (n,)."""
-    allowed: Floats
-    """Allowed errors, shape (n,)."""
-
-
-def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
-    """Return the integral of the kernel over both sources for n poses.
-
-    The integral is ``int int u_t K u_r``, where u_t and u_r are the source fields, as in (RX3). The
-    allowed error is ``tolerance`` times the modulus of the integral or ``tolerance`` times
-    ``floor``, whichever is larger. Raises ArgumentError if the computation would take longer than
-    some minutes.
+    The phase of the distance is omitted. The allowed error is ``tolerance`` times the modulus or
+    times ``floor``, whichever is larger. Raises ArgumentError for computations of more than some
+    minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -447,15 +379,11 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
             raise _too_much(links, parts)
         parts = _joined(parts[~open_], smaller, raised)
     errors = np.bincount(pose, parts.errors, count).astype(np.float64)
-    return LinkSums(total, errors, allowed)
+    return total, errors, allowed
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the pairs of cells whose errors are too large.
-
-    The errors of the remaining pairs of each pose add up to at most ``allowed``, which has one
-    value per pose.
-    """
+    """Return a mask of pairs; the errors of unmasked pairs add up to ``allowed`` per pose."""
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
     sums = np.cumsum(parts.errors[ordered])
@@ -467,10 +395,7 @@ def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
 
 
 def _expected_error(links: Links, parts: Pairs) -> Floats:
-    """Return the expected error of pairs at the highest order of interpolation.
-
-    Pairs that already use this order have an infinite error, so that they are divided.
-    """
+    """Return the error that pairs would have at the highest order, infinite if it is reached."""
     idle = _IDLE * _phase(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
     size = np.maximum(np.maximum(np.abs(parts.values), parts.errors), 1e-300)
@@ -480,9 +405,9 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 
 
 def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
-    """Evaluate pairs of cells at the two lowest orders that may have correct digits."""
+    """Evaluate pairs at the two lowest orders that may have correct digits."""
     phase = _phase(links, pairs)
-    # This formula was fitted to the lowest orders that are sufficient for squares at all distances.
+    # Fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)
@@ -490,12 +415,11 @@ def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
 
 
 def _raised(links: Links, parts: Pairs) -> Pairs:
-    """Evaluate pairs of cells at their next order of interpolation."""
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Evaluate pairs of cells at given orders; errors are changes from the values ``before``."""
+    """Evaluate pairs at given orders; errors are changes from the values ``before``."""
     if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
@@ -523,14 +447,13 @@ def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
 
 
 def _phase(links: Links, pairs: Pairs) -> Floats:
-    """Return the largest phase of the interpolated function along one coordinate, in radians."""
+    """Return the largest phase [rad] of the interpolated function along a coordinate."""
     here, there, distance = links.sizes(pairs)
     result: Floats = 2 * math.pi * np.maximum(here, there) * (here + there) / distance
     return result
 
 
 def _feasible(links: Links, pairs: Pairs) -> Pairs:
-    """Divide pairs of cells until all pairs are within the limits of interpolation."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)
@@ -544,7 +467,6 @@ def _feasible(links: Links, pairs: Pairs) -> Pairs:
 
 
 def _halves(links: Links, pairs: Pairs) -> Pairs:
-    """Halve the larger cell of each pair."""
     here, there, _ = links.sizes(pairs)
     at_transmitter = here >= there
     first, second = pairs[at_transmitter], pairs[~at_transmitter]

@@ -43,18 +43,15 @@ from polywigner.transforms.wavefronts import flat_source
 LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 
 _OPS = execution.NumpyOperations()
-# Default tolerance, and smallest allowed tolerance, which is some hundred times the rounding error
-# of the sums.
+# Default tolerance, and smallest tolerance: some hundred rounding errors.
 _TOLERANCE, _LEAST = 1e-6, 1e-12
-# Allowed errors of small couplings are relative to this fraction of the largest coupling of sources
-# with the same areas, because couplings in a null of a pattern have no correct digits.
+# Fraction of the largest coupling below which the tolerance is absolute, as in pattern nulls.
 _FLOOR = 1e-3
-# Number of poses that are computed together.
+# Poses per block.
 _BLOCK = 64
-# Relative rounding error of couplings by the closed-form far-field formula (RX4).
+# Relative rounding error of (RX4).
 _ROUNDING = 1e-12
-# Number of nodes along a side of a cell for a tolerance of 1e-6, and number of additional nodes for
-# each further digit.
+# Nodes along a side for a tolerance of 1e-6, and additional nodes per digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 
@@ -209,18 +206,15 @@ def coupling(
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """Two sources and the settings of their coupling, from the arguments of :func:`coupling`."""
-
     sources: tuple[Any, Any]
     wavelength: float
     method: str
     tolerance: float
     normalise: str
     jones: tuple[Complex, Complex] | None
-    """Jones vectors of transmitter and receiver; None for scalar fields."""
+    """Transmitter and receiver, None for scalar fields."""
 
     def norm(self, normalise: str) -> float:
-        """Return the square root of the product of the powers of transmitter and receiver."""
         vectors = self.jones or (None, None)
         return math.prod(
             root_of_norm(source, self.wavelength, self.method, normalise, jones)
@@ -228,11 +222,6 @@ class _Link:
         )
 
     def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
-        """Return the couplings for poses of shape (n, 4, 4), their errors and the allowed errors.
-
-        A source whose elements differ in polarisation is the sum of parts with a single
-        polarisation.
-        """
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
@@ -247,18 +236,15 @@ class _Link:
                     values[block] += terms[0]
                     errors[block] += terms[1]
                     limits[block] += terms[2]
-        # The norm is computed last, so that couplings that would take too long raise their error at
-        # once.
+        # Couplings that would take too long raise their error before the norm is computed.
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return unnormalised couplings of two sources, and their estimated and allowed errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
-        # Vector from the centre of the transmitter to the centre of the receiver.
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
         offset[:, :2] -= cells[0].centre
         point = point_in_wavelengths(_OPS, (0.0, 0.0), self.wavelength, *offset.T)
@@ -280,16 +266,14 @@ class _Link:
             _NODES + _NODES_PER_DIGIT * digits,
         )
         scale = self.wavelength**2
-        sums = link_sums(links, self.tolerance, floor * self._largest(sources, offset) / scale)
-        return scale * phase * sums.values, scale * sums.errors, scale * sums.allowed
+        floors = floor * self._largest(sources, offset) / scale
+        values, errors, allowed = link_sums(links, self.tolerance, floors)
+        return scale * phase * values, scale * errors, scale * allowed
 
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Return far-field couplings by Friis' formula (RX4).
-
-        The phase of the distance of the sources is omitted, and the couplings are not normalised.
-        """
+        """Return unnormalised far-field couplings (RX4), without the phase of the distance."""
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
@@ -300,17 +284,13 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest possible coupling of two sources with the areas of ``sources``."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
 
 
 def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
-    """Raise GeometryError unless each source is in front of the plane of the other source.
-
-    Only the vertices of the convex hulls, ``transmitter`` and ``receiver``, are tested.
-    """
+    """Raise GeometryError unless the convex hull of each source is in front of the other source."""
     rotation = poses[:, :3, :3]
     faces = rotation[:, 2, 2] < 0.0
     there = np.einsum("nj,kj->nk", rotation[:, 2, :2], receiver) + poses[:, 2, 3, None]
@@ -323,12 +303,9 @@ def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
 def _check_heights(
     heights: Floats, faces: NDArray[np.bool_], corners: Floats, name: str, other: str
 ) -> None:
-    """Raise GeometryError unless all vertices of one source are in front of the other source.
+    """Raise GeometryError for negative heights (n, k) of ``corners`` (k, 2).
 
-    ``heights``, shape (n, k), are the heights of the vertices above the plane of the other source,
-    and ``corners`` the positions of the vertices in their own plane, shape (k, 2). ``faces``
-    specifies for each pose whether the z axes of both sources are opposed; the error message
-    depends on it.
+    ``faces``: whether the z axes are opposed in each pose, which determines the advice.
     """
     behind = ~(heights > 0)
     if not behind.any():
@@ -365,55 +342,34 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return ``tolerance`` as a number; raise ArgumentError if :func:`coupling` cannot meet it."""
     return tolerance_from(tolerance, _TOLERANCE, _LEAST)
 
 
-# ---- link kernels --------------------------------------------------------------------------------
-
-
 def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
-    """Return the real and imaginary part of the scalar link kernel K, (RX1)."""
+    """Return the real and imaginary part of the scalar link kernel K (RX1)."""
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
-    # All factors except the wave are real, so the real and imaginary parts are computed separately.
-    # This takes a fifth to a third of the time of complex arrays.
+    # Real arrays are several times faster than complex arrays.
     a, b = condition.field, condition.slope
     inverse = 1.0 / sight.distance
     near = inverse * (0.5 / math.pi)
-    both = inverse * ((a * a) * nr)
-    both *= inverse
-    both *= mr
-    imag = -3.0 * both
-    imag += (a * a) * nm
-    imag *= near
-    real = imag * near
-    real += both
-    np.subtract(b * b, real, out=real)
+    both = inverse * ((a * a) * nr) * inverse * mr
+    imag = ((a * a) * nm - 3.0 * both) * near
+    real = b * b - (imag * near + both)
     if a * b:
         mixed = inverse * ((a * b) * (nr - mr))
-        real += mixed
-        mixed *= near
-        imag += mixed
-    # The real and imaginary parts are multiplied by -i exp(ikR)/R.
-    real *= inverse
-    imag *= inverse
-    first = real * sine
-    first += np.multiply(imag, cosine, out=near)
-    imag *= sine
-    real *= cosine
-    imag -= real
-    return first, imag
+        real, imag = real + mixed, imag + mixed * near
+    # Factor -i exp(ikR)/R.
+    real, imag = real * inverse, imag * inverse
+    return real * sine + imag * cosine, imag * sine - real * cosine
 
 
 def polarised_kernel(
     currents: Currents, sent: Complex, received: Complex, sight: Sight
 ) -> tuple[Floats, Floats]:
-    """Return the real and imaginary part of the link kernel of polarised sources, (RX9).
+    """Return the real and imaginary part of the link kernel of polarised sources (RX9).
 
-    ``sent`` is the polarisation vector of the transmitter in the axes of the transmitter, and
-    ``received`` the polarisation vector of the receiver in the axes of the receiver, both of shape
-    (3,).
+    ``sent`` and ``received`` (3,) are polarisation vectors in the frames of their sources.
     """
     rotation = sight.rotation
     received, normal = rotation @ received, rotation[:, :, 2]
@@ -445,17 +401,10 @@ def polarised_kernel(
     return values.real, values.imag
 
 
-# ---- powers of sources ---------------------------------------------------------------------------
-
 NORMALISATIONS = ("radiated", "aperture")
-"""Powers of a source that can normalise couplings.
+"""Power radiated into the half space, or integral of |u|^2 over the aperture."""
 
-"radiated" is the power radiated into the half space in front of the source. "aperture" is the
-integral of |u|^2 over the aperture.
-"""
-
-# The fields of the elements of a source cancel if the power of the source is below this fraction of
-# the sum of the powers of its elements.
+# Power over the sum of the elements' powers below which the elements cancel.
 _DARK = 1e-12
 
 
@@ -470,13 +419,11 @@ def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -
 def root_of_norm(
     source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
 ) -> float:
-    """Return the square root of the power of a source in W, by which couplings are divided.
+    """Return the square root of the power of a source in W that normalises couplings.
 
-    If ``normalise`` is "radiated", the power is the radiated power with the boundary condition of
-    the method. For a polarised source, specified by ``jones``, it is the power that the equivalent
-    currents radiate. If ``normalise`` is "aperture", the power is the integral of |u|^2.
+    ``jones``: polarisation for equivalent currents, None for scalar fields.
     """
-    # The cache key contains tuples, because arrays have no hash.
+    # Arrays have no hash.
     key = None if jones is None else (jones.tobytes(), jones.shape)
     return _root_of_norm(source, wavelength, method, normalise, key)
 
@@ -499,7 +446,7 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
 
 
 def _check_field(source: Any) -> None:
-    norm = energy_of(flat_source(source))  # A curved wave has the |u| of its flat source.
+    norm = energy_of(flat_source(source))
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
         for e in normal_form(source).in_plane.elements
@@ -512,7 +459,7 @@ def _check_field(source: Any) -> None:
 
 
 def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
-    """Return the radiated power ``int g |F|^2 dOmega/lambda^2`` of a scalar source in W."""
+    """Return ``int g |F|^2 dOmega/lambda^2`` in W."""
     power = 0.0
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
         factor = condition.amplitude(directions[:, 2]) ** 2 * solid_angle / wavelength**2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass, field
@@ -43,8 +42,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest number of reflections. Three perpendicular mirrors already return a wave to its source,
-# and each reflection multiplies the number of beams.
+# Three perpendicular mirrors return a wave to its source. Each reflection multiplies the beams.
 MOST_BOUNCES = 3
 
 
@@ -250,10 +248,7 @@ def sections(
     *,
     warns: bool = True,
 ) -> Floats:
-    """Return the radar cross sections of a body in m^2, with parameters as in :func:`rcs`.
-
-    A warning about faces that illuminate each other is issued if ``warns`` is true.
-    """
+    """Return radar cross sections in m^2, with parameters as in :func:`rcs`."""
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
     if to_transmitter is not None:
@@ -276,7 +271,6 @@ def sections(
 
 
 def warn_of_small(facets: Facets, wavelength: float) -> None:
-    """Warn if a face is smaller than a square wavelength."""
     if facets.least_face < wavelength:
         warn_caller(
             "physical optics requires faces of several wavelengths, but at the wavelength of "
@@ -288,12 +282,10 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """Return the received power of m samples, ``|q.(N x h + M h)|^2`` of (SC1) and (SC6).
+    """Return ``|q.(N x h + M h)|^2`` of (SC1) and (SC6) for m samples.
 
-    ``sums`` is the vector N of the first reflection, and ``later`` the matrix M of later
-    reflections. ``polarisations`` contains the vector q of the receiver and the vector p of the
-    incident wave, whose magnetic field is h = k x p. Without polarisations, the result is the total
-    scattered power, averaged over incident polarisations.
+    ``sums`` is N and ``later`` is M. ``polarisations``: q of the receiver and p of the incident
+    wave with h = k x p. Without them, the total power is averaged over incident polarisations.
     """
 
     def field(h: Floats | Complex) -> Complex:
@@ -311,18 +303,14 @@ def _power(
     return total / 2
 
 
-# ---- patterns over angles ------------------------------------------------------------------------
-
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
-# Number of directions whose beams are traced together.
+# Directions per block.
 _TOGETHER = 200
-# Approximate number of directions in which a body is tested for further reflections.
+# Directions tested for further reflections.
 _MOST_WARNED = 4096
-# Cosines of the elevation below _AT_POLE count as zero, because cos(pi/2) is 6e-17 in floating
-# point. In directions along the z axis, monostatic cross sections after one reflection do not
-# depend on the azimuth. All other cross sections depend on the azimuth through the polarisation and
-# through the visibility of walls parallel to the z axis. They are computed at the angle _NEAR_POLE
-# in rad from the axis, where these walls are not edge-on.
+# In floating point, cos(pi/2) is 6e-17, so smaller cosines than _AT_POLE are zero. At the poles,
+# most cross sections depend on the azimuth, through the polarisation and through walls parallel to
+# z, which are edge-on. They are computed at the angle _NEAR_POLE [rad] from the pole.
 _AT_POLE, _NEAR_POLE = 1e-15, 1e-8
 
 
@@ -415,70 +403,38 @@ class Pattern:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of azimuths, and number of elevations."""
+        """Number of azimuths and elevations."""
         return len(self.azimuth), len(self.elevation)
 
-    @property
-    def together(self) -> int:
-        """Number of azimuths that are computed together."""
-        return max(1, _TOGETHER // max(1, len(self.elevation)))
-
     def values(self, advance: Callable[[int], None]) -> Floats:
-        """Return the cross sections at all angles in m^2, shape (n, m).
+        """Return cross sections at all angles in m^2, shape (n, m).
 
-        After each block of angles, ``advance`` is called with the number of new values.
+        ``advance`` is called with the number of new values.
         """
-        self.warn()
-        values, step = np.empty(self.shape), self.together
-        for start in range(0, len(values), step):
-            rows = values[start : start + step]
-            rows[...] = self.part((start, 0), rows.shape)
-            advance(rows.size)
-        return values
-
-    def warn(self) -> None:
-        """Warn if physical optics is a rough approximation for this body."""
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
             warn_of_reflections(self.facets, self._some_directions())
-
-    def settings(self) -> dict[str, Any]:
-        """Return the settings that determine the values, with a digest of the body."""
-        from polywigner import __version__
-
-        arrays = self.facets.corners, self.facets.is_plate
-        content = b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
-        return {
-            "wavelength": self.wavelength,
-            "polarisation": self.polarisation,
-            "bounces": self.bounces,
-            "body_sha256": hashlib.sha256(content).hexdigest(),
-            "polywigner_version": __version__,
-        }
-
-    def part(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> Floats:
-        """Return the cross sections in m^2 in one block of angles.
-
-        A block is specified by the indices of its first angles, ``origin``, and by its shape.
-        """
-        rows, columns = (slice(o, o + n) for o, n in zip(origin, shape, strict=True))
-        try:
-            return self.at(self.azimuth[rows, None], self.elevation[columns])
-        except ArgumentError as error:  # The directions have too many overlaps or beams.
-            if origin[0] == 0:
-                raise
-            warn_caller(f"the cross sections at some azimuths are NaN: {error}")
-            return np.full(shape, np.nan)
+        values, step = np.empty(self.shape), max(1, _TOGETHER // max(1, len(self.elevation)))
+        for start in range(0, len(values), step):
+            rows = slice(start, start + step)
+            try:
+                values[rows] = self.at(self.azimuth[rows, None], self.elevation)
+            except ArgumentError as error:  # too many overlaps or beams
+                if start == 0:
+                    raise
+                warn_caller(f"the cross sections at some azimuths are NaN: {error}")
+                values[rows] = np.nan
+            advance(values[rows].size)
+        return values
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return cross sections in m^2 at angles in rad; azimuths and elevations broadcast."""
+        """Return cross sections in m^2 at angles in rad."""
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces
         return sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
-        """Return the cross sections at all angles as a dataset."""
         from polywigner import __version__
 
         about: dict[str, Any] = {
@@ -509,14 +465,12 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
-        """Return propagation directions of up to some thousand incident waves, shape (k, 3)."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return unit vectors towards the radar at angles in rad, shape (..., 3)."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

@@ -1,9 +1,8 @@
-"""Fields scattered by illuminated surfaces, after one reflection or several reflections.
+"""Fields scattered by illuminated surfaces, after one or several reflections (SC6).
 
-A flat face reflects a plane wave as a beam, which is a plane wave whose cross section is the
-illuminated polygon. If space is unfolded at each mirror, all beams continue along the incident
-direction. The cross section of a beam, projected along this direction onto the image plane of the
-transmitter, becomes smaller with each reflection (docs/rcs.md, (SC6)).
+A face reflects a plane wave as a beam, whose cross section is the illuminated polygon. If space is
+unfolded at each mirror, all beams continue along the incident direction. Their cross sections lie
+in the transmitter's image plane and shrink with each reflection.
 """
 
 from __future__ import annotations
@@ -48,33 +47,28 @@ from polywigner.scattering.facets import (
     visible_pieces,
 )
 
-# Largest number of pairs of a beam and a triangle that are tested. These tests take some minutes.
+# Pairs (beam, triangle) that take some minutes.
 _MOST_COMPARED = 4e8
-# Number of pairs of a beam and a triangle that are processed together, which takes 100 MB.
+# Pairs (beam, triangle) per block, 100 MB.
 _BLOCK = 1 << 19
-# Errors that a single direction can cause: GEOS fails, or a limit of memory or time is exceeded.
+# Errors of single directions: GEOS, or limits of memory or time.
 _ERRORS = GEOSException, ArgumentError
-# Largest product of the number of triangles and the number of pairs of incident and scattered
-# directions whose beams are traced together.
+# Triangles times direction pairs that are traced together.
 _AT_ONCE = 1 << 10
-# Margin around bounding boxes, as a fraction of the size of the body. It exceeds the rounding
-# errors of coordinates up to some thousand times that size.
+# Margin of bounding boxes over the body size, above the rounding errors of coordinates up to some
+# thousand times that size.
 _SLACK = 1e-9
 
 
 def sums_of_beams(
     facets: Facets, k: Floats, s: Floats, lengths: Floats, monostatic: bool, bounces: int
 ) -> tuple[Complex, Complex | None]:
-    """Return the scattering amplitudes of a body for m pairs of directions.
+    """Return the scattering amplitudes N (m, 3) and M (m, 3, 3) for m pairs of directions.
 
-    The incident waves travel along ``k``, and the receivers are in the directions ``s``, both of
-    shape (m, 3). The scattered field is ``N x h + M h``, where h = k x p is the magnetic field of
-    an incident wave with the polarisation p, (SC6). The vectors N of the first reflection have the
-    shape (m, 3), and the matrices M of later reflections have the shape (m, 3, 3). M is None
-    without later reflections. N is NaN, with a warning, in directions whose illuminated polygons
-    cannot be computed.
-
-    Raises ArgumentError if all directions have more beams than can be traced in minutes.
+    Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). The scattered field
+    is ``N x h + M h`` for the incident magnetic field h (SC6). M is None without later reflections.
+    N is NaN, with a warning, in directions that fail. Raises ArgumentError if all directions have
+    too many beams.
     """
     nu = (s - k) / lengths[:, None]
     if not facets.casts_shadows:
@@ -82,7 +76,7 @@ def sums_of_beams(
         return surface_sums(pieces, nu, lambda rows, block: facing(facets, k[rows], block)), None
     first = np.zeros((len(k), 3), np.complex128)
     later = None if bounces == 1 else np.zeros((len(k), 3, 3), np.complex128)
-    failures = _Failures(first)
+    failures: list[tuple[Indices, Exception]] = []
     views = _views(facets, k, s, monostatic, failures)
     at_once = max(1, _AT_ONCE // len(facets.corner))
 
@@ -98,8 +92,8 @@ def sums_of_beams(
         except _ERRORS as error:
             later[ends.samples] = 0.0
             if len(group) == 1:
-                failures.add(ends.samples, error)
-            else:  # The directions are computed separately, to isolate directions that fail.
+                failures.append((ends.samples, error))
+            else:  # Isolate the directions that fail.
                 for view in group:
                     add([view])
 
@@ -107,52 +101,39 @@ def sums_of_beams(
         while group := list(islice(views, at_once)):
             add(group)
             advance(sum(len(view.rows) for view in group))
-    failures.report()
+    _mark_failures(first, failures)
     return first, later
 
 
-class _Failures:
-    """Record of the samples that cannot be computed. Their scattering amplitudes become NaN."""
-
-    def __init__(self, sums: Complex) -> None:
-        self._sums = sums
-        self._count = 0
-        self._error: Exception | None = None
-
-    def add(self, rows: Indices, error: Exception) -> None:
-        self._sums[rows] = np.nan
-        self._count += len(rows)
-        self._error = error
-
-    def report(self) -> None:
-        """Warn about samples that are NaN.
-
-        If all samples are NaN because they exceed a limit of memory or time, an error is raised.
-        """
-        if isinstance(self._error, ArgumentError) and self._count == len(self._sums):
-            raise self._error
-        if self._error is not None:
-            warn_caller(
-                f"{self._count} of {len(self._sums)} directions cannot be computed and are NaN "
-                f"({self._error}); rotate the body slightly, or simplify its mesh"
-            )
+def _mark_failures(sums: Complex, failures: list[tuple[Indices, Exception]]) -> None:
+    """Set failed samples to NaN with a warning; raise the error if all samples exceed a limit."""
+    if not failures:
+        return
+    rows, error = np.concatenate([rows for rows, _ in failures]), failures[-1][1]
+    if isinstance(error, ArgumentError) and len(rows) == len(sums):
+        raise error
+    sums[rows] = np.nan
+    warn_caller(
+        f"{len(rows)} of {len(sums)} directions cannot be computed and are NaN ({error}); rotate "
+        "the body slightly, or simplify its mesh"
+    )
 
 
 class View(NamedTuple):
-    """Illuminated and visible surfaces for one pair of incident and scattered directions."""
+    """Illuminated and visible surfaces for a pair of directions."""
 
     rows: Indices
-    """Indices of the samples with these directions, which differ in wavelength, shape (m,)."""
+    """Samples with these directions, of different wavelengths, shape (m,)."""
     pieces: Pieces
-    """Surfaces that are illuminated and visible from the receiver."""
+    """Illuminated and visible."""
     lit: Visible
-    """Illuminated surfaces. All views with the same transmitter share this object."""
+    """Illuminated, shared by all views of a transmitter."""
     visible: Visible
-    """Surfaces visible from the receiver."""
+    """Visible from the receiver."""
 
 
 class Ends:
-    """The m transmitters and n receivers of n views. The views are sorted by transmitter."""
+    """The m transmitters and n receivers of n views, sorted by transmitter."""
 
     def __init__(self, views: Sequence[View], k: Floats, s: Floats) -> None:
         before = [None, *(view.lit for view in views)]
@@ -160,40 +141,38 @@ class Ends:
         of_transmitter = [j for j, is_new in enumerate(new) if is_new]
         self.lit: list[Visible] = [views[j].lit for j in of_transmitter]
         self.k: Floats = k[[views[j].rows[0] for j in of_transmitter]]
-        """Propagation directions of the incident waves, shape (m, 3)."""
+        """Propagation directions, shape (m, 3)."""
         self.across: Floats = axes_across(self.k)
-        """Axes of the image plane of each transmitter, shape (m, 2, 3)."""
+        """Image axes, shape (m, 2, 3)."""
         self.s: Floats = s[[view.rows[0] for view in views]]
         """Directions towards the receivers, shape (n, 3)."""
         self.visible: list[Visible] = [view.visible for view in views]
         self.views: tuple[Indices, Indices] = _runs(np.diff([*of_transmitter, len(views)]))
-        """Index of the first view and number of views for each transmitter, both of shape (m,)."""
+        """Index of the first view and number of views, both of shape (m,)."""
         self.samples: Indices = np.concatenate([view.rows for view in views])
-        """Indices of the samples of all views."""
+        """Sample indices of all views."""
         self.of_view: tuple[Indices, Indices] = _runs([len(view.rows) for view in views])
-        """Index of the first sample and number of samples for each view, both of shape (n,)."""
+        """Index of the first sample and number of samples, both of shape (n,)."""
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
-    """Return the first index and the length of consecutive ranges with the given lengths."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
 
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    """Return all indices in selected ranges.
-
-    ``owner`` contains the number of the selected range for each of n entries, and ``runs`` the
-    first index and length of all ranges, from :func:`_runs`. Each index is returned with the
-    position of its range in ``owner``.
-    """
+    """Return the positions in ``owner`` and all indices of the ranges ``runs[owner]``."""
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
     return pair, np.arange(len(pair)) + (begins - np.cumsum(counts) + counts)[pair]
 
 
 def _views(
-    facets: Facets, k: Floats, s: Floats, monostatic: bool, failures: _Failures
+    facets: Facets,
+    k: Floats,
+    s: Floats,
+    monostatic: bool,
+    failures: list[tuple[Indices, Exception]],
 ) -> Iterator[View]:
     pairs, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
@@ -202,7 +181,7 @@ def _views(
     groups = np.split(order, ends) if len(pairs) else []
     for pair, rows in zip(pairs, groups, strict=True):
         try:
-            # Pairs of directions are sorted by transmitter.
+            # Pairs are sorted by transmitter.
             if lit is None or (pair[:3] != last).any():
                 last, lit = pair[:3], None
                 lit = visible_along(facets, pair[:3])
@@ -211,37 +190,28 @@ def _views(
                 visible = visible_along(facets, -pair[3:])
                 both = less_hidden(lit, visible, facing(facets, -pair[3:]))
         except _ERRORS as error:
-            failures.add(rows, error)
+            failures.append((rows, error))
             continue
         yield View(rows, visible_pieces(facets, both), lit, visible)
 
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """Beams of n reflected plane waves, each bounded by a polygon.
-
-    The polygons lie in the image plane of the transmitter, across the incident direction.
-    """
+    """Reflected plane waves, bounded by polygons in the transmitter's image plane."""
 
     wave: Indices
-    """Index of the transmitter of each beam, shape (n,)."""
+    """Transmitter, shape (n,)."""
     rotation: Floats
-    """Orthogonal matrix G of each beam, shape (n, 3, 3).
-
-    Unfolding at the mirrors maps a point x of the beam to ``G x + c``, where c is ``shift``.
-    """
+    """Matrix G of the unfolding x -> G x + c at the mirrors, shape (n, 3, 3)."""
     shift: Floats
-    """Vector c of each beam, shape (n, 3).
-
-    The reflected wave of a beam is ``exp(2 pi i k.(G x + c)/wavelength)``, and its magnetic field
-    is ``G^T h``, where h is the magnetic field of the incident wave.
-    """
+    """Vector c, shape (n, 3). The wave is ``exp(2 pi i k.(G x + c)/wavelength)``, with the magnetic
+    field ``G^T h`` for the incident h."""
     normal: Floats
-    """Unit normal of the last mirror, on the side of the beam, shape (n, 3)."""
+    """Unit normal of the last mirror on the side of the beam, shape (n, 3)."""
     height: Floats
-    """Distance of the last mirror's plane from the origin along its normal, shape (n,)."""
+    """Offset of the last mirror along its normal, shape (n,)."""
     polygon: Shapes
-    """Cross section of each beam in the image plane of its transmitter, shape (n,)."""
+    """Cross section in the transmitter's image plane, shape (n,)."""
 
     def taken(self, rows: Indices | slice) -> Beams:
         return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
@@ -252,25 +222,25 @@ class Beams:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Parts of triangles that beams illuminate, each a pair of a beam and a triangle."""
+    """Parts of triangles that beams illuminate."""
 
     beams: Beams
     beam: Indices
-    """Index of the beam, shape (n,)."""
+    """Shape (n,)."""
     facet: Indices
-    """Index of the triangle, shape (n,)."""
+    """Triangle, shape (n,)."""
     signs: Sides
-    """Illuminated side of the triangle, shape (n,)."""
+    """Illuminated side, shape (n,)."""
     polygon: Shapes
-    """Illuminated part as a polygon in the image plane of the transmitter, shape (n,)."""
+    """Illuminated part in the transmitter's image plane, shape (n,)."""
     part: Shapes
     """Illuminated part in coordinates of the triangle, as in :class:`Visible`, shape (n,)."""
 
 
 def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
-    """Yield the parts of triangles that beams illuminate after each reflection.
+    """Yield the illuminated parts of triangles after each reflection.
 
-    Raises ArgumentError if there are more beams than can be traced in minutes.
+    Raises ArgumentError for beams that take more than minutes.
     """
     beams = _first_beams(facets, ends)
     for number in range(2, bounces + 1):
@@ -289,7 +259,6 @@ def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
 
 
 def _first_beams(facets: Facets, ends: Ends) -> Beams:
-    """Return the beams after the first reflection, from directly illuminated surfaces."""
     signs = np.stack([lit.signs for lit in ends.lit])
     wave, facet = np.nonzero(signs)
     parts = np.stack([lit.parts for lit in ends.lit])[wave, facet]
@@ -313,10 +282,7 @@ def _first_beams(facets: Facets, ends: Ends) -> Beams:
 
 
 def _reflected(facets: Facets, hits: Hits) -> Beams:
-    """Return the beams reflected by illuminated triangles.
-
-    Coplanar triangles that one beam illuminates reflect a single beam.
-    """
+    """Return the beams that triangles reflect, one for each group of coplanar triangles."""
     keys = np.column_stack([hits.beam, facets.plane[hits.facet], hits.signs])
     _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(number.ravel(), kind="stable")
@@ -332,22 +298,18 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:
-    """Return the products of n matrices and n vectors, shape (n, j)."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
-    """Return the parts of triangles that beams illuminate, without shadowed parts."""
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
     axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
-    # The first two components of a point are its coordinates across the incident direction, and the
-    # third component is the coordinate along this direction.
+    # Components: two across the incident direction, one along it.
     points = unfolded @ np.swapaxes(axes, 1, 2)
     ahead = _heights(facets, pairs, corners)
-    # The corners of these triangles are in clockwise order in the image, so their order is
-    # reversed.
+    # Restores the counter-clockwise order.
     backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
     beyond, number = _in_front(points, ahead)
@@ -358,7 +320,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     window = beams.polygon[beam[number]]
     meets = shapely.intersects(window, triangles)
     number, projected, triangles = number[meets], projected.subset(meets), triangles[meets]
-    # Without a grid, GEOS sometimes loses polygons whose edges coincide with edges of the window.
+    # Without a grid, GEOS sometimes loses polygons with edges on the window's edges.
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)
     boxes = _side_by_side(projected.points, beam[number], facets.size)
@@ -372,21 +334,12 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return the heights of triangle corners above the last mirrors of beams, shape (n, 3).
-
-    The heights of corners on the mirror are exactly zero.
-    """
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return pairs of a beam and a triangle that the beam may meet.
-
-    The pairs are indices of beams and of triangles, with the side of each triangle that faces the
-    beam.
-    """
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):
@@ -411,16 +364,10 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
 
 
 def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
-    """Return the parts of triangles in front of a mirror, as m triangles of shape (m, 3, 3).
-
-    ``corners``, shape (n, 3, 3), contains the original triangles, and ``heights``, shape (n, 3),
-    the heights of their corners above the mirror. The second return value contains the index of the
-    original triangle of each part.
-    """
+    """Return the parts (m, 3, 3) of triangles in front of mirrors, and their triangle indices."""
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
-    # The corners are reordered so that the corner that is alone on its side of the plane is the
-    # first.
+    # Moves the corner that is alone on its side of the plane to the first position.
     alone = np.where(below == 1, (heights < 0).argmax(axis=1), heights.argmax(axis=1))
     order = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners, order[..., None], 1), 1, 0)
@@ -440,10 +387,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
 
 
 def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
-    """Return bounding boxes of projected triangles for the search for overlaps.
-
-    Boxes of different beams are shifted, so that they do not overlap.
-    """
+    """Return bounding boxes, displaced so that boxes of different beams do not overlap."""
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
     width = float(np.ptp(points[..., 0])) + 4 * slack if len(points) else 0.0
@@ -453,10 +397,7 @@ def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
 
 
 def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths: Floats) -> None:
-    """Add the fields of one reflection to ``later``, the matrices M of (SC6), shape (m, 3, 3).
-
-    Only parts of ``hits`` that are visible from the receivers contribute.
-    """
+    """Add the fields of visible ``hits`` to the matrices M of (SC6), shape (m, 3, 3)."""
     hit, view = _members(hits.beams.wave[hits.beam], ends.views)
     facet, signs, parts = hits.facet[hit], hits.signs[hit], hits.part[hit]
     visible = np.stack([visible.signs for visible in ends.visible])[view, facet]
@@ -469,8 +410,8 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
-    # Path lengths at the first corner, and their differences along two sides of each triangle. The
-    # phases in cycles are the path lengths divided by the wavelength.
+    # Path lengths at a corner and along two sides. Divided by the wavelength, they are phases in
+    # cycles.
     rate = ends.s[view] - _times(back, k)
     corner, first, second = (
         (rate * part).sum(axis=1) for part in (pieces.corner, pieces.first, pieces.second)
@@ -486,7 +427,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
 
 
 def _add_rows(total: Complex, numbers: Indices, rows: Complex) -> None:
-    """Add each of ``rows`` to a row of ``total``, faster than ``np.add.at``."""
+    """Add rows to rows of ``total``, faster than ``np.add.at``."""
     for column in range(total.shape[1]):
         for sums, terms in ((total.real, rows.real), (total.imag, rows.imag)):
             sums[:, column] += np.bincount(numbers, terms[:, column], len(total))

@@ -36,44 +36,38 @@ from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
 Sides = NDArray[np.int8]
-"""Sides of triangles: 1 is the outer side, -1 is the back of a plate, and 0 is neither side."""
+"""1 for the outer side of a triangle, -1 for the back of a plate, 0 for neither."""
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
-# Smallest cosine of the angle between the normals of two adjacent triangles that belong to the same
-# curved face, as in meshes of smooth bodies.
+# Smallest cosine between normals of adjacent triangles of a smooth face.
 SMOOTH = math.cos(math.radians(30))
-# Largest depth of a dent that can be due to rounding errors, as a fraction of the body's size.
+# Depth of dents over the body size that is a rounding error.
 _FLAT = 1e-9
-# Largest difference between the normals of two coplanar triangles, and between the distances of
-# their planes from the centre, divided by the body's size. The phase error in cycles is this value
-# times the body's size in wavelengths.
+# Tolerance of coplanar normals, and of plane offsets over the body size. In wavelengths, it is the
+# phase error in cycles.
 _ONE_PLANE = 1e-12
-# Vertices closer together than this fraction of the body's size count as one vertex, because
-# coordinates in STL files are rounded to 1e-7.
+# Distance of identical vertices over the body size. STL coordinates are rounded to 1e-7.
 _ONE_VERTEX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Surface of a body as n triangles.
-
-    Positions are relative to the centre of the bounding box.
-    """
+    """Surface of a body as n triangles, relative to the centre of its bounding box."""
 
     corner: Floats
     """First corners in m, shape (n, 3)."""
     first: Floats
-    """Vectors to the second corners, counter-clockwise seen from outside, shape (n, 3)."""
+    """To the second corners, counter-clockwise from outside, shape (n, 3)."""
     second: Floats
-    """Vectors to the third corners, shape (n, 3)."""
+    """To the third corners, shape (n, 3)."""
     is_plate: NDArray[np.bool_]
-    """Whether each triangle belongs to a plate, whose two sides are outer sides, shape (n,)."""
+    """Whether the triangle belongs to a plate, which has two outer sides, shape (n,)."""
     is_single: bool
-    """Whether the body is a single plate or a single polyhedron."""
+    """Whether the body is a single plate or polyhedron."""
     centre: Floats
-    """Centre of the bounding box in the body's frame, in m, shape (3,)."""
+    """Centre of the bounding box in the body's frame in m, shape (3,)."""
 
     @cached_property
     def vector(self) -> Floats:
@@ -87,24 +81,21 @@ class Facets:
 
     @cached_property
     def corners(self) -> Floats:
-        """Positions of the corners in m, shape (triangle, corner, component)."""
+        """Positions in m, shape (triangle, corner, component)."""
         return self.corner[:, None] + np.stack(
             [np.zeros_like(self.first), self.first, self.second], axis=1
         )
 
     @cached_property
     def plane(self) -> Indices:
-        """Number of the plane of each triangle, shape (n,).
-
-        Coplanar triangles have the same number.
-        """
+        """Number of the plane of each triangle, shape (n,)."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
         rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
         return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
 
     @cached_property
     def neighbours(self) -> tuple[Indices, Indices]:
-        """Pairs of triangles with a common edge, as two arrays of indices."""
+        """Indices of pairs of triangles with a common edge."""
         points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size)).astype(np.int64)
         _, number = np.unique(points, axis=0, return_inverse=True)
         begin = number.reshape(-1, 3)
@@ -121,10 +112,7 @@ class Facets:
 
     @cached_property
     def surface(self) -> Indices:
-        """Number of the face of each triangle, shape (n,).
-
-        Triangles that join smoothly belong to the same face.
-        """
+        """Number of the smooth face of each triangle, shape (n,)."""
         first, second = self.neighbours
         cosine = (self.normal[first] * self.normal[second]).sum(axis=1)
         both_sides = self.is_plate[first] & self.is_plate[second]
@@ -145,10 +133,9 @@ class Facets:
 
 
 def facets_of(body: Any) -> Facets:
-    """Return the triangles of a body or plate.
+    """Return the triangles of a body or plate, cached for equal bodies.
 
-    Equal bodies share a cached result. Raises ArgumentError for other objects, and for plates with
-    a field.
+    Raises ArgumentError for other objects, and for plates with a field.
     """
     return _facets(_parts(body))
 
@@ -175,8 +162,7 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     return parts
 
 
-# A cache pays off: hashing a body of a million vertices takes some ms, less than computing its
-# triangles.
+# Hashing a million vertices takes some ms, less than their triangles.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
@@ -205,7 +191,6 @@ def _outline(plate: Aperture | PlacedAperture) -> Aperture:
 
 
 def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
-    """Divide a plate into triangles; return their corners, shape (n, 3, 3)."""
     pose = plate.pose if isinstance(plate, PlacedAperture) else np.eye(4)
     points, triangles = triangulate(_outline(plate))
     placed: Floats = points @ pose[:3, :2].T + pose[:3, 3]
@@ -213,46 +198,41 @@ def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
 
 
 def _is_convex(solid: Facets) -> bool:
-    """Return whether a solid is convex, so that no face hides another face; False if in doubt."""
+    """Return whether a solid is convex; False if in doubt."""
     pairs = solid.neighbours
-    # An edge of a closed mesh belongs to two triangles.
+    # A closed mesh has two triangles per edge.
     if 2 * len(pairs[0]) != 3 * len(solid.corner):
         return False
     for here, there in (pairs, pairs[::-1]):
         away = solid.corners[there] - solid.corner[here, None]
-        # If the third corner of the neighbour lies in front of the triangle, the common edge is
-        # concave.
+        # A third corner in front of the triangle makes the common edge concave.
         if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:
             return False
     corners = solid.corners - solid.corners.mean(axis=(0, 1))
-    # A closed surface without concave edges is convex if it winds once around the centre, which is
-    # the case if the ray from the centre through the centroid of the first triangle meets no other
-    # triangle. The ray meets a triangle if it lies inside the three planes that contain the centre
-    # and one side of the triangle.
+    # Without concave edges, a closed surface is convex if it winds once around the centre. Then a
+    # ray from the centre meets only one triangle: it lies inside the three planes through the
+    # centre and the sides.
     ray = corners[0].mean(axis=0)
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
     is_star_shaped = ((corners[:, 0] * solid.normal).sum(axis=1) > 0).all()
     return bool(is_star_shaped) and int(np.all(sides, axis=0).sum()) == 1
 
 
-# ---- visible parts -------------------------------------------------------------------------------
-
-# Smallest cosine between the line of sight and the normal of a face that is not edge-on. Edge-on
-# faces count as dark.
+# Cosine of the incidence angle below which faces are edge-on and dark.
 _EDGE_ON = 1e-12
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Illuminated or visible surface of a body, divided into n triangles."""
+    """Illuminated or visible surface as n triangles."""
 
     corner: Floats
     """First corners in m, shape (n, 3)."""
     first: Floats
-    """Vectors to the second corners, shape (n, 3)."""
+    """To the second corners, shape (n, 3)."""
     second: Floats
-    """Vectors to the third corners, shape (n, 3)."""
+    """To the third corners, shape (n, 3)."""
     vector: Floats
     """Normals on the illuminated side, times twice the areas, shape (n, 3)."""
 
@@ -265,29 +245,25 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Visible:
-    """Visible sides and visible parts of the n triangles of a body."""
+    """Visible sides and parts of the n triangles of a body."""
 
     signs: Sides
-    """Visible side of each triangle, shape (n,)."""
+    """Visible side, shape (n,)."""
     parts: Shapes
-    """Visible part of each triangle as a polygon, or None for the entire triangle, shape (n,).
-
-    Coordinates are along the two sides from the first corner, so the corners of the triangle are at
-    (0, 0), (1, 0) and (0, 1).
-    """
+    """Visible polygon, None for the entire triangle, shape (n,). Coordinates are along two sides,
+    so the corners of the triangle are (0, 0), (1, 0) and (0, 1)."""
 
 
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
-    """Return the sides of triangles that face distant observers, shape (..., n).
+    """Return the sides of triangles that face distant observers who look along ``direction``.
 
-    ``direction``, shape (..., 3), is the direction in which each observer looks. ``block`` is a
-    slice of the triangles, by default all triangles.
+    The result has the shape (..., n) for directions (..., 3).
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
 
 def facing_point(facets: Facets, point: Floats) -> Sides:
-    """Return the sides of triangles that face an observer at a point, shape (n,)."""
+    """Return the sides of triangles that face a point, shape (n,)."""
     away = facets.corner - point
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     return _sides((away * facets.normal).sum(axis=1) / distance, facets.is_plate)
@@ -307,7 +283,7 @@ def axes_across(direction: Floats) -> Floats:
 
 
 def visible_along(facets: Facets, direction: Floats) -> Visible:
-    """Return the parts that are visible to a distant observer who looks along ``direction``."""
+    """Return the parts that a distant observer who looks along ``direction`` sees."""
     across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
@@ -318,11 +294,10 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
 
 
 def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
-    """Return the parts that are visible to an observer at a point.
+    """Return the parts that an observer at a point sees.
 
-    The rows of ``frame`` are the axes x, y and z of the observer, who looks along z. All triangles
-    must be in front of the observer. The projective image maps lines through the point to parallel
-    lines, and planes to planes.
+    The rows of ``frame`` are the observer's axes, with z ahead. All triangles must be in front. The
+    perspective image maps planes to planes.
     """
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
@@ -333,20 +308,18 @@ def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
 
 
 def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected]) -> Visible:
-    """Return the visible parts of the sides that face an observer.
+    """Return the visible parts of the sides ``signs``, from their projection to an image.
 
-    The facing sides are ``signs``. Sides of a closed body that face away cast no additional shadows
-    and are ignored. ``project`` maps the corners of triangles to the image of the observer.
+    Hidden sides of closed bodies cast no additional shadows.
     """
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
     corners = facets.corners[rows]
     is_reversed = signs[rows] < 0
-    # The order of the corners is reversed where necessary, so that all triangles are
-    # counter-clockwise.
+    # Makes all triangles counter-clockwise.
     corners[is_reversed] = corners[is_reversed][:, ::-1]
     projected = project(corners)
-    wide = projected.has_width  # Triangles of zero width cast no shadow.
+    wide = projected.has_width
     rows, projected = rows[wide], projected.subset(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
     touched, left = less_shadows(projected, polygons, polygons)
@@ -364,10 +337,9 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
 
 
 def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
-    """Return the illuminated parts without the parts that are hidden from a receiver.
+    """Remove the parts hidden from a receiver, which faces the sides ``faces``.
 
-    ``faces`` contains the side of each triangle that faces the receiver. Illuminated sides that
-    face away from the receiver are returned complete, because they contribute to the forward field.
+    Illuminated sides that face away remain, because they contribute to the forward field.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)
@@ -380,7 +352,6 @@ def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
 
 
 def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
-    """Divide the visible parts of a body into triangles."""
     (rows,) = np.nonzero(visible.signs)
     return pieces_of(facets, rows, visible.signs[rows], visible.parts[rows])[0]
 
@@ -388,11 +359,9 @@ def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
 def pieces_of(
     facets: Facets, numbers: Indices, signs: Sides, parts: Shapes
 ) -> tuple[Pieces, Indices]:
-    """Divide m parts of triangles into n triangles.
+    """Divide m parts of triangles into triangles; also return their part indices.
 
-    Complete triangles are returned unchanged. Every other part becomes signed triangles, each from
-    the first corner of the part to an edge of its boundary. The second return value is the index of
-    the part to which each triangle belongs, shape (n,).
+    A cut part becomes signed triangles from its first corner to each edge.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
@@ -415,24 +384,19 @@ def pieces_of(
     return pieces, rows
 
 
-# ---- Fourier transforms with normals, N(nu) = sum_j n_j F_j(nu)
-# -----------------------------------
-
 Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Largest product of the numbers of triangles and directions that are processed together. Some
-# twenty arrays of this size fit into the cache of the processor.
+# Triangles times directions per block. Some twenty arrays fit in the processor's cache.
 _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """Return the Fourier transform of a surface times its normal, N of (SC1), shape (m, 3).
+    """Return the Fourier transform N of (SC1) at frequencies nu (m, 3), shape (m, 3).
 
-    ``nu`` contains the spatial frequencies, shape (m, 3). ``signs`` is a function of a slice of
-    frequencies and a slice of triangles. It returns the sign of each triangle at each frequency, 0
-    for dark triangles. By default all signs are 1.
+    ``signs``: function of slices of frequencies and triangles that returns signs, 0 for dark
+    triangles; by default 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
@@ -453,36 +417,29 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 
 def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return the Fourier transform of triangles divided by twice their area, (F5).
+    """Return Fourier transforms of triangles over twice their area (F5).
 
-    The arguments are the dot products of the spatial frequency with the first corner and with both
-    sides of each triangle.
+    Arguments: frequency times first corner, and times both sides.
     """
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return np.asarray(real + 1j * imag)
 
 
-# ---- mutual illumination of faces ----------------------------------------------------------------
-
-# Distances below this fraction of the body's size count as zero, because coordinates in STL files
-# are rounded to 1e-7.
+# Distance over the body size that counts as zero. STL coordinates are rounded to 1e-7.
 _NEAR = 1e-6
-# Largest number of directions that are tested for mutual illumination.
+# Directions tested for mutual illumination.
 _MOST_DIRECTIONS = 256
-# Smallest and largest number of rays for each direction.
+# Rays per direction.
 _FEWEST_RAYS, _MOST_RAYS = 16, 128
-# Largest product of the number of rays in all directions and the number of triangles. The tests
-# then take a second or two.
+# Rays times triangles, a second or two.
 _MOST_TESTS = 1 << 21
-# Largest product of the numbers of rays and triangles that are tested together.
+# Rays times triangles per block.
 _BLOCK = 1 << 18
-# Multiples of these two numbers, modulo 1, fill the unit square evenly: M. Roberts, "The
-# unreasonable effectiveness of quasirandom sequences" (2018).
+# Quasi-random steps: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
 _STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
-    """Warn if faces of a body reflect waves that travel along ``travelling`` to other faces."""
     if illuminates_itself(facets, travelling):
         warn_caller(
             "faces of the body illuminate each other, but paths with two or three reflections, "
@@ -491,10 +448,9 @@ def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
 
 
 def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
-    """Return whether a body reflects incident waves from one face to another.
+    """Return whether waves along ``travelling`` are reflected from one face to another.
 
-    The propagation directions of the waves are ``travelling``. Up to 256 directions are tested with
-    16 to 128 rays each. Fewer rays are tested if the body has many triangles.
+    Tests up to 256 directions with up to 128 rays each.
     """
     if not facets.casts_shadows or not len(travelling):
         return False
@@ -509,22 +465,19 @@ def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
 
 
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
-    """Return whether a ray is reflected from one face to another.
+    """Return whether some of ``count`` rays along ``k`` are reflected to another face.
 
-    The ``count`` rays along ``k`` are spread over the body. Only the rays with the numbers ``rays``
-    are tested. Triangles that join smoothly count as one curved face. Faces whose planes are
-    parallel within 30 degrees also count as one face, because they reflect the wave forwards.
+    Faces parallel within 30 degrees reflect forwards and count as one face.
     """
     signs = facing(facets, k)
     if not signs.any():
         return False
-    # Half of the rays are distributed over the triangles in proportion to area, and half equally.
+    # Half of the rays in proportion to area, half equally.
     area = np.abs((facets.vector @ k) * signs)
     weights = np.cumsum(area / area.sum() + (signs != 0) / np.count_nonzero(signs))
     facet = np.searchsorted(weights, (rays + 0.5) / count * weights[-1])
     a, b = (np.outer(_STEPS, rays + 0.5) % 1)[..., None]
-    # The random points fill a parallelogram. Points in its second half are folded into the
-    # triangle.
+    # Folds the parallelogram into the triangle.
     a, b = np.where(a + b > 1, [1 - a, 1 - b], [a, b])
     point = facets.corner[facet] + a * facets.first[facet] + b * facets.second[facet]
     lit = _first_met(facets, point, np.broadcast_to(-k, point.shape)) < 0
@@ -536,12 +489,8 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
 
 
 def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
-    """Return the index of the triangle that each ray meets first, or -1 for no triangle.
-
-    The n rays start at ``start`` and have the directions ``along``, both of shape (n, 3).
-    """
-    # A point is inside a triangle if its coordinates along two sides are positive and have a sum
-    # below 1. Each coordinate is the dot product of the point and a dual vector of the triangle.
+    """Return the first triangle that each ray meets, or -1, shape (n,)."""
+    # Barycentric coordinates are products with dual vectors of the triangle.
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)
     vectors = facets.normal, *(dual / squared for dual in duals)

@@ -1,8 +1,7 @@
-"""Cross sections of bodies near a radar, from the exact fields of its antennas on the body.
+"""Cross sections of bodies near a radar, by physical optics and reciprocity (SC3).
 
-The method is physical optics with the field of the transmitter and, by reciprocity, the field that
-the receiver would transmit (docs/rcs.md, (SC3)). Illuminated parts of the body are divided into
-pieces on which both fields are approximately plane waves.
+Illuminated parts are divided into pieces on which the exact fields of both antennas are nearly
+plane waves.
 """
 
 from __future__ import annotations
@@ -48,21 +47,17 @@ Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
 Source = Aperture | Array
 
-# Allowed error of the length of unit vectors, large enough for single precision.
+# Tolerance of unit vectors in single precision.
 _UNIT = 1e-6
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors with their length corrected to 1, shape (..., 3).
-
-    Raises ArgumentError unless ``vectors`` contains unit vectors within single precision.
-    """
+    """Return unit vectors, shape (..., 3), with their length corrected to 1."""
     array = unit_vectors_as_given(name, vectors)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
 
 def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the broadcast of several shapes; raise ArgumentError if they do not broadcast."""
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError:
@@ -77,8 +72,7 @@ def checked_polarisations(
 ) -> tuple[Complex, Complex]:
     """Return the polarisation vectors of receiver and transmitter, each of shape (..., 3).
 
-    Raises ArgumentError unless ``polarisation`` is a name such as "vh" or a pair of unit vectors
-    that are normal to the directions of receiver and transmitter.
+    Raises ArgumentError for other values than a name such as "vh" or transverse unit vectors.
     """
     ends = to_radar, to_transmitter
     if isinstance(polarisation, str):
@@ -113,10 +107,9 @@ def checked_polarisations(
 
 
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
-    """Return unit vectors along the polar angle from +z ("v") and along the azimuth ("h").
+    """Return unit vectors along the polar angle ("v") and the azimuth ("h"), shape (..., 3).
 
-    ``towards`` contains the directions to which the vectors are normal, shape (..., 3). For
-    directions along z, the azimuth is 0.
+    Along z, the azimuth is 0.
     """
     x, y, z = np.moveaxis(towards, -1, 0)
     across = np.hypot(x, y)
@@ -129,35 +122,30 @@ def spherical_axes(towards: Floats) -> dict[str, Floats]:
     }
 
 
-# ---- antennas near a body ------------------------------------------------------------------------
-
-# Model of the equivalent currents of polarised antennas.
+# Equivalent currents of polarised antennas.
 _MODEL = "huygens"
 
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
-    """A radar antenna near a body.
-
-    Positions in the body's frame are in m, relative to the centre of the body.
-    """
+    """A radar antenna near a body, in m from the body's centre."""
 
     source: Source
     pose: Floats
-    """Rigid pose that maps the body's frame into the source's frame, shape (4, 4)."""
+    """From the body's frame to the source's frame, shape (4, 4)."""
     wavelength: float
     normalise: str
-    """Power that counts as transmitted: "radiated" or "aperture"."""
+    """Transmitted power, "radiated" or "aperture"."""
     tolerance: float
-    """Allowed error of fields, relative to the field if all parts of the source were in phase."""
+    """Relative to the field with all parts in phase."""
     jones: Complex | None = None
-    """Jones vector in the source's axes, shape (2,) or (k, 2), or None for scalar fields."""
+    """Jones vectors in the source's frame, shape (2,) or (k, 2); None for scalar fields."""
     condition: BoundaryCondition = DEFAULT
-    """Boundary condition of scalar fields."""
+    """For scalar fields."""
 
     @cached_property
     def extent(self) -> float:
-        """Diagonal of the source's bounding box."""
+        """Diagonal of the bounding box."""
         radiator = radiator_of(self.source)
         return float(np.linalg.norm(radiator.high - radiator.low))
 
@@ -169,38 +157,35 @@ class Antenna:
 
     @property
     def frame(self) -> Floats:
-        """Axes x, y and z of the source as rows of a matrix, in the body's frame."""
+        """Axes of the source in the body's frame, as rows."""
         return self.pose[:3, :3]
 
     @cached_property
     def root_of_power(self) -> float:
-        """Square root of the antenna's power in W, for the unscaled source with |u|^2 in W/m^2."""
+        """Square root of the power in W of the unscaled source."""
         method = self.condition if self.jones is None else _MODEL
         return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
 
     def inside(self, points: Floats) -> Floats:
-        """Map points from the body's frame to the source's frame."""
+        """Map points to the source's frame."""
         return np.asarray(points @ self.frame.T + self.pose[:3, 3])
 
     def field(self, points: Floats) -> Complex:
-        """Return the scalar field at points, for a transmitted power of 1 W."""
+        """Return the scalar field at points for 1 W of transmitted power."""
         return np.asarray(self._amplitude(points)[0] / self.root_of_power)
 
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
-        """Return the field of the unscaled source and its estimated error."""
         how: Any = self.wavelength, self.condition
         points = self.inside(points)
         field, error = amplitude_with_error(self.source, points, *how, tolerance=self.tolerance)
         return np.asarray(field), np.asarray(error)
 
     def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
-        """Return the wave of the antenna at points, for a transmitted power of 1 W.
+        """Return the wave at points for 1 W of transmitted power, and its power flow.
 
-        For scalar antennas, the first two return values are the field, shape (n,), and its gradient
-        divided by ik, shape (n, 3). For polarised antennas, they are the electric field and the
-        magnetic field times the impedance of free space, both of shape (n, 3). The third return
-        value is the direction of the power flow. It is a unit vector, except near nulls and where
-        waves cross, where its length is below 1.
+        Scalar: field (n,) and gradient over ik (n, 3). Polarised: electric field and magnetic field
+        times the impedance of free space, both (n, 3). The flow is a unit vector, shorter near
+        nulls and where waves cross.
         """
         if self.jones is None:
             how = self.wavelength, self.condition, self.tolerance
@@ -216,9 +201,8 @@ class Antenna:
 
     def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
         assert self.jones is not None
-        # The magnetic field times the impedance of free space equals the electric field of the dual
-        # currents. The dual currents of Huygens' currents are Huygens' currents with the
-        # polarisation rotated by 90 degrees.
+        # Times the impedance of free space, the magnetic field is the electric field of the dual
+        # currents. For Huygens' currents, their polarisation is rotated by 90 degrees.
         dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
             field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
@@ -228,14 +212,13 @@ class Antenna:
         return electric @ scale, magnetic @ scale
 
     def power_at_centre(self) -> float:
-        """Return |U|^2 at the body's centre for 1 W, or 0 if |U| does not exceed its error."""
+        """Return |U|^2 at the body's centre for 1 W, 0 if |U| does not exceed its error."""
         if self.jones is not None:
             return float(np.square(np.abs(self._vectors(np.zeros(3))[0])).sum())
         value, error = self._amplitude(np.zeros(3))
         return float(abs(value) / self.root_of_power) ** 2 if abs(value) > error else 0.0
 
     def check_in_front(self, facets: Facets, name: str) -> None:
-        """Raise GeometryError unless the entire body is in front of the source's plane."""
         lowest = float(self.inside(facets.corners.reshape(-1, 3))[:, 2].min())
         if not lowest > 0:
             raise GeometryError(
@@ -246,12 +229,10 @@ class Antenna:
 
 
 def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
-    """Return poses that map the frame at the body's centre into the source's frame.
+    """Return poses from the frame at the body's centre to the source's frame.
 
-    ``positions`` contains rigid poses, shape (..., 4, 4), that map the body's frame into the
-    source's frame, or vectors, shape (..., 3), from the body's centre to the source. With vectors,
-    the source faces the centre, and its y axis points upwards. Raises ArgumentError or
-    GeometryError for other values.
+    ``positions``: rigid poses (..., 4, 4) from the body's frame, or vectors (..., 3) from the
+    centre to a source that faces it with its y axis upwards.
     """
     expected = (
         f"with a source, expected {name} as vectors (..., 3) in m from the body's centre to the "
@@ -276,9 +257,9 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 
 
 def directions_of(poses: Any) -> Floats:
-    """Return unit vectors from the body's centre towards the origins of source frames."""
+    """Return unit vectors from the body's centre towards the sources."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    # A source cannot be at the centre of the body, because check_in_front rejects it.
+    # A source at the centre is rejected by check_in_front.
     with np.errstate(invalid="ignore"):
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
@@ -286,10 +267,7 @@ def directions_of(poses: Any) -> Floats:
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
-    """Return the gradient of the exact field at points, per metre, by (G6) and (G7), shape (n, 3).
-
-    ``method`` is the boundary condition, and ``tolerance`` is defined in :func:`boundary_field`.
-    """
+    """Return the gradient of the exact field at points by (G6) and (G7), shape (n, 3)."""
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
         carried = _carried(radiator, wavelength, axis)
@@ -311,10 +289,6 @@ def field_gradient(
 
 
 def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return a source whose field is the derivative of the field of ``radiator`` along an axis.
-
-    The derivative multiplies each plane wave of the field by 2 pi i times its spatial frequency.
-    """
     elements = []
     for element in radiator.elements:
         rates = (
@@ -326,18 +300,15 @@ def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
     return replace(radiator, elements=tuple(elements))
 
 
-# ---- sums over pieces of the illuminated surface -------------------------------------------------
-
-# Number of pieces that are processed together.
+# Pieces per block.
 _BLOCK = 1 << 15
-# Largest number of pieces, which take 4 GB.
+# Largest number of pieces, 4 GB.
 _MOST = 1 << 24
-# Allowed relative deviation of the fields from plane waves on a piece, as a fraction of the square
-# root of the tolerance. The results for pieces and for their quarters are extrapolated, with an
-# error that is about the square of the deviation.
+# Deviation from plane waves, over the square root of the tolerance. After extrapolation, the error
+# is about the square of the deviation.
 _OF_ROOT = 0.7
-# Variance of the positions in an equilateral triangle along an axis, divided by the square of its
-# side, and variance of the positions in an antenna, divided by the square of its extent.
+# Variances of positions in an equilateral triangle over its squared side, and in an antenna over
+# its squared extent.
 _OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
 
 
@@ -348,12 +319,11 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Return the ratios of received to transmitted amplitude, (SC3).
+    """Return ratios of received to transmitted amplitude (SC3).
 
-    ``polarisations`` are vectors of the receiver and of the transmitter, shape (..., 3), normal to
-    the directions of the antennas from the body's centre. At other points of the body, they are
-    projected normal to the ray from the antenna's centre. If one antenna transmits and receives,
-    pass the same object twice, so that its fields are computed once.
+    ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
+    the body's centre, and projected at other points. Passing the same antenna twice computes its
+    fields once.
     """
     try:
         lit = _lit(facets, transmitter, receiver)
@@ -379,9 +349,7 @@ def echo(
 ) -> complex:
     """Return the coupling of two scalar antennas by reflection from a body.
 
-    The coupling is defined as in :func:`coupling`, and ``polarisations`` as in :func:`near_sums`.
-    The second and third reflections, up to ``bounces``, are computed for plane waves from the
-    body's centre, (SC6).
+    Later reflections, up to ``bounces``, are computed for plane waves from the centre (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
     if bounces > 1:
@@ -407,7 +375,7 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the contribution of all pieces to (SC3); ``split`` divides each piece into four."""
+    """Return the sum of all pieces in (SC3); ``split`` quarters each piece."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for start in range(0, len(pieces), _BLOCK):
@@ -417,7 +385,7 @@ def _summed(
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        # The coupling is the integral of the receiver's electric field times the currents n x H.
+        # Integral of the receiver's electric field times the currents n x H.
         if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
@@ -445,7 +413,6 @@ def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
 
 
 def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
-    """Divide pieces until the fields of both antennas are nearly plane waves on each piece."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _departure(pieces, transmitter, receiver) > tolerance
@@ -463,11 +430,7 @@ def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: fl
 
 
 def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
-    """Return the mean relative deviation of the fields from plane waves on each piece, (SC4).
-
-    The curvature of the waves contributes to first order. The angles between waves from different
-    points of an antenna contribute to second order.
-    """
+    """Return the mean relative deviation of fields from plane waves on each piece (SC4)."""
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
     centre = pieces.corner + (pieces.first + pieces.second) / 3
@@ -476,7 +439,6 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
         wave_number = 2 * np.pi / antenna.wavelength
         to_centre = np.linalg.norm(centre - antenna.position, axis=1)
         height = np.abs(antenna.inside(centre)[:, 2])
-        # Distance from the piece to the closest point of the antenna.
         distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)
@@ -485,7 +447,6 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
 
 
 def _quartered(pieces: Pieces) -> Pieces:
-    """Divide each piece into four at the midpoints of its sides."""
     corner, first, second = pieces.corner, pieces.first / 2, pieces.second / 2
     return Pieces(
         np.concatenate([corner, corner + first, corner + second, corner + first + second]),
@@ -496,18 +457,16 @@ def _quartered(pieces: Pieces) -> Pieces:
 
 
 def _across(polarisation: Complex, ray: Floats) -> Complex:
-    """Return polarisation vectors projected normal to rays, and normalised, shape (..., n, 3)."""
+    """Return polarisations projected normal to rays and normalised, shape (..., n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]
     vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-# ---- cross sections ------------------------------------------------------------------------------
-
-# Default tolerance, and smallest allowed tolerance, of a cross section.
+# Default and smallest tolerance.
 _TOLERANCE, _LEAST = 1e-3, 1e-6
-# Tolerance of the fields of antennas, as a fraction of the tolerance of the cross section.
+# Tolerance of antenna fields, as a fraction.
 _OF_FIELD = 1e-2
 
 
@@ -522,7 +481,7 @@ def near_sections(
     tolerance: float,
     normalise: str,
 ) -> tuple[Floats, Floats]:
-    """Return cross sections in m^2 and ratios of received to transmitted power, by (SC3)."""
+    """Return cross sections in m^2 and ratios of received to transmitted power (SC3)."""
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_normalise(normalise)
     for antenna in (source, receiver):
@@ -555,8 +514,7 @@ def near_sections(
         back.check_in_front(facets, "receiver")
         back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # The power is summed over received polarisations, and averaged over transmitted
-        # polarisations.
+        # Sum over received, mean over transmitted polarisations.
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -575,11 +533,9 @@ Pair = tuple[Complex, Complex]
 def _polarisations(
     polarisation: Any, receiver: Source, transmitter: Source, to_radar: Floats, to_sender: Floats
 ) -> tuple[Pair | tuple[None, None], Pair]:
-    """Return the polarisations of receiver and transmitter, as two pairs.
+    """Return Jones vectors, or None for scalar antennas, and polarisation vectors (..., k, 3).
 
-    The first pair contains Jones vectors in the axes of the antennas, or None for scalar antennas.
-    The second pair contains polarisation vectors of shape (..., k, 3) for scalar antennas. If no
-    polarisation is specified, k is 2, with two perpendicular vectors for each antenna.
+    Without a polarisation, k is 2, with two perpendicular vectors for each antenna.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)
@@ -588,6 +544,5 @@ def _polarisations(
     if isinstance(polarisation, str) and polarisation in get_args(Channel):
         q, p = checked_polarisations(polarisation, to_radar, to_sender)
         return (None, None), (q[..., None, :], p[..., None, :])
-    # Electric fields contain both components, so one polarisation vector for each antenna is
-    # enough.
+    # Electric fields contain both components, so a single vector is enough.
     return checked_pair(polarisation, receiver, transmitter), (q[..., :1, :], p[..., :1, :])

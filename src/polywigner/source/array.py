@@ -20,16 +20,15 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.illumination import Illumination
-from polywigner.geometry.parts import union_on_grid
+from polywigner.geometry.parts import shifted, union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.source.lattices import checked_sites, checked_weights, joint_bounds
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")
 
-# Largest distance of an element from the plane z = 0, as a fraction of its diameter, and largest
-# tilt in radians at which it counts as lying in this plane. Products of several poses have rounding
-# errors of this size.
+# Largest distance from the plane z = 0, as a fraction of the diameter, and largest tilt [rad] of an
+# element in this plane, due to the rounding of poses.
 _IN_PLANE = 1e-12
 
 
@@ -82,13 +81,12 @@ def aperture_in_plane(number: int, element: Element) -> Aperture:
     return Aperture(outline).with_illumination(rotated.moved(shift[:2]))
 
 
-# Largest relative difference of curvatures that count as equal, due to the rounding of rotations
-# and of files.
+# Largest relative difference of equal curvatures, due to rounding.
 _SAME = 1e-12
 
 
 def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
-    """Return one curved wave on an array, for elements whose waves have the same curvature."""
+    """Return one curved wave on an array of elements with curved waves."""
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
     curvatures = np.array([wave.curvature for wave in waves])
@@ -103,8 +101,8 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
                 "of wave, and add the fields of the arrays"
             )
     factors = checked_weights(weights, len(waves))
-    # If the centre c of a wave is displaced by d from the centre of the first wave, the two waves
-    # differ by the plane wave exp(-2 pi i x.Q d) and the phase exp(2 pi i (c - d/2).Q d).
+    # Two waves with centres d apart differ by the plane wave exp(-2 pi i x.Q d) and the phase exp(2
+    # pi i (c - d/2).Q d).
     centres = np.array([wave.centre for wave in waves])
     offsets = centres - first.centre
     slopes = (curvatures @ offsets[:, :, None])[:, :, 0]
@@ -183,7 +181,7 @@ class Array(TakesWaves):
     """The phases due to path lengths of a :func:`segmented_pupil`; otherwise None."""
 
     def __new__(cls, elements: Any = (), weights: Any = None) -> Any:
-        """Make an array, or a curved wave on an array if the elements have curved waves."""
+        """Make an array, or a Wavefront on an array if the elements are Wavefronts."""
         if isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements):
             return _array_of_waves(elements, weights)
         return object.__new__(cls)
@@ -191,7 +189,7 @@ class Array(TakesWaves):
     def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
         items = _checked_elements(elements)
         factors = checked_weights(weights, len(items))
-        self.__dict__.update(elements=items, weights=factors, repeated=None, paths=None)
+        self._set(elements=items, weights=factors, repeated=None, paths=None)
 
     def with_paths(self, paths: PathLengths | None) -> Array:
         """Return this array with its path lengths recorded, for conversion to other wavelengths.
@@ -206,9 +204,7 @@ class Array(TakesWaves):
             raise ArgumentError(
                 f"expected one path length for each of the {size} elements, got {paths!r:.80}"
             )
-        array = Array(self.elements, self.weights)
-        array.__dict__["paths"] = paths
-        return array
+        return Array._of(elements=self.elements, weights=self.weights, repeated=None, paths=paths)
 
     def at_wavelength(self, wavelength: float) -> Array:
         length = checked_wavelength(wavelength)
@@ -223,14 +219,14 @@ class Array(TakesWaves):
     @cached_property
     def elements(self) -> tuple[Element, ...]:
         """The elements, each with its field."""
-        # The elements are set by __init__, unless the array is a phased array.
+        # Only phased arrays reach this line; __init__ sets the elements of other arrays.
         assert self.repeated is not None
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
 
     @property
     def distinct(self) -> tuple[Element, ...]:
-        """Distinct elements; a `phased_array` has a single one."""
+        """The distinct elements; a `phased_array` has one."""
         return self.elements if self.repeated is None else (self.repeated[0],)
 
     @property
@@ -293,10 +289,9 @@ class Array(TakesWaves):
         element, positions = self.repeated
         return element, positions.tobytes(), self.weights.tobytes()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        if self.repeated is not None:
-            return repeated_element, (*self.repeated, self.weights)
-        return _restored, (self.elements, self.weights, self.paths)
+    def __getstate__(self) -> dict[str, Any]:
+        elements = {"elements": self.elements} if self.repeated is None else {}
+        return super().__getstate__() | elements
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -307,10 +302,6 @@ class Array(TakesWaves):
         counts = [f"{copies * kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds)]
         uniform = "weights all 1" if (self.weights == 1).all() else "weighted"
         return f"Array({', '.join(counts)}, {uniform})"
-
-
-def _restored(elements: Any, weights: Any, paths: PathLengths | None) -> Array:
-    return Array(elements, weights).with_paths(paths)
 
 
 @overload
@@ -374,34 +365,27 @@ def phased_array(
     return array
 
 
-# Largest number of pairs of elements that are intersected at once: a million equal positions would
-# have 5e11 pairs.
+# Largest number of pairs of elements intersected at once.
 _MOST_PAIRS = 1000
-# Largest overlap of elements that count as touching, as a fraction of the area of an element. It
-# exceeds rounding errors.
+# Largest overlap of touching elements, as a fraction of their area.
 _TOUCHING = 1e-9
 # Number of elements in one query of the search tree.
 _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if the areas of two elements, or two slits, of an array overlap.
-
-    Elements that only touch do not overlap.
-    """
+    """Warn if the areas of two elements of an array overlap."""
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
-        # Elements of an array with different poses have no common plane.
+        # Elements with different poses have no common plane.
         except GeometryError:
             return
         outlines = np.array([_outline(element) for element in elements], object)
     else:
         element, positions = array.repeated
-        outlines = np.full(len(array), _outline(element), object)
-        points, number = shapely.get_coordinates(outlines, return_index=True)
-        points[:, : positions.shape[1]] += positions[number]
-        shapely.set_coordinates(outlines, points)
+        shifts = np.pad(positions, ((0, 0), (0, 2 - array.dimension)))
+        outlines = shifted(np.full(len(array), _outline(element), object), shifts)
     bounds = shapely.bounds(outlines)
     margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
     boxes = shapely.box(*(bounds + margins).T)
@@ -423,7 +407,6 @@ def warn_of_overlaps(array: Array) -> None:
 
 
 def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
-    """Return the outline of an aperture, or of rectangles of height 1 that represent slits."""
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T
@@ -441,30 +424,21 @@ def repeated_element(
         )
     dimension = 1 if isinstance(element, Slits) else 2
     positions, amplitudes = checked_sites(positions, weights, dimension)
-    array: Array = object.__new__(Array)
-    array.__dict__.update(repeated=(element, positions), weights=amplitudes, paths=None)
-    return array
+    return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)
 
 
-# Largest number of pairs of convex pieces for which the automean is computed. The union of all
-# pairs takes 0.7 s for 30 pieces. It takes 2.3 s for 60 pieces, and then has 60,000 trapezoids.
+# Largest number of pairs of convex pieces; the automean takes 0.7 s for 500 pairs.
 _MOST_AUTOMEAN_PAIRS = 500
 
 
 def mutual_support(source: Aperture | Array) -> Aperture:
     """Return a region that contains all x with W(x, nu) != 0, for any weights and fields.
 
-    The region is the automean {(a + b)/2} of the aperture, or of the support of the array. If the
-    automean has more than 500 pairs of convex pieces, the region is the convex hull of the source,
-    which contains the automean.
-
-    Raises
-    ------
-    GeometryError
-        If the source is an array of slits, or elements do not lie in the plane z = 0.
+    The region is the automean of the source, or its convex hull if the automean has more than 500
+    pairs of convex pieces. Raises GeometryError for slits and for elements outside the plane z = 0.
     """
     if isinstance(source, Array):
-        # An array has at least as many convex pieces as elements.
+        # An array has at least one convex piece for each element.
         if source.dimension > 1 and len(source) ** 2 > 2 * _MOST_AUTOMEAN_PAIRS:
             outlines = [element.polygons for element in source.elements_in_plane]
             return Aperture(shapely.GeometryCollection(outlines).convex_hull)

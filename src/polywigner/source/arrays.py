@@ -106,7 +106,7 @@ def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None
 def _rows(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
 ) -> Floats:
-    """Return the rows of a lattice; `stretch`: default of pitch_y as a multiple of pitch_x."""
+    """Return the rows of a lattice; `stretch`: default pitch_y as a multiple of pitch_x."""
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
     _check_number(columns * rows)
     across = checked_length(pitch_x, "pitch_x")
@@ -221,12 +221,11 @@ def _check_number(elements: int) -> None:
 
 
 def _steps(count: int) -> NDArray[np.int64]:
-    """Return -(n - 1), -(n - 3), ..., n - 1: twice the positions of a centred row of pitch 1."""
+    """Return -(n - 1), -(n - 3), ..., n - 1."""
     return 2 * np.arange(count) - (count - 1)
 
 
-# Largest difference of coordinates of virtual elements that count as equal, as a fraction of the
-# largest coordinate, due to the rounding of sums.
+# Largest difference of equal coordinates, as a fraction of the largest coordinate.
 _EQUAL_POSITIONS = 1e-12
 
 
@@ -374,9 +373,9 @@ def focusing_weights(
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     rays = focus - np.pad(positions, ((0, 0), (0, 1)))
-    # ``total`` is R_k + R.
+    # R_k + R
     total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)
-    # ``path`` is R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation.
+    # R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
     path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
@@ -426,8 +425,7 @@ def window_weights(
     _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    # For a Taylor window with a very small sll (1 dB), the weight with the largest modulus may be
-    # negative. The division by this weight makes the peak +1.
+    # The largest weight of a Taylor window with a small sll (1 dB) may be negative.
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
@@ -441,7 +439,7 @@ def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]
     if name == "taylor":
         return np.asarray(windows.taylor(count, nbar=nbar, sll=sll, norm=True, sym=True))
     with warnings.catch_warnings():
-        # Below 45 dB, scipy warns about errors in spectral analysis, which do not concern arrays.
+        # Below 45 dB, scipy warns about spectral analysis, which does not concern arrays.
         warnings.simplefilter("ignore")
         return np.asarray(windows.chebwin(count, at=sll))
 
@@ -522,7 +520,7 @@ def read_elements(
 
 
 def _columns(text: str) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a table by name; a table without names has the columns x and y."""
+    """Return the columns of a table by name; by default, the names are x and y."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)

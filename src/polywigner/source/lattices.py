@@ -11,19 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError, value_text
-from polywigner.geometry.arguments import Immutable, finite_array
+from polywigner.geometry.arguments import Immutable, complex_array, finite_array
 
-# Largest distance of positions from the sites of a lattice, as a fraction of the extent of the
-# array, due to the rounding of multiples of a pitch.
+# Largest distance of positions from lattice sites, as a fraction of the extent of the array.
 _ROUNDING = 4e-15
-# Largest number of lattice sites per element. Sites without an element have the weight 0.
+# Largest number of lattice sites per element; empty sites have the weight 0.
 _SITES_PER_ELEMENT = 16
-# Largest deviation of weights from a product of two profiles, or from real weights times a linear
-# phase, that counts as rounding. It is a fraction of the largest weight.
+# Largest deviation of separable weights from a product, as a fraction of the largest weight.
 _EQUAL = 1e-14
-# Number of positions whose differences from all other positions are computed to find the shortest
-# difference. If one site in 16 is filled at random, the probability that none of these positions
-# has a neighbour is 1e-7.
+# Number of positions whose neighbours are searched. If one site in 16 is filled at random, all of
+# these positions lack a neighbour with a probability of 1e-7.
 _PAIRED_WITH_ALL = 128
 
 
@@ -43,7 +40,7 @@ class Lattice:
 
 
 def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
-    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty."""
+    """Return the lattice of positions (n, 2); None if there is none or it is nearly empty."""
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
     extent = float(np.ptp(positions, axis=0).max())
@@ -80,7 +77,6 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    """Return two short differences that are not parallel; for a row, the second is arbitrary."""
     first = _shortest(positions, extent, None)
     if first is None:
         return None
@@ -93,10 +89,9 @@ def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64]
 def _shortest(
     positions: NDArray[np.float64], extent: float, other: NDArray[np.float64] | None
 ) -> NDArray[np.float64] | None:
-    """Return the shortest difference that is not parallel to ``other``, oriented to +x or +y."""
+    """Return the shortest difference that is not parallel to ``other``, towards +x or +y."""
     best, length = None, np.inf
-    # Differences are formed from equally spaced indices, because positions are usually ordered by
-    # rows.
+    # Equally spaced indices, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start
@@ -116,7 +111,6 @@ def _shortest(
 
 
 def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a refined basis that is accurate even for the most distant sites."""
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -125,9 +119,8 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
         if count:
             basis[used] = (positions[k] - positions[m]) / count
         return basis
-    # This is a least-squares fit by normal equations, which are well conditioned here, in extended
-    # precision if available. An error of the basis is multiplied by the number of steps, so the
-    # basis must be accurate to an ulp.
+    # Normal equations in extended precision, because an error of the basis grows with the number of
+    # steps.
     s, p = steps.astype(np.longdouble), positions.astype(np.longdouble)
     s, p = s - s.mean(axis=0), p - p.mean(axis=0)
     (aa, ab), (_, bb) = s.T @ s
@@ -155,7 +148,7 @@ class Profile:
 
 
 def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
-    """Split weights (n1, n2) into a product of two profiles; None if that is impossible."""
+    """Return two profiles whose product is the weights (n1, n2), or None."""
     factors = column_and_row(weights)
     return None if factors is None else (_profile(factors[0]), _profile(factors[1]))
 
@@ -163,10 +156,7 @@ def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None
 def column_and_row(
     weights: NDArray[np.complex128], tolerance: float = _EQUAL
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
-    """Split weights (n1, n2) into a product of (n1,) and (n2,); None if that is impossible.
-
-    ``tolerance``: largest deviation, relative to the largest weight.
-    """
+    """Return factors (n1,) and (n2,) of weights (n1, n2); None if they are not a product."""
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
     if np.abs(np.outer(column, row) - weights).max() > tolerance * np.abs(weights[i, j]):
@@ -175,7 +165,6 @@ def column_and_row(
 
 
 def _profile(values: NDArray[np.complex128]) -> Profile:
-    """Split values into a linear phase, a constant, and real amplitudes (1 if all are equal)."""
     size = np.abs(values)
     active = np.flatnonzero(size > _EQUAL * size.max())
     cycles = _linear_phase(values, active)
@@ -206,14 +195,17 @@ def _linear_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> f
 
 
 class Sites(Immutable):
-    """Constant positions (n, d) and complex weights (n,), which are compared by content."""
+    """Positions (n, d) and complex weights (n,) that are compared by content."""
 
     positions: NDArray[np.float64]
     weights: NDArray[np.complex128]
 
     def __init__(self, positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> None:
-        key = (positions.shape, positions.tobytes(), weights.tobytes())
-        self.__dict__.update(positions=positions, weights=weights, _key=key)
+        self._set(positions=positions, weights=weights)
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        return self.positions.shape, self.positions.tobytes(), self.weights.tobytes()
 
     @property
     def dimension(self) -> int:
@@ -228,7 +220,7 @@ class Sites(Immutable):
 def joint_bounds(
     boxes: Sequence[tuple[float, ...]], positions: NDArray[np.float64] | None = None
 ) -> tuple[float, ...]:
-    """Return the bounds of boxes (lower corner, upper corner), or of copies at positions (n, d)."""
+    """Return the bounds of boxes (lower, upper corner), or of their copies at positions (n, d)."""
     low, high = np.split(np.array(boxes), 2, axis=1)
     shifts = np.zeros((1, low.shape[1])) if positions is None else positions
     lower, upper = low.min(axis=0) + shifts.min(axis=0), high.max(axis=0) + shifts.max(axis=0)
@@ -236,7 +228,7 @@ def joint_bounds(
 
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return finite positions (n, d), with d in `components`; the shape (n,) means (n, 1)."""
+    """Return finite positions (n, d) with d in `components`; (n,) counts as (n, 1)."""
     expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
     shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
     shapes += [(None,)] if 1 in components else []
@@ -247,36 +239,20 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Return read-only positions (n, d), with d <= 3 if `dimension` is None, and weights (n,)."""
+    """Return read-only positions (n, d) and weights (n,); by default, d is at most 3."""
     positions = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     positions.setflags(write=False)
     return positions, checked_weights(weights, len(positions))
 
 
 def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
-    """Return read-only weights (n,); None means all 1."""
-    if weights is None:
-        array = np.ones(count, np.complex128)
-    else:
-        try:
-            if np.ma.is_masked(weights) or np.asarray(weights).dtype.kind in "US":
-                raise TypeError
-            array = np.array(weights, dtype=np.complex128)
-        except (TypeError, ValueError, OverflowError):
-            raise IlluminationError(
-                f"expected {count} complex weights, none of them masked, got {value_text(weights)}"
-            ) from None
-    if array.shape != (count,):
-        raise IlluminationError(
-            f"expected one weight for each of the {count} elements, got an array of shape "
-            f"{array.shape}"
-        )
-    if not (np.isfinite(array).all() and array.any()):
-        raise IlluminationError(
-            f"expected finite weights, not all zero, got {value_text(array.tolist())}"
-        )
-    # The addition of 0.0 replaces negative zeros, which are equal to positive zeros but have
-    # another hash.
+    """Return read-only complex weights (n,); None: all 1."""
+    expected = f"expected complex weights, one for each of the {count} elements"
+    values = np.ones(count) if weights is None else weights
+    array = complex_array(values, expected, (count,), error=IlluminationError)
+    if not array.any():
+        raise IlluminationError(f"{expected}, not all zero, got {value_text(weights)}")
+    # Adding 0.0 turns -0.0 into 0.0, which has another hash.
     array += 0.0
     array.setflags(write=False)
     return array

@@ -27,14 +27,12 @@ from polywigner.source.lattices import Lattice, joint_bounds, lattice_of
 
 PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
-# Largest deviation of amplitudes that count as proportional, as a fraction of the largest
-# amplitude. It corresponds to a few rounding errors.
+# Largest relative deviation of proportional amplitudes.
 _PROPORTIONAL = 1e-15
-# Smallest number of elements that the normal form tests for being copies of one element.
+# Smallest number of elements that are tested for being copies.
 _LEAST_COPIES = 24
-# Largest deviation of vertices and of amplitudes of shifted copies, as fractions of the largest
-# coordinate and of the largest amplitude. Both limits exceed a few rounding errors. The second
-# limit is larger because the phases of shifted amplitudes are rounded as well.
+# Largest relative deviations of the vertices and of the amplitudes of copies; the phases of shifted
+# amplitudes are rounded as well.
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
@@ -66,7 +64,7 @@ class SourceElement:
 
     @cached_property
     def illumination(self) -> Illumination | None:
-        """The plane waves as an Illumination; None for the field 1."""
+        """The plane waves; None for the field 1."""
         if self.has_unit_field:
             return None
         return Illumination(self.amplitudes, self.frequencies)
@@ -157,7 +155,7 @@ class Source:
 
     @property
     def repeated(self) -> RepeatedElement | None:
-        """The repeated element of a phased array, or None; :attr:`lattice` detects other copies."""
+        """The repeated element of a phased array, or None."""
         return self.content if isinstance(self.content, RepeatedElement) else None
 
     @cached_property
@@ -173,7 +171,7 @@ class Source:
 
     @property
     def distinct(self) -> tuple[SourceElement, ...]:
-        """Distinct elements: a phased array has one."""
+        """The distinct elements; a phased array has one."""
         return self.elements if self.repeated is None else (self.repeated.element,)
 
     @cached_property
@@ -238,10 +236,7 @@ class Source:
     def bounds(self) -> tuple[float, ...]:
         """Bounds (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
 
-        Raises
-        ------
-        GeometryError
-            If an element does not lie in that plane.
+        Raises GeometryError if an element does not lie in this plane.
         """
         if self.repeated is not None:
             return joint_bounds([self.repeated.element.outline.bounds], self.repeated.positions)
@@ -249,12 +244,9 @@ class Source:
 
     @cached_property
     def in_plane(self) -> Source:
-        """The source with the poses of its elements applied, in the plane z = 0.
+        """The source in the plane z = 0, with the poses of its elements applied.
 
-        Raises
-        ------
-        GeometryError
-            If an element does not lie in that plane.
+        Raises GeometryError if an element does not lie in this plane.
         """
         if self.repeated is not None or all(e.pose is None for e in self.elements):
             return self
@@ -283,10 +275,6 @@ class Source:
     def with_weights(self, weights: ArrayLike) -> Source:
         """Return the source with other weights (n,) of its elements."""
         factors = np.asarray(weights, np.complex128)
-        if factors.shape != (len(self),):
-            raise ArgumentError(
-                f"expected {len(self)} weights, got an array of shape {factors.shape}"
-            )
         if self.repeated is not None:
             return replace(self, content=replace(self.repeated, weights=factors))
         pairs = zip(self.elements, factors.tolist(), strict=True)
@@ -299,7 +287,7 @@ class Source:
             return self
         if self.repeated is None:
             return self.with_elements([e.tilted(tilt) for e in self.in_plane.elements])
-        # The copy at p is multiplied by the phase exp(2 pi i kappa.p).
+        # exp(2 pi i kappa.x) at the position p of a copy is a phase.
         copies = self.repeated
         phases = np.exp(2j * np.pi * (copies.positions @ tilt))
         element = copies.element.tilted(tilt)
@@ -346,10 +334,7 @@ def coherent_form(
 def normal_form(public: PublicSource | Source) -> Source:
     """Return the normal form of a public source, cached in the source.
 
-    Raises
-    ------
-    ArgumentError
-        For other objects, and for polyhedra and arrays of polyhedra.
+    Raises ArgumentError for other objects, including polyhedra.
     """
     if isinstance(public, Source):
         return public
@@ -382,7 +367,6 @@ def _converted(public: PublicSource) -> Source:
 
 
 def _element(public: Any, weight: complex) -> SourceElement:
-    """Convert one public element with its waves and weight."""
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
@@ -398,7 +382,6 @@ def _element(public: Any, weight: complex) -> SourceElement:
 
 
 def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
-    """Convert elements to shifted copies of the first one; None if they are not copies."""
     first = elements[0]
     if not isinstance(first.outline, Aperture):
         return None
@@ -426,7 +409,7 @@ def _common_factor(
     amplitudes: Complex,
     tolerance: float = _PROPORTIONAL,
 ) -> complex | None:
-    """Return the factor between two sets of waves; None if the waves are not proportional."""
+    """Return the factor between two sets of waves; None if they are not proportional."""
     if not np.array_equal(element.frequencies, frequencies):
         return None
     factor = complex(element.amplitudes[0] / amplitudes[0])

@@ -1,18 +1,11 @@
 """Obliquity factors: the dependence of a source's field on the angle to its normal.
 
-A boundary condition is a pair (a, b). In the direction with the cosine c, the field of a wave that
-leaves the plane with the direction cosine p_m (D1) has the factor
-
-    a c + b p_m
-
-and the irradiance of two waves m and n has the factor
+A boundary condition is a pair (a, b). In a direction with the cosine c, it multiplies a wave with
+the direction cosine p_m (D1) by a c + b p_m, and the irradiance of two waves m and n by
 
     g = (a c + b p_m) (a c + b p_n*).
 
-The factor g is therefore linear in three forms: p_m p_n*, p_m + p_n* and 1. If all waves have one
-cosine, the forms are numbers. Otherwise each form is a combination of functions W of fields with
-the amplitudes p_m c_m and (1 + p_m) c_m, see (D2) and (D3). The factor g = c of the paper is not a
-boundary condition.
+Sources whose waves have different cosines are split into sources with a common factor (D2), (D3).
 """
 
 from __future__ import annotations
@@ -41,13 +34,11 @@ from polywigner.source.normal_form import (
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:
     """Return p = sqrt(1 - (wavelength |kappa|)^2) (...) for frequencies kappa (..., d): (D1).
 
-    The result p is the cosine of the angle between a wave and the normal of the plane. It is
-    positive imaginary for evanescent waves, |kappa| > 1/wavelength. The wavelength is in metres.
-    The result is accurate to a few rounding errors of kappa, even near grazing.
+    p is the cosine of the angle between a wave and the normal of the plane, positive imaginary for
+    evanescent waves.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
-    # The root of 1 - sine^2 is a product of two roots, which is accurate for sines near 1 and does
-    # not overflow.
+    # Two roots are accurate for sines near 1 and do not overflow.
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
@@ -56,16 +47,14 @@ def times_direction_cosine(
 ) -> PublicSource:
     """Multiply the amplitudes c_m of a flat source by p_m + constant, with p_m as in (D1).
 
-    Uniform elements have p = 1. A `phased_array` remains a phased array. Raises ArgumentError for
-    polyhedra, and IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
+    Raises IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
     def scaled(element: SourceElement) -> SourceElement:
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
-        # The factor is applied to the weight of an element, so that a uniform element stays uniform
-        # and has faster kernels. Grazing waves become 0.
+        # A factor of the weight keeps a uniform element uniform, with faster kernels.
         if element.has_unit_field or not amplitudes.any():
             return replace(element, weight=element.weight * amplitudes[0])
         return replace(element, amplitudes=amplitudes)
@@ -94,9 +83,9 @@ ObliquityName = Literal[BoundaryCondition, "paper"]
 
 
 class Forms(NamedTuple):
-    """Coefficients of the factor g as a function of the cosine c (D2).
+    """Coefficients of the factor g = square c^2 + linear c + constant (D2).
 
-    g = square c^2 + linear c + constant. The coefficients are floats or arrays of any engine.
+    The coefficients are floats or arrays of any engine.
     """
 
     square: float
@@ -110,20 +99,14 @@ class Forms(NamedTuple):
     def radiance(self, cosine: Any) -> Any:
         """Return h = g/cos for a cosine above zero, the factor in the radiance h W/lambda^2: (R1).
 
-        If a boundary condition contains the normal derivative, the dimensionless h grows without
-        bound towards grazing directions. The power remains finite, because of the cosine of the
-        projected area.
+        With the normal derivative, h is unbounded at grazing directions, but the power is finite.
         """
         return (
             self.square * cosine + self.linear + (self.constant / cosine if self.constant else 0.0)
         )
 
     def at_lags(self, q: Floats) -> Floats:
-        """Return the transform of h over the disc of the hemisphere, at lags q/(2 pi) wavelengths.
-
-        Bessel functions are computed as means over n equidistant angles, which are exact to
-        rounding for n > q.
-        """
+        """Return the transform of h over the hemisphere, at lags q/(2 pi) in wavelengths."""
         total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
             count = int(np.ceil(q.max())) + 40
@@ -168,23 +151,21 @@ class Obliquity:
         return self.field * cosine + self.slope * p
 
     def terms(self, source: Aperture | Array, wavelength: float) -> list[tuple[Any, Forms]]:
-        """Return flat sources and their forms, whose irradiances add up to the total irradiance.
+        """Return up to three flat sources and their forms, whose irradiances add up: (D2), (D3).
 
-        There is one source if all waves leave at the same angle, as for steered apertures, TE10
-        modes and uniform elements. Otherwise there are up to three: (D2), (D3).
+        There is one source if all waves leave at the same angle.
         """
         if not self.is_boundary_condition:
             return [(source, Forms(0.0, 1.0, 0.0))]
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # The coefficients are Python floats, because a NumPy scalar times a Dr.Jit array would
-            # be a NumPy array.
+            # Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         turned = times_direction_cosine(source, wavelength)
         if not a:
             return [(turned, Forms(0.0, 0.0, b * b))]
-        # This sum uses the identity p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*.
+        # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
         return [
             (source, Forms(a * a, -mixed, 0.0)),
             (turned, Forms(0.0, -mixed, b * b)),
@@ -208,8 +189,7 @@ DERIVATIVE_OF = {
 }
 """The boundary condition with a and b exchanged, which the z derivative of a field obeys."""
 
-# Largest difference of direction cosines of waves that count as leaving at the same angle, due to
-# the rounding of frequencies.
+# Largest difference of equal direction cosines, due to rounding.
 _SAME_COSINE = 1e-13
 
 

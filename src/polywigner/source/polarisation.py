@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from polywigner.errors import ArgumentError, value_text
+from polywigner.geometry.arguments import complex_array
 from polywigner.numerics import Complex
 from polywigner.source.normal_form import normal_form
 
@@ -51,24 +52,9 @@ _EXPECTED = (
 def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
     """Return the unit Jones vector (2,) along x and y, or one per element of an array, (n, 2).
 
-    Parameters
-    ----------
-    polarisation : str or array_like
-        "x", "y", "right", "left", a slant from x towards y such as "45 deg"; or a complex Jones
-        vector (2,) of any length; for an `Array` of n elements also vectors (n, 2), or a list of n
-        names.
-    source : object, optional
-        The polarised source; None allows a single vector only.
-
-    Returns
-    -------
-    ndarray of complex, shape (2,) or (n, 2)
-        Jones vectors of length 1.
-
-    Raises
-    ------
-    ArgumentError
-        For other values.
+    Accepts "x", "y", "right", "left", a slant from x towards y such as "45 deg", a complex Jones
+    vector of any length, and for an `Array` of n elements a list with one of these for each
+    element. Raises ArgumentError for other values.
 
     Examples
     --------
@@ -82,15 +68,10 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
         if count and len(polarisation) == count:
             return np.array([checked_polarisation(p) for p in polarisation])
         raise _error(polarisation, count)
-    try:
-        vectors = np.array(polarisation, np.complex128)
-    except (TypeError, ValueError, OverflowError):
-        raise _error(polarisation, count) from None
     shapes = [(2,), (count, 2)] if count else [(2,)]
-    if vectors.shape not in shapes or np.ma.is_masked(polarisation):
-        raise _error(polarisation, count)
+    vectors = complex_array(polarisation, _expected(count), *shapes)
     size = np.abs(vectors).max(axis=-1, keepdims=True)
-    if not (np.isfinite(size).all() and (size >= np.finfo(np.float64).tiny).all()):
+    if not (size >= np.finfo(np.float64).tiny).all():
         raise _error(polarisation, count)
     vectors = vectors / size
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -111,7 +92,7 @@ def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complex, C
 
 
 def _count(source: Any) -> int:
-    """Return the number of elements of an array; 0 for other sources and for None."""
+    """Return the number of elements of an array; 0 for other sources."""
     return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
@@ -126,18 +107,19 @@ def _of_text(text: str) -> Complex:
     return np.array([math.cos(angle), math.sin(angle)], np.complex128)
 
 
+def _expected(count: int) -> str:
+    elements = f", or a list with one of these for each of the {count} elements" if count else ""
+    return f"{_EXPECTED}{elements}"
+
+
 def _error(value: Any, count: int) -> ArgumentError:
-    for_elements = (
-        f", or a list with one of these for each of the {count} elements" if count else ""
-    )
-    return ArgumentError(f"{_EXPECTED}{for_elements}, got {value_text(value)}")
+    return ArgumentError(f"{_expected(count)}, got {value_text(value)}")
 
 
 def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
     """Return scalar sources u and vectors (2,); the sum of their products is the polarised field.
 
-    There is one source if all elements have the same polarisation; otherwise there is one for the x
-    components and one for the y components.
+    Elements with different polarisations need one source for each axis.
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
@@ -154,8 +136,7 @@ Stokes = tuple[float, float, float, float]
 """Stokes parameters S0 to S3 of a wave towards the observer, with respect to x and y; S3 > 0 is
 left-handed (IEEE)."""
 
-# Largest relative size at which weights, and differences of Jones vectors, count as rounding
-# errors.
+# Rounding error of weights and Jones vectors.
 _ROUNDING = 1e-12
 
 
@@ -180,9 +161,8 @@ def stokes_vector(polarisation: Complex) -> Stokes:
 def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]]:
     """Return scalar sources and Stokes vectors; irradiance times vector adds up to the total.
 
-    For one polarisation (2,) the only field is the source. For one polarisation per element (n, 2),
-    the fields are u_x, u_y, u_x + u_y and u_x + i u_y, without those that are zero. Their real
-    irradiances (or functions W) determine the complex cross term of u_x and u_y*.
+    For one polarisation per element (n, 2), the fields are u_x, u_y, u_x + u_y and u_x + i u_y,
+    without zero fields.
     """
     if polarisation.ndim == 1:
         return [(source, stokes_vector(polarisation))]
@@ -269,7 +249,7 @@ def polarisation_of_text(text: str, source: Any) -> Complex:
 
 
 def _numbers(text: str) -> str | list[complex]:
-    """Return complex numbers that are separated by commas; other strings are unchanged."""
+    """Split text at commas into complex numbers; other text is unchanged."""
     if "," not in text:
         return text
     try:

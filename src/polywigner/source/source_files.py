@@ -69,7 +69,7 @@ class Context(NamedTuple):
     wavelength: float | None
 
     def path(self, name: str) -> Path:
-        """Return the path of a file that is in the folder, unless files outside are allowed."""
+        """Return the path of a file; raise FileFormatError if it is outside the folder."""
         path = (self.folder / name).resolve()
         if self.allow_outside or path.is_relative_to(self.folder.resolve()):
             return path
@@ -81,7 +81,7 @@ class Context(NamedTuple):
 
 
 def _origin(table: Table, *origins: str) -> str:
-    """Return the only key of ``origins`` in the table; FileFormatError for none or several keys."""
+    """Return the only key of ``origins`` in a table; FileFormatError for none or several keys."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
@@ -100,7 +100,6 @@ class _Illuminated(Kind):
     illumination: FieldTable | NonEmpty[FieldTable] | None = None  # type: ignore[valid-type]
 
     def illuminated(self, outline: Any, kind: type, context: Context) -> Any:
-        """Return an outline of the required type, with the field that this table describes."""
         got = type(outline).__name__
         if got != kind.__name__:
             raise FileFormatError(f"shape: expected a shape of type {kind.__name__}, got {got}")
@@ -134,8 +133,7 @@ class ApertureTable(_Illuminated, tag="aperture"):
             return aperture
         with at_key("to_world"):
             pose = rigid_pose(self.to_world)
-        # A pose that polywigner wrote must be read back unchanged, so its rotation is not rounded
-        # again.
+        # A pose written by polywigner is read back unchanged.
         is_rigid = np.allclose(self.to_world, pose, rtol=0.0, atol=1e-15)
         return PlacedAperture(aperture, np.array(self.to_world) if is_rigid else pose)
 
@@ -151,11 +149,7 @@ class SlitsTable(_Illuminated, tag="slits"):
 
 
 def _aperture(polygons: list[list[Any]]) -> Aperture:
-    """Return an aperture made of polygons, which are lists of rings with the exterior first.
-
-    If all polygons are valid, all vertices are kept. Otherwise the polygons are cleaned, and merged
-    where they touch.
-    """
+    """Return an aperture of polygons, with unchanged vertices if the polygons are valid."""
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
         for rings in polygons
@@ -389,7 +383,6 @@ def _suffix_of(suffix: str) -> str:
 
 
 def _parsed(text: str, suffix: str) -> Any:
-    """Parse the tables of a TOML or JSON text."""
     parse = json.loads if _suffix_of(suffix) == ".json" else tomllib.loads
     try:
         return parse(text)
@@ -467,7 +460,7 @@ def _toml(table: Mapping[str, Any], path: str = "") -> str:
             sections.append(f"\n[{name}]\n{_toml(value, name)}")
         elif isinstance(value, list) and isinstance(value[0], Mapping):
             sections += [f"\n[[{name}]]\n{_toml(item, name)}" for item in value]
-        # Numbers, strings and lists of them are the same in TOML and JSON.
+        # TOML and JSON have the same numbers, strings and lists.
         else:
             lines.append(f"{key} = {json.dumps(value)}\n".replace("], [", "],\n  ["))
     return "".join(lines + sections)

@@ -1,8 +1,7 @@
 """Tables and short strings in source files and options: fields, layouts, weights and shapes.
 
-A table names a function, and its keys are the parameters of the function; docs/source_files.md
-lists all tables. msgspec checks keys and types. Errors begin with the path of the key, such as
-``weights[1].sll``.
+The keys of a table are the parameters of a function; docs/source_files.md lists all tables. Errors
+begin with the path of the key, such as ``weights[1].sll``.
 """
 
 from __future__ import annotations
@@ -60,7 +59,6 @@ class Complex(complex):
 
 
 def _coordinates(values: Any) -> Any:
-    """Convert coordinates in nested lists to numbers in m."""
     if isinstance(values, list):
         return [_coordinates(value) for value in values]
     is_number = type(values) is float and math.isfinite(values)
@@ -87,8 +85,7 @@ _PARSERS: dict[type, Callable[[Any], Any]] = {
 def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
     """Convert a table to an object of the schema; FileFormatError names an invalid key or value.
 
-    If not ``strict``, strings are converted to numbers. ``key``: key of the table, for error
-    messages.
+    If not ``strict``, strings are converted to numbers. ``key``: key of the table, for messages.
     """
     try:
         hook: Any = lambda kind, value: kind(_PARSERS[kind](value))  # noqa: E731
@@ -130,10 +127,6 @@ class _Shape(Table, tag_field="name"):
     """A table whose key "name" selects a shape of the catalogue."""
 
 
-# Each of the following tables calls a function, and its keys are the parameters of the function.
-# Angles replace a direction, and parameters that follow from other tables are omitted. A key has
-# the same type and meaning in all tables.
-
 _OF_ANNOTATION: dict[str, Any] = {
     "float": Coordinate, "ArrayLike": Coordinates, "int": int, "bool": bool, "str": str,
 }  # fmt: skip
@@ -142,14 +135,14 @@ _OF_KEY: dict[str, Any] = {
     "counts": list[int], "amplitudes": list[Complex],
     "frequencies": list[float | list[float]],
 }  # fmt: skip
-# Parameters that are not keys, because their values follow from other tables.
+# Parameters whose values follow from other tables.
 _FROM_CONTEXT = ("dimension", "positions", "shape")
 
 _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union type of tables for functions; the keys of a table are the parameters."""
+    """Return the union of table types for functions; the keys are their parameters."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -189,11 +182,9 @@ ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__},
 
 
 def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
-    """Call the function of a table with its values.
+    """Call the function of a table with the values of the table and of ``context``.
 
-    ``wavelength`` in m is the default of tables without a wavelength. Windows require ``layout``,
-    the table of the positions. ``context`` contains the values of parameters that are not keys of
-    tables.
+    ``wavelength``: default in m. ``layout``: table of the positions, required by windows.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -244,7 +235,6 @@ _EXPECTED = {
 
 
 def _table(name: str, text: str) -> dict[str, Any]:
-    """Convert a short string to a table of a source file."""
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":
@@ -265,28 +255,9 @@ def _parts(text: str) -> list[Any]:
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """Apply the short strings for field, layout, weights and wave to a source.
 
-    Lengths without a unit are in metres, angles in radians.
-
-    Parameters
-    ----------
-    source : Aperture or Array
-        The source. For `steering`, `focus`, `curved` and `coherence` it may be a phased array.
-    texts : mapping of str to str
-        Texts by their names, :data:`SOURCE_TEXTS`; docs/source_files.md has their grammar.
-    wavelength : float or None
-        Wavelength in m, for steering, focus and curved waves.
-
-    Returns
-    -------
-    Aperture, Array or Wavefront
-        The changed source.
-
-    Raises
-    ------
-    QuantityError, FileFormatError
-        If a text is invalid. Errors begin with the name of the text.
-    ArgumentError
-        If a text does not fit the source.
+    ``texts``: strings by name, :data:`SOURCE_TEXTS`; docs/source_files.md describes their grammar.
+    Lengths without a unit are in metres, angles in radians. ``wavelength`` in m is needed for
+    steering, focus and curved waves. Errors begin with the name of the string.
     """
     for name in SOURCE_TEXTS:
         if name in texts:
@@ -331,7 +302,6 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
-    """Apply the taper of a table, with the width and height of an aperture's bounds."""
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -344,7 +314,6 @@ def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
 
 
 def _times(aperture: Aperture, field: Illumination) -> Aperture:
-    """Multiply the field of an aperture by another field."""
     other: Any = aperture.illumination
     return aperture.with_illumination(field if other is None else other * field)
 
@@ -352,7 +321,7 @@ def _times(aperture: Aperture, field: Illumination) -> Aperture:
 def parse_direction(text: str) -> tuple[float, float]:
     """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; QuantityError otherwise."""
     theta, *phi = map(quantities.parse_angle, _parts(text))
-    # Angles of 90 degrees and more occur, for example, if degrees are written without a unit.
+    # Rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '

@@ -20,12 +20,13 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_vectors,
+    complex_array,
     finite_array,
     takes_frequency,
 )
 from polywigner.geometry.illumination import Illumination
 
-# Largest deviation of the length of a unit vector from 1. Vectors may have single precision.
+# Largest deviation of the length of a unit vector from 1, for float32 vectors.
 _UNIT = 1e-6
 
 _ADVICE = "divide the vector by its length"
@@ -85,12 +86,12 @@ def transverse(direction: Any) -> NDArray[np.float64]:
     return components
 
 
-# Highest power of a cosine taper. Up to this power the binomial coefficients are exact floats.
+# Highest power of a cosine taper with exact binomial coefficients.
 _HIGHEST_POWER = 32
-# Highest index of a TE mode, and highest n-bar of a Taylor taper. Both are far beyond real designs.
+# Highest TE mode index and n-bar, far beyond real designs.
 _HIGHEST_MODE = 1000
 _HIGHEST_NBAR = 100
-# Largest sidelobe suppression in dB. In float64, the rounding errors of a field are at -300 dB.
+# Largest sidelobe suppression [dB]; rounding errors of a field are at -300 dB.
 _LARGEST_SUPPRESSION = 200.0
 
 _Waves = tuple[NDArray[Any], NDArray[Any]]
@@ -329,7 +330,6 @@ def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
 def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
-    """Return the field with a taper along each axis whose length is not None."""
     if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
         raise ArgumentError(
             f"expected height=None for a taper of slits (dimension=1), got {value_text(height)}"
@@ -337,7 +337,6 @@ def _tapered(
     if width is None and (height is None or dimension == 1):
         raise ArgumentError("expected a width for the taper, got None")
     sizes = {"width": width, "height": height}.items()
-    # The class Illumination raises an error for infinite frequencies.
     with np.errstate(over="ignore"):
         along = [
             _CONSTANT if size is None else taper(checked_length(size, name)) for name, size in sizes
@@ -357,8 +356,6 @@ def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
     """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
     if number == 0:
-        # The cosine of a mode with index 0 is constant; te_mode raises an error for a sine with
-        # index 0.
         return _CONSTANT
     phase = complex((1, 1j, -1, -1j)[number % 4])
     forward, backward = phase / 2, phase.conjugate() / 2
@@ -367,8 +364,8 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 
 def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
-    """Return F_1 ... F_(nbar - 1) of `taylor_taper`."""
-    # ``a`` is arccosh(10^(sll/20))/pi, computed without cancellation for small sll.
+    """Return F_1 ... F_(nbar - 1) of :func:`taylor_taper`."""
+    # arccosh(10^(sll/20))/pi, without cancellation for small sll
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
@@ -379,13 +376,12 @@ def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
     return -((-1.0) ** i) / 2 * np.prod(above / below, axis=1)
 
 
-# Smallest singular value that a fit uses, as a fraction of the largest. The periods of the waves
-# divide twice the sampled extent, so the waves are nearly linearly dependent on the samples.
-# Smaller singular values would cause large amplitudes that cancel each other.
+# Smallest singular value of a fit, relative to the largest; smaller values cause large amplitudes
+# that cancel.
 _CUT_OFF = 1e-6
 
-# Default period of the waves of a fit, as a multiple of the sampled extent. Waves with a period of
-# twice the extent approximate fields up to the edges, even if the fields are not periodic.
+# Default period of fitted waves, in sampled extents; a period of twice the extent also fits fields
+# that are not periodic.
 _PERIODS = 2
 
 _MOST_WAVES = 4096
@@ -491,22 +487,14 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
     positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
         len(points), -1
     )
-    try:
-        field = np.array(values, dtype=np.complex128)
-    except (TypeError, ValueError, OverflowError):
-        field = np.empty(0, np.complex128)
-    if field.shape != positions.shape[:1] or not np.isfinite(field).all():
-        raise ArgumentError(
-            f"expected a finite complex number for each of {len(positions)} points, "
-            f"got {value_text(values)}"
-        )
+    expected = f"expected a finite complex number for each of {len(positions)} points"
+    field = complex_array(values, expected, (len(positions),))
     if not field.any():
         raise IlluminationError("expected values other than zero, got only zeros")
     return positions, field
 
 
 def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:
-    """Return the distinct frequencies (m, d) in the order of an Illumination."""
     count = len(frequencies) if hasattr(frequencies, "__len__") else 1
     kappa = Illumination(np.ones(count), frequencies).frequencies
     if kappa.shape[1] != dimension:

@@ -1,11 +1,8 @@
 """Numerical integrals over pupils with aberrations.
 
-The field u exp(2 pi i W/lambda) of a pupil with the aberration W is smooth within each element. The
-product of the field and a shifted, conjugate copy is smooth within the intersection of two
-elements. These polygons are divided into trapezoids or triangles. Gauss rules on them converge
-spectrally, because no rule crosses an edge. The number of nodes depends on the number of phase
-cycles along the sides. The error estimate is the difference between two rules with different
-numbers of nodes.
+The integrands are smooth within each element, or within the intersection of two elements. These
+polygons are divided into trapezoids or triangles, on which Gauss rules converge spectrally. The
+error estimate is the difference between two rules with different numbers of nodes.
 """
 
 from __future__ import annotations
@@ -41,28 +38,23 @@ from polywigner.transforms.aberrations import Aberration
 TOLERANCE = 1e-10
 """Default tolerance of integrals over aberrated pupils, as a fraction of the largest value."""
 
-# Numbers of additional nodes along a side, compared with a linear phase. They are tried in this
-# order until the integral converges.
+# Numbers of additional nodes along a side, compared with a linear phase, in the order of trials.
 _EXTRA = (1, 3, 6, 10, 16, 24, 34)
-# Largest number of quadrature nodes of a rule, and number of nodes in a block. A block takes some
-# tens of megabytes.
+# Largest number of quadrature nodes of a rule, and nodes per block, which takes some tens of
+# megabytes.
 _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
 def _bilinear(count_u: int, count_v: int) -> Floats:
-    """Return the weights of a cell's four corners that define a grid of points in the cell.
-
-    Each point of the grid is a weighted mean of the corners. Shape (n, 4).
-    """
+    """Return the bilinear weights of a cell's corners at the points of a grid, shape (n, 4)."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
 
-# Points of a cell at which the gradient of the phase is evaluated. A trapezoid has more points than
-# a triangle, because it may extend across the complete pupil.
+# Sample points of the phase gradient in a cell. Trapezoids may extend across the complete pupil.
 _IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
-# Number of additional nodes above which a rule also has more nodes per phase cycle. The phase may
-# be steeper between the points at which its gradient is evaluated.
+# Number of additional nodes above which a rule also has more nodes per phase cycle, because the
+# phase may be steeper between the sample points.
 _STEEP = 4
 
 
@@ -169,10 +161,7 @@ class AberratedPupil:
         return np.asarray(total)
 
     def waves(self, numbers: Indices, x: Floats) -> Complex:
-        """Return the field of one element at each point, without weights and aberration.
-
-        ``numbers`` contains the index of the element for each point.
-        """
+        """Return the field of the element of each point, without weights and aberration."""
         values = np.ones(len(x), np.complex128)
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
@@ -189,7 +178,6 @@ class AberratedPupil:
 
     @cached_property
     def _cells(self) -> list[tuple[Cells, Floats]]:
-        """Trapezoids of each element, and the gradients of the phase in the trapezoids."""
         cells = [trapezoids(element.rings).corners for element in self.elements]
         return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
 
@@ -198,9 +186,9 @@ class AberratedPupil:
     ) -> list[tuple[Floats, Floats]]:
         """Return the nodes and weights of quadrature rules on an element.
 
-        The nodes have the shape (n, m, 2), and all nodes of a row have the same x. The field is
-        multiplied by waves exp(-2 pi i nu.x) before integration, and ``band`` contains the lowest
-        and the highest frequency nu along each axis.
+        The nodes have the shape (n, m, 2), with equal x in a row. The field is multiplied by waves
+        exp(-2 pi i nu.x), and ``band`` contains the lowest and the highest frequency nu along each
+        axis.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
@@ -217,9 +205,8 @@ def _node_counts(
 ) -> Indices:
     """Return the numbers of nodes along both directions of each cell.
 
-    Raises ArgumentError if the total number of nodes is too large. ``slopes`` contains gradients of
-    the phase in cycles per metre, shape (n, samples, 2). ``half_band`` contains the largest
-    deviations of the frequencies from these gradients.
+    ``slopes`` [cycles/m] has the shape (n, samples, 2). ``half_band`` is the largest deviation of
+    the frequencies from ``slopes``.
     """
     sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
@@ -237,7 +224,6 @@ def _node_counts(
 
 
 def _blocks(counts: Indices) -> list[Indices]:
-    """Return blocks of cell indices with about ``_BLOCK`` quadrature nodes each."""
     block = np.cumsum(counts.prod(axis=1)) // _BLOCK
     numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
     return numbers if len(counts) else []
@@ -255,7 +241,7 @@ class Slices:
     second: Indices
     """Index of the element that contains x - xi/2, in the copy shifted by xi/2."""
     weights: Complex
-    """Product of the first element's weight and the conjugate of the second element's weight."""
+    """Product of one element's weight and the conjugate of the other."""
     polygons: NDArray[Any]
 
 
@@ -281,9 +267,8 @@ def slice_integrals(
 ) -> Complex:
     """Return integrals of u(x + xi/2) u*(x - xi/2) over the regions, times optional factors.
 
-    The field u does not contain the weights of the elements. ``factors`` is a function of the
-    points x + xi/2 and x - xi/2 that returns k factors for each point. The result has one row for
-    each factor and one column for each region.
+    The field u does not contain the weights of the elements. ``factors(x + xi/2, x - xi/2)``
+    returns k factors for each point. The result has the shape (k, regions).
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -323,8 +308,7 @@ def region_integrals(
     triangles, part = triangles_of(parts[plane])
     owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
     counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
-    # The integrand is evaluated at an empty array of points, because the number of functions is
-    # needed even if all polygons are empty.
+    # An empty array of points gives the number of functions even if all polygons are empty.
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
     for some in _blocks(counts):
@@ -342,15 +326,14 @@ def by_lag(regions: Slices, integrals: Complex) -> Complex:
 
 
 def _summed(index: Indices, values: Complex, count: int) -> Complex:
-    """Return the sums of all values that have the same index, for ``count`` indices."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength if it and the aberration are valid. Raises ArgumentError otherwise.
+    """Return the wavelength. Raises ArgumentError if it or the aberration is invalid.
 
-    ``has_gradients`` states whether Dr.Jit coefficients are allowed.
+    ``has_gradients`` specifies whether Dr.Jit coefficients are allowed.
     """
     if aberration is not None and not isinstance(aberration, Aberration):
         raise ArgumentError(
@@ -371,7 +354,7 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return the tolerance if it is valid. Raises ArgumentError otherwise."""
+    """Return the tolerance. Raises ArgumentError if it is invalid."""
     number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
     if not 1e-13 <= number <= 0.1:
         raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")

@@ -29,16 +29,13 @@ from polywigner.source.normal_form import normal_form, polygons_of
 Path = Callable[[Floats, Floats], ArrayLike]
 
 # The complex Zernike polynomials V_n^m(z) = R_n^m(r) exp(i m theta) with z = x + iy satisfy
-#
 #     V_n^m = z V_(n-1)^(m-1) + conj(z) V_(n-1)^(m+1) - V_(n-2)^m,    V_n^(-m) = conj(V_n^m),
-#
-# where m >= 0. The recurrence has no cancellation, so high orders are accurate. The real part of
-# V_n^m is the cosine polynomial, and the imaginary part is the sine polynomial. Source: T. B.
-# Andersen, Opt. Express 26, 18878 (2018), in complex form.
+# where m >= 0. The recurrence has no cancellation. The real part of V_n^m is the cosine polynomial,
+# and the imaginary part is the sine polynomial. Source: T. B. Andersen, Opt. Express 26, 18878
+# (2018), in complex form.
 
 Order = tuple[int, int]
-"""Radial order n and azimuthal frequency m of a Zernike polynomial. A negative m denotes a sine
-term."""
+"""Radial order n and azimuthal frequency m of a Zernike polynomial; m < 0 denotes a sine term."""
 
 
 def noll(j: int) -> Order:
@@ -73,9 +70,7 @@ class Indexing(NamedTuple):
     """A numbering of Zernike polynomials by a single index."""
 
     order: Callable[[int], Order]
-    """Function that converts an index to the order (n, m) of the polynomial."""
     first: int
-    """First index of the numbering, 0 or 1."""
     is_normalised: bool
     """Whether the polynomials have unit rms on the disc. Otherwise their value at the rim is 1."""
 
@@ -99,13 +94,13 @@ def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
     The largest value of each polynomial on the rim of the disc is 1.
     """
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_part(table, order) for order in orders])
+    return np.array([_part(table[n, abs(m)], m) for n, m in orders])
 
 
 def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
     """Return the derivatives of :func:`zernike_values` along x and y, shape (k, 2, ...).
 
-    The complex polynomials V_n^m satisfy d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1). For the
+    The complex polynomials satisfy d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1). For the
     derivative with respect to conj(z), the right-hand side is n V_(n-1)^(m+1).
     """
     table = _complex_values(max((n for n, _ in orders), default=0), x, y)
@@ -113,7 +108,6 @@ def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
 
 def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
-    """Return the complex Zernike polynomials V_n^m with m >= 0 and n up to ``highest``."""
     z = np.asarray(x) + 1j * np.asarray(y)
     table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
     for n in range(1, highest + 1):
@@ -132,9 +126,8 @@ def _at(table: dict[Order, Complex], n: int, m: int) -> Complex:
     return table[n, m] if m >= 0 else table[n, -m].conj()
 
 
-def _part(table: dict[Order, Complex], order: Order) -> Floats:
-    n, m = order
-    return table[n, m].real if m >= 0 else table[n, -m].imag
+def _part(values: Complex, m: int) -> Floats:
+    return values.real if m >= 0 else values.imag
 
 
 def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
@@ -143,17 +136,14 @@ def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
     for k in range(n, 0, -2):
         by_z = by_z + k * _at(table, k - 1, abs(m) - 1)
         by_conjugate = by_conjugate + k * _at(table, k - 1, abs(m) + 1)
-    both = np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)])
-    return both.real if m >= 0 else both.imag
+    return _part(np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)]), m)
 
 
-# Step of finite differences for the gradient of a path function, as a fraction of the pupil's
-# radius.
+# Step of finite differences for path functions, as a fraction of the pupil's radius.
 _STEP = 1e-6
-# Largest radial order of Zernike polynomials.
-_HIGHEST = 200
-# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest diagonal element. If
-# an element is smaller, the polynomials are linearly dependent on the pupil.
+_HIGHEST_RADIAL_ORDER = 200
+# Smallest diagonal element of the Gram-Schmidt matrix, relative to the largest. Below, the
+# polynomials are linearly dependent on the pupil.
 _DEPENDENT = 1e-10
 
 
@@ -282,10 +272,6 @@ class Aberration:
 
     @classmethod
     def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
-        """Return the aberration that is a weighted sum of modes.
-
-        ``coefficients`` contains the weights of all modes in one array.
-        """
         aberration: Aberration = cls.__new__(cls)
         aberration._set(coefficients, *modes, traced=traced)
         return aberration
@@ -521,17 +507,13 @@ def _indexing_of(name: Any) -> Indexing:
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
-    """Return the indices of Zernike polynomials if they are valid and distinct.
-
-    Raises ArgumentError otherwise.
-    """
     order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
-        if not is_index or index < first or order(int(index))[0] > _HIGHEST:
+        if not is_index or index < first or order(int(index))[0] > _HIGHEST_RADIAL_ORDER:
             raise ArgumentError(
                 f"expected indices of the numbering {indexing} from {first} up to the radial "
-                f"order {_HIGHEST}, got {value_text(index)}"
+                f"order {_HIGHEST_RADIAL_ORDER}, got {value_text(index)}"
             )
     if len(set(indices)) != len(indices) or not len(indices):
         raise ArgumentError(
@@ -558,8 +540,7 @@ def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     """Return the lower triangular matrix that makes polynomials orthonormal on a pupil."""
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))
-    # The product of two polynomials has twice their degree, and the map to a triangle increases the
-    # degree by one.
+    # The product of two polynomials has twice their degree, and the map to a triangle adds one.
     counts = np.full((len(triangles), 2), degree + 2, np.intp)
     nodes, weights, _ = rule_of_counts(cells_of(triangles), counts)
     table = modes.values(*nodes.T) * np.sqrt(weights / weights.sum())

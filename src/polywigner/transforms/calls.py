@@ -1,12 +1,10 @@
 """The common implementation of the public transforms.
 
-A transform is computed in four steps. First, points behind an optical system are mapped to points
-in front of the system, (O2) and (O3). Second, a partly coherent source is replaced by the coherent
-source times the degree of coherence, or by a closed form, (PC3). Third, a curved wave is replaced
-by a flat wave at sheared points, (Q1) to (Q5). Finally, a kernel computes the transform of the flat
-source. The third step uses the following relations between the curved wave u = u0 exp(i pi (x -
-c).Q (x - c)) and the flat wave u0, where c is the point at which the curved wave touches the plane
-of the source, and Q is its curvature matrix:
+Points behind an optical system are mapped to points in front of it, (O2) and (O3). A partially
+coherent source is replaced by a coherent source times the degree of coherence, or by a closed form,
+(PC3). A curved wave is replaced by a flat wave at sheared points, (Q1) to (Q5). A kernel computes
+the transform of the flat source. For the curved wave u = u0 exp(i pi (x - c).Q (x - c)), which
+touches the plane of the source at c and has the curvature matrix Q,
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
@@ -39,7 +37,6 @@ from polywigner.transforms.checked_calls import (
     PhaseSpaceSource,
     Values,
     broadcast_shape,
-    checked_call,
     checked_points,
     empty_result,
     in_plane,
@@ -72,19 +69,15 @@ class Transform:
     """A public transform: its arguments, its unit, and its relation to other transforms."""
 
     points: tuple[str, ...]
-    """Names of the arguments that are points, in the order of the call."""
     title: str
     units: Any = content_units
     is_real: bool = False
     plane: tuple[str, ...] = ()
-    """Names of the two arguments that an optical system maps together: a position or lag, and a
-    frequency."""
+    """Names of the position or lag, and of the frequency, that an optical system maps together."""
     full: str | None = None
-    """For a marginal, the name of the transform that equals the marginal if its other argument is
-    zero. None for other transforms."""
+    """For a marginal, the transform that equals the marginal if its other argument is zero."""
     takes_degree: bool = False
-    """Whether partial coherence multiplies the transform by the degree of coherence at its last
-    argument."""
+    """Whether partial coherence adds a factor, the degree of coherence at the last argument."""
 
 
 TRANSFORMS = {
@@ -126,10 +119,9 @@ def compute(
 ) -> Values:
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    ``has_kernel`` states whether the source is known to have a kernel and the points are NumPy
-    arrays. ``shear`` maps the components of the points, see :func:`polywigner.execution.evaluate`.
-    The Fourier transform of arrays and of sources with several waves is not supported here. It is a
-    sum over elements and waves, which :func:`polywigner.fourier` computes.
+    ``has_kernel`` specifies that the source has a kernel and the points are NumPy arrays. ``shear``
+    maps the components of the points, see :func:`polywigner.execution.evaluate`. The Fourier
+    transform of arrays and of sources with several waves is computed by :func:`polywigner.fourier`.
     """
     if not has_kernel:
         is_numpy = not isinstance(source, Differentiable)
@@ -144,7 +136,10 @@ def compute(
     is_real = TRANSFORMS[name].is_real
     if TRANSFORMS[name].full is not None:
         is_real, name, points = _of_full(name, source, points)
-    kernel, components = checked_call(name, source, points, precision, engine)
+    kernel, components = kernel_of(name, source, precision, engine), []
+    for label, value in points.items():
+        array = checked_points(label, value, kernel.dimension, keep_single=True)
+        components += execution.split(array)
     try:
         shape = np.broadcast_shapes(*[c.shape for c in components])
     except ValueError:
@@ -165,10 +160,6 @@ def compute(
 
 
 def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
-    """Return the transform from which a marginal is computed.
-
-    The results are whether the marginal is real, and the name and the points of the transform.
-    """
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal of a uniform source is real.
@@ -179,6 +170,9 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
     (point,) = points.values()
     if execution.is_drjit(point):
         zero = 0.0 * point
+    elif name == "lag_marginal" and is_uniform and isinstance(flat, Aperture):
+        # The lag marginal of a uniform aperture is an area, which requires no sines.
+        return True, name, points
     full = {label: points.get(label, zero) for label in TRANSFORMS[declared.full].points}
     return declared.is_real or is_uniform, declared.full, full
 
@@ -186,13 +180,11 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
 def _flat(
     name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
 ) -> Values:
-    """Return a transform of a flat, coherent source, which a kernel computes."""
     if not execution.has_drjit(points.values()):
         return compute(name, source, points, *how, shear=shear, has_kernel=True)
     is_real = TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
-        # The special kernels of arrays have no derivatives. The general kernels have derivatives
-        # and also accept an Array.
+        # The special kernels of arrays have no derivatives.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
         if name not in kernels_of_all:
             raise ArgumentError(
@@ -291,12 +283,6 @@ def _before(
     how: Options,
     points: Points,
 ) -> Values:
-    """Return a transform of any source, optionally at points behind an optical system.
-
-    The Wigner and ambiguity functions behind the system equal those of the source at mapped points.
-    The same matrix maps (x, lambda nu) and (xi, lambda upsilon). Raises ArgumentError for a system
-    without a wavelength, and for a wavelength without a system.
-    """
     if through is not None or wavelength is not None:
         points = _mapped(name, source, through, wavelength, points)
         if not isinstance(source, Differentiable):
@@ -308,7 +294,6 @@ def _before(
 
 
 def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
-    """Return the points in front of an optical system that correspond to points behind it."""
     if through is None:
         raise ArgumentError(
             f"expected an optical system (through=) together with wavelength={wavelength!r}, "
@@ -327,7 +312,7 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
     dimension = kernels.kernel_for(name, flat).dimension
     a, b, c, d = _blocks_for(through, dimension)
     position, frequency = TRANSFORMS[name].plane
-    checked = {label: _checked_point(label, p, dimension) for label, p in points.items()}
+    checked = _checked(points, dimension)
     if not execution.has_drjit(checked.values()):
         broadcast_shape(list(checked.values()))
     components = [*execution.split(checked[position]), *execution.split(checked[frequency])]
@@ -339,10 +324,7 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
 
 
 def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64], ...]:
-    """Return the blocks A, B, C, D of the ray transfer matrix of an optical system.
-
-    The blocks are 2 x 2 matrices. For slits, which lie along x, they are 1 x 1 matrices.
-    """
+    """Return the blocks A, B, C, D of a ray transfer matrix, with one row for slits."""
     blocks = (system.A, system.B, system.C, system.D)
     if dimension == 2:
         return blocks
@@ -355,10 +337,6 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
 
 
 def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a partly coherent source.
-
-    Raises IlluminationError for the Fourier transform, which only coherent sources have.
-    """
     if name == "fourier":
         raise IlluminationError(
             f"expected a coherent source for {name}, got one with a coherence width of "
@@ -373,7 +351,7 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
             f"expected {traced[0]} as a NumPy array for a partly coherent source, got a "
             f"Dr.Jit array; use {traced[0]}.numpy()"
         )
-    points, coherent = _checked(wave, points), coherent_source(wave)
+    points, coherent = _checked(points, wave.dimension), coherent_source(wave)
     if takes_degree:
         values = compute(name, coherent, points, *how)
         degree = degree_of_coherence(wave, list(points.values())[-1])
@@ -398,30 +376,27 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     return within_widths(closed_form, of_coherent, wave, x, nu, double)
 
 
-def _checked(wave: Wavefront, points: Points) -> dict[str, Values]:
-    dimension = kernels.kernel_for("wigner", wave.source).dimension
-    return {label: _checked_point(label, p, dimension) for label, p in points.items()}
-
-
-def _checked_point(label: str, value: Any, dimension: int) -> Values:
-    if execution.is_drjit(value):
-        return execution.joined(execution.components_of(label, value, dimension))
-    return checked_points(label, value, dimension)
+def _checked(points: Points, dimension: int) -> dict[str, Values]:
+    return {
+        label: execution.joined(execution.components_of(label, value, dimension))
+        if execution.is_drjit(value)
+        else checked_points(label, value, dimension)
+        for label, value in points.items()
+    }
 
 
 def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a curved wave, computed from the flat source at sheared points."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature
     if TRANSFORMS[name].full is not None:
         _, name, points = _of_full(name, wave, points)
-    points, flat = _checked(wave, points), wave.source
+    points, flat = _checked(points, wave.dimension), wave.source
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
 
     def slopes(x: Sequence[Any], centre: Sequence[float]) -> list[Any]:
-        """Return the components of Q (x - c), the local spatial frequency of the curved wave."""
+        """Return Q (x - c), the local spatial frequency of the curved wave."""
         return execution.matrix_times(q, [p - c for p, c in zip(x, centre, strict=True)])
 
     centre = wave.centre.tolist()
@@ -447,10 +422,7 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
 
 
 def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
-    """Return a value times a phase factor, in the precision of the value.
-
-    The phase in cycles is the sum of the products p q over all pairs (p, q) in ``factors``.
-    """
+    """Return a value times exp(2 pi i sum p q) over the pairs (p, q) in ``factors``."""
     phase = execution.unit_wave(sum(p * q for p, q in factors))
     if execution.is_drjit(value):
         return phase * value
@@ -458,7 +430,6 @@ def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
 
 
 def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.complexfloating[Any]]:
-    """Return the Fourier transform of a curved wave, computed by NumPy from Fresnel integrals."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     check_no_drjit(nu=nu)
     execution.checked_engine(how[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Drjit
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.geometry.arguments import checked_vectors
 from polywigner.kernels import Kernel
 from polywigner.source import Array
 
@@ -20,8 +21,7 @@ PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 Values = NDArray[Any] | Drjit
 
-# Number of frequencies in a block, for transforms that are sums. The temporary arrays of a block
-# take some 60 MiB.
+# Frequencies per block, for transforms that are sums. The temporary arrays take some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
 
@@ -33,8 +33,7 @@ def in_plane(nu: Any) -> Values:
         return execution.joined(components[:2]) if len(components) == 3 else nu
     try:
         shape = np.shape(nu)
-    # The rows of a list may have different lengths. The function checked_points raises an
-    # ArgumentError for such a list.
+    # checked_points raises an ArgumentError for lists with rows of different lengths.
     except ValueError:
         return nu
     return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
@@ -59,10 +58,7 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Ker
 
 
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
-    """Return the broadcast shape of points without the last axis.
-
-    Raises ArgumentError if the points do not broadcast.
-    """
+    """Return the broadcast shape of points without the last axis, or raise ArgumentError."""
     try:
         return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     except ValueError:
@@ -71,18 +67,6 @@ def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
             f"expected shapes that broadcast before the last axis, got {shapes}; insert axes "
             "of length 1, as in x[:, None, :]"
         ) from None
-
-
-def checked_call(
-    name: str, source: Any, points: Mapping[str, Any], precision: str | None, engine: str
-) -> tuple[Any, list[Any]]:
-    """Return the kernel of a call with NumPy arrays, and the checked components of all points."""
-    kernel = kernel_of(name, source, precision, engine)
-    d, components = kernel.dimension, []
-    for label, value in points.items():
-        array = checked_points(label, value, d, keep_single=True)
-        components += [array[..., k] for k in range(d)]
-    return kernel, components
 
 
 def array_on_grid(
@@ -132,14 +116,10 @@ def empty_result(
 
 
 def in_blocks(evaluate: Callable[[Any], Values], nu: Any) -> Values:
-    """Return ``evaluate(nu)``, computed in blocks of rows if the number of frequencies is large.
-
-    The blocks limit the memory of transforms that are sums, which need several arrays of the size
-    of nu.
-    """
+    """Return ``evaluate(nu)``, computed in blocks of rows if the number of frequencies is large."""
     if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
         return evaluate(nu)
-    # A block of a frequency grid has enough rows to be computed from the axes of the grid.
+    # A block of a frequency grid needs enough rows to use the axes of the grid.
     rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
     values: Any = None
     for start in range(0, len(nu), rows):
@@ -158,32 +138,9 @@ def checked_points(
     Raises ArgumentError if this is impossible. With ``keep_single``, float32 arrays are returned
     unchanged, because a float64 copy may not fit into memory.
     """
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape[-1:] == (dimension,):
-        return value
-    shape = f"(..., {dimension})"
-    if np.ma.is_masked(value):
-        raise ArgumentError(
-            f"expected {name} without masked elements, got {np.ma.count_masked(value)} masked "
-            f"elements; use {name}.filled(numpy.nan) or {name}.compressed()"
-        )
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        array = np.empty(0, dtype=object)
-    if array.dtype.kind not in "biufc":
-        raise ArgumentError(
-            f"expected {name} as numbers of shape {shape}, got {type(value).__name__} that "
-            "cannot be converted to an array of numbers"
-        )
-    if array.ndim == 0 or array.shape[-1] != dimension:
-        raise ArgumentError(
-            f"expected {name} of shape {shape} with the components on the last axis, got "
-            f"shape {array.shape}"
-        )
-    if array.dtype.kind == "c":
-        raise ArgumentError(
-            f"expected {name} as real numbers, got complex numbers; use {name}.real"
-        )
-    if keep_single and array.dtype == np.float32:
-        return array
-    return array.astype(np.float64, copy=False)
+    if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray):
+        is_kept = value.dtype == np.float64 or (keep_single and value.dtype == np.float32)
+        if is_kept and value.shape[-1:] == (dimension,):
+            return np.asarray(value)
+    expected = f"expected {name} of shape (..., {dimension}), real numbers with the components"
+    return checked_vectors(value, f"{expected} on the last axis", (dimension,))

@@ -1,12 +1,10 @@
-"""Images in partly coherent light, computed from the transmission cross coefficient.
+"""Images in partially coherent light, computed from the transmission cross coefficient.
 
-An extended source in the pupil of a condenser illuminates an object with plane waves, one for each
-point x of the pupil (Koehler illumination). A spatial frequency f of the object shifts the point x
-to x + xi in the imaging pupil, where the lag xi is the product of the wavelength, the distance and
-f. The transmission cross coefficient of two frequencies is the integral of S(x) P(x + xi_1) conj
-P(x + xi_2) over x, (IM1), where S is the irradiance in the condenser and P is the field in the
-pupil. The integral is the area of the intersection of three polygons. With defocus or tilts it is
-the Fourier transform of the intersection.
+A condenser illuminates an object with plane waves, one for each point x of its pupil (Koehler
+illumination). A spatial frequency of the object shifts x by a lag xi in the imaging pupil. The
+transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, (IM1),
+with the irradiance S in the condenser and the field P in the pupil. It is the area, or the Fourier
+transform, of the intersection of three polygons.
 """
 
 from __future__ import annotations
@@ -31,6 +29,7 @@ from polywigner.geometry.arguments import (
     finite_array,
     takes_frequency,
 )
+from polywigner.geometry.parts import shifted
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
@@ -42,25 +41,24 @@ from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 from polywigner.transforms.sections import edges_of
 
-# Largest number of intersections of polygons. With this number, a call takes some minutes and 2 GB
-# of memory.
+# Largest number of intersections of polygons, which take some minutes and 2 GB of memory.
 _MOST = 1 << 20
-# Number of values of waves in a block. A block takes 64 MB.
+# Values of waves per block, which takes 64 MB.
 _BLOCK = 1 << 22
-# Number of pairs of diffraction orders in a block.
+# Pairs of diffraction orders per block.
 _PAIRS = 1 << 15
-# Relative size below which diffraction orders, and contributions to an image, are treated as
-# rounding errors.
+# Relative size below which diffraction orders and image contributions are treated as rounding
+# errors.
 _ROUNDING = 1e-15
 # Allowed error of integrals over aberrated pupils, relative to the power of the condenser.
 _PRECISE = 1e-9
-# Overlap of two elements of a mask, as a fraction of an element's area, below which it is treated
-# as a rounding error.
+# Overlap of two elements of a mask, relative to an element's area, that is treated as a rounding
+# error.
 _OVERLAP = 1e-9
 
 
 class _Term(NamedTuple):
-    """A polygon with a plane wave, which is ``weight`` times exp(2 pi i kappa.x)."""
+    """A polygon with the plane wave ``weight`` exp(2 pi i kappa.x)."""
 
     polygon: Any
     weight: complex
@@ -247,14 +245,11 @@ def partially_coherent_image(
 
 @dataclass(frozen=True, eq=False)
 class _System:
-    """An imaging system: a pupil and a condenser as polygons with plane waves."""
-
     pupil: list[_Term]
     condenser: list[_Term]
     slope: float
     """Defocus in waves, divided by the square of the pupil radius, in 1/m^2."""
     power: float
-    """Power of the condenser, the integral of its irradiance."""
     aberration: Aberration | None = None
     """Path length of the aberration in cycles."""
 
@@ -282,14 +277,9 @@ class _System:
 
     @property
     def size(self) -> int:
-        """Number of intersections of polygons for each pair of lags."""
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
-        """Return the transmission cross coefficients of pairs of lags.
-
-        ``first`` and ``second`` contain the indices of both lags of each pair.
-        """
         total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
@@ -332,7 +322,6 @@ class _System:
         return converged(evaluate, _PRECISE * self.power, "the image").values
 
     def matrix(self, lags: Floats) -> Complex:
-        """Return the matrix of the transmission cross coefficients of all pairs of lags."""
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
@@ -345,7 +334,6 @@ class _System:
 
 
 def _elements(source: Aperture | Array) -> list[list[_Term]]:
-    """Return the plane waves on each element, multiplied by the weight of the element."""
     elements = []
     for element in normal_form(source).in_plane.elements:
         polygon, weight = element.shape.polygons, element.weight
@@ -356,17 +344,15 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
 
 def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
     """Return the part of the condenser whose light passes the pupil, for each lag."""
-    shifted = np.full(len(lags), pupil, object)
-    corners, owner = shapely.get_coordinates(shifted, return_index=True)
-    return shapely.intersection(shapely.set_coordinates(shifted, corners - lags[owner]), light)
+    return shapely.intersection(shifted(np.full(len(lags), pupil, object), -lags), light)
 
 
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
     """Return the Fourier transform of each polygon at one frequency, (F2)."""
     nu = np.asarray(frequencies, np.float64)
     begin, end, of, origin = edges_of(np.asarray(polygons, object))
-    # The triangles start at a corner of each ring, because the ring may be far smaller than its
-    # distance from the origin.
+    # A ring may be far smaller than its distance from the origin, so triangles start at a corner of
+    # the ring.
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(), *phases[:2])
@@ -417,7 +403,6 @@ def _check_orders(count: float, size: int) -> None:
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
-    """Raise GeometryError if elements of a mask overlap each other or copies of the mask."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
@@ -430,9 +415,7 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     numbers = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in most)), axis=-1).reshape(-1, 2)
     shifts = numbers @ lattice
     shifts = shifts[(abs(shifts) < size).all(axis=1)]
-    copies = np.tile(elements, (len(shifts), 1))
-    points, number = shapely.get_coordinates(copies, return_index=True)
-    shapely.set_coordinates(copies, points + shifts[number // len(elements)])
+    copies = shifted(np.tile(elements, len(shifts)), np.repeat(shifts, len(elements), axis=0))
     areas = shapely.area(elements)
     overlap = len(shifts) * areas.sum() - shapely.union_all(copies).area
     if overlap > _OVERLAP * areas.min():
@@ -446,7 +429,6 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
 def _amplitudes(
     mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
-    """Return the amplitude of each diffraction order of a mask."""
     inside, around = (
         _checked_amplitude(name, value)
         for name, value in (("transmission", transmission), ("background", background))

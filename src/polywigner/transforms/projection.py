@@ -1,7 +1,6 @@
 """Projections of the four-dimensional phase-space functions onto pairs of coordinates.
 
-A projection onto two coordinates is called a tile. Each tile has a closed form, which is listed in
-a table at the end of the module.
+Each projection, called a tile, has a closed form, which a table at the end of the module lists.
 """
 
 from __future__ import annotations
@@ -49,17 +48,16 @@ if TYPE_CHECKING:
 PhaseSpaceFunction = Literal["autocorrelation", "wigner", "ambiguity"]
 
 LARGEST_SAMPLES = 4096
-"""Largest number of samples along each axis. A square tile of complex numbers with this number of
-samples takes 256 MiB."""
+"""Largest number of samples along each axis. A complex tile of this size takes 256 MiB."""
 
-# Default range of lags, as a multiple of the width of the source. The default range of positions
-# extends beyond the outline by a sixteenth of the width.
+# Default range of lags, in widths of the source. Positions extend a sixteenth of the width beyond
+# the outline.
 _MARGIN = 9 / 8
-# Default range of frequencies, in units of the reciprocal width of the source.
+# Default range of frequencies, in reciprocal widths of the source.
 _LOBES = 8.0
 
-# Upper bound of the rounding error of a tile, relative to its scale. The largest error for the
-# shapes of the tests was 2e-13, with |nu| times diameter up to 1e3.
+# Bound on the rounding error of a tile, relative to its scale. The largest error in the tests was
+# 2e-13, with |nu| times diameter up to 1e3.
 _ROUNDING = 1e-12
 
 Array = NDArray[Any]
@@ -207,7 +205,6 @@ def _axes(
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Floats]:
-    """Return the sample values along every coordinate of the tiles."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
@@ -244,7 +241,6 @@ def _numbers(name: str, values: ArrayLike) -> Floats:
 
 
 def _largest_amplitude(source: PhaseSpaceSource) -> float:
-    """Return an upper bound of the modulus of the field on a source."""
     elements = normal_form(source).in_plane.elements
     moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements])
     low, high = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in elements]).swapaxes(0, 1)
@@ -268,13 +264,10 @@ class Tile(NamedTuple):
     label: str
     """Label of the tile's formula in docs/projections.md."""
     values: Compute
-    """Function (source, first coordinates, second coordinates, engine) that returns the tile's
-    values."""
+    """Function (source, first coordinates, second coordinates, engine)."""
 
 
 def _on_grid(function: Callable[..., Array]) -> Compute:
-    """Return a function that computes a tile by evaluating ``function`` at all grid points."""
-
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
         return np.asarray(function(source, grid, engine=engine))
@@ -283,8 +276,6 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 
 
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
-    """Return a function that computes a tile from a field, optionally with x and y exchanged."""
-
     def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
         field = field_of(source)
         return function(field.transposed() if is_transposed else field, first, second)
@@ -293,8 +284,6 @@ def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
 
 
 def _of_slits(function: Callable[..., Array]) -> Compute:
-    """Return a function that computes a tile by evaluating a function of slits on a grid."""
-
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         result = function(source, first[:, None, None], second[None, :, None], engine=engine)
         is_uniform = isinstance(source, Slits) and source.illumination is None
@@ -304,7 +293,6 @@ def _of_slits(function: Callable[..., Array]) -> Compute:
 
 
 def _along_x(values: Floats, y: float = 0.0) -> Floats:
-    """Return points with different x and the same y, shape (n, 2)."""
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
@@ -345,8 +333,7 @@ def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -
 
 def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
     x = x - field.centre[0]
-    # The overlap is symmetric and its field is Hermitian, so the Fourier transform of the field is
-    # real.
+    # The field on the overlap is Hermitian, so its Fourier transform is real.
     ahead: Image = (2.0, 1.0), _along_x(-2 * x)
     behind: Image = (-2.0, 1.0), _along_x(2 * x)
     regions = overlaps(field, ahead, behind)
@@ -407,8 +394,8 @@ _SLITS: dict[str, tuple[str, str, str, Callable[..., Any]]] = {
     "wigner": ("x", "nu", "m", wigner),
     "ambiguity": ("upsilon", "xi", "m", ambiguity),
 }
-# Tiles that are computed point by point. Each entry contains both coordinates, the unit, the
-# coordinates of integration, the label of the formula, and the function.
+# Tiles computed point by point: both coordinates, unit, coordinates of integration, formula label,
+# and function.
 _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("x", "y", "m2", "xi_x, xi_y", "P2", position_marginal),
@@ -423,9 +410,8 @@ _OF_POINTS: dict[str, list[tuple[str, str, str, str, str, Callable[..., Any]]]] 
         ("upsilon_x", "upsilon_y", "m4", "xi_x, xi_y", "P11", _spectrum_product),
     ],
 }
-# Tiles that are computed from the field, in m2. Each entry contains both coordinates, the
-# coordinates of integration, the label of the formula, and the function. An entry defines two
-# tiles: {0} and {1} are replaced by x and y for the first tile, and by y and x for the second tile.
+# Tiles [m2] computed from the field: both coordinates, coordinates of integration, formula label,
+# and function. {0} and {1} are replaced by x and y for one tile, and by y and x for a second tile.
 _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
     "autocorrelation": [
         ("{0}", "xi_{0}", "{1}, xi_{1}", "P4", _shadow_product),
@@ -443,10 +429,6 @@ _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
 
 
 def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
-    """Return the tiles of a phase-space function, with their names as keys.
-
-    ``dimension`` is 1 for slits and 2 for plane sources.
-    """
     letter = _LETTERS[kind]
     if dimension == 1:
         first, second, units, function = _SLITS[kind]

@@ -14,6 +14,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.geometry.illumination import shift_phases
 from polywigner.kernels import is_separable
+from polywigner.numerics import phases
 from polywigner.optics import FirstOrder
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
@@ -117,7 +118,6 @@ def _on_components(
 
 
 def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of a source, which is NaN or inf if a sum overflows."""
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
@@ -155,8 +155,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     if isinstance(source, PlacedAperture):
         uniform = uniform.placed(source.pose)
     frequencies = field.frequencies @ rotation.T
-    # The phases of the waves are relative to the origin of the placed aperture, not to the origin
-    # of the world.
+    # Phases of waves are relative to the origin of the placed aperture, not of the world.
     amplitudes = field.amplitudes * shift_phases(frequencies, shift)
     for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
         shifted, lost = _difference(nu, kappa)
@@ -168,24 +167,15 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
 
 
 def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np.float64] | None]:
-    """Return the difference nu - kappa of two frequencies and its rounding error.
-
-    The rounding error is important for sources far from the origin.
-    """
+    """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
-    array = checked_points("nu", nu, len(kappa))
-    difference = array - kappa
-    virtual = difference - array
-    lost = (array - (difference - virtual)) - (kappa + virtual)
+    difference, lost = phases.difference(checked_points("nu", nu, len(kappa)), kappa)
     return difference, np.where(np.isfinite(lost), lost, 0.0)
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of an array, (C1).
-
-    If the array repeats an element, the transform is computed from the array factor, (L3).
-    """
+    """Return the Fourier transform of an array, (C1), or from the array factor, (L3)."""
     if array.repeated is not None:
         first, shifts = array.repeated
         plane = in_plane(nu) if shifts.shape[1] == 2 else nu
@@ -247,7 +237,7 @@ def array_factor(
     -1.0
     """
     sites = Sites(*checked_sites(positions, weights))
-    # The phases of distant sources need float64, even if the result has single precision.
+    # Phases of distant sources need float64, even if the result has single precision.
     execution.checked_precision(precision)
     rounded = precision == "single" and not execution.is_drjit(nu)
     inner = None if rounded else precision
@@ -533,6 +523,6 @@ def energy_of(source: PhaseSpaceSource) -> float:
 
     Rounding errors may make the value negative if the elements cancel each other everywhere.
     """
-    # NumPy computes a single value in less time than the compilation of a kernel takes.
+    # Compiling a kernel takes longer than computing a single value with NumPy.
     lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -42,9 +41,8 @@ from polywigner.transforms.pupil_gradients import (
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Smallest ratio of the energy of a pupil to the sum of the energies of its elements. If the fields
-# of the elements cancel, rounding errors leave a ratio of 1e-15. At a ratio of 1e-13, normalised
-# values have hardly any correct digits.
+# Smallest ratio of a pupil's energy to the sum of its elements' energies. Cancelled fields leave a
+# ratio of 1e-15. At 1e-13, normalised values have hardly any correct digits.
 _DARK = 1e-13
 
 
@@ -148,17 +146,17 @@ def _otf_jets(
 ) -> Jets:  # fmt: skip
     """Return the OTF at one wavelength and its derivatives, as jets of shape (n, 1 + m).
 
-    ``bend`` is the defocus in waves, divided by the square of the pupil's radius.
+    ``bend`` is the defocus in waves over the squared pupil radius.
     """
     if wavelength is not None:
         source = source.at_wavelength(wavelength)
     if aberration is None and not numbers.arrays:
         # In focus the OTF is the ratio of two areas, which needs no sines.
         if bend == 0.0:
-            values = lag_marginal(source, lags, **how) + 0j
+            values = lag_marginal(source, lags, **how)
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        return np.reshape(values / checked_energy(source), (-1, 1))
+        return np.reshape(values / checked_energy(source) + 0j, (-1, 1))
     length = 1.0
     if aberration is not None:
         length = checked_aberration(aberration, wavelength, has_gradients=True)
@@ -276,7 +274,6 @@ def mtf(
 
 
 def _checked_pupil(source: Any) -> PhaseSpaceSource:
-    """Return the source if it is coherent. Raises IlluminationError otherwise."""
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
@@ -313,9 +310,13 @@ def checked_waves(defocus: float) -> float:
 
 def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
     """Return the radius of a pupil, by default the largest distance of a vertex from the origin."""
-    if given is None:
-        return max(float(np.linalg.norm(points, axis=1).max()) for points in _vertices(source))
-    return checked_length(given, "pupil_radius")
+    if given is not None:
+        return checked_length(given, "pupil_radius")
+    points: list[Floats] = []
+    for element in flat_source(source).elements_in_plane:
+        is_slits = isinstance(element, Slits)
+        points += [element.intervals.reshape(-1, 1)] if is_slits else element.rings
+    return max(float(np.linalg.norm(part, axis=1).max()) for part in points)
 
 
 def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
@@ -339,16 +340,6 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     return radius / sine
 
 
-def _vertices(source: PhaseSpaceSource) -> Iterator[Floats]:
-    """Yield the vertices of each ring of a source, or the ends of slits."""
-    flat: Any = flat_source(source)
-    for element in flat.elements_in_plane:
-        if isinstance(element, Slits):
-            yield element.intervals.reshape(-1, 1)
-        else:
-            yield from element.rings
-
-
 def checked_energy(source: PhaseSpaceSource) -> float:
     """Return the integral of |u|^2 over a source. Raises IlluminationError if it is zero."""
     source = flat_source(source)
@@ -365,7 +356,7 @@ def checked_energy(source: PhaseSpaceSource) -> float:
 
 # Allowed error of the rms wavefront error, relative to the largest path length.
 _PRECISE = 1e-12
-# Lowest and highest frequency of the waves in an integral without waves.
+# Lowest and highest frequency for integrals without waves.
 _NO_BAND = np.zeros(2), np.zeros(2)
 
 
@@ -489,7 +480,6 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     paths = normal_form(source).paths
 
     def moments(extra: int) -> tuple[Floats, Floats]:
-        """Return the path lengths and the weights at all quadrature nodes."""
         lengths, weights = [], []
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
@@ -507,7 +497,6 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
 
 
 def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
-    """Return the path length of a segment's piston and tilt at points, in m."""
     if paths is None:
         return 0.0
     return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

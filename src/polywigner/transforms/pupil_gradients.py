@@ -1,12 +1,10 @@
 """Derivatives of transfer and point spread functions with respect to parameters of the pupil.
 
-The parameters are the vertices of the pupil, the weights of its elements, and the coefficients of
-the aberration. The derivative of an integral with respect to the vertices of a polygon is an
-integral of the integrand along the edges, (G1), which is computed by Gauss rules. The derivative
-with respect to a coefficient of the path length is the integral of the integrand times 2 pi
-i/lambda times the term of the coefficient. The values and derivatives are the columns of one array
-of shape (n, 1 + m), called a jet, so that sums over wavelengths are sums of jets. If edges of two
-copies of a pupil coincide, the derivative is the mean of both one-sided derivatives.
+The parameters are vertices, weights of elements, and aberration coefficients. Derivatives with
+respect to vertices are integrals along edges, (G1). For a coefficient, the integrand is multiplied
+by 2 pi i/lambda times the term of the coefficient. Values and derivatives are the columns of an
+array of shape (n, 1 + m), called a jet. If edges of two copies coincide, the derivative is the mean
+of both one-sided derivatives.
 """
 
 from __future__ import annotations
@@ -35,24 +33,19 @@ from polywigner.transforms.aberrated_pupils import (
 from polywigner.transforms.aberrations import Aberration
 
 Jets = NDArray[np.complex128]
-"""Values in column 0, and in the other columns their derivatives with respect to the parameters of
-a pupil."""
+"""Values in column 0, and their derivatives with respect to the parameters in the other columns."""
 Parts = tuple[Indices, Floats, Floats]
-"""Parts of edges, given by the index of the edge, and the fractions of the edge at which the part
-starts and ends."""
+"""Parts of edges: index of the edge, and fractions of the edge at the start and the end of the
+part."""
 
-# Number of additional nodes for derivatives, and number of lags that are computed together.
+# Number of additional nodes for derivatives, and number of lags per block.
 _EXTRA, _LAGS = 6, 128
-# Largest distance, relative to the size of the pupil, at which edges of two copies of the pupil are
-# treated as coincident.
+# Distance, relative to the size of the pupil, below which edges are treated as coincident.
 _NEAR = 1e-9
 
 
 class Derivatives(Protocol):
-    """Derivatives of integrals over a pupil with respect to the parameters of the pupil.
-
-    The arrays have one row for each integral.
-    """
+    """Derivatives of integrals over a pupil, with one row for each integral."""
 
     def vertices(self) -> Complex:
         """Return the derivatives with respect to the coordinates of the vertices."""
@@ -107,10 +100,9 @@ class PupilNumbers:
         return np.concatenate(columns, axis=1)
 
     def result(self, jets: Jets, shape: tuple[int, ...], is_complex: bool) -> Any:
-        """Return the values of jets in the form that the user receives.
+        """Return the values of jets as a NumPy array, or as Dr.Jit arrays with derivatives.
 
-        If the pupil contains Dr.Jit arrays, the result is a ``Complex2f`` or ``Float`` with
-        derivatives. Otherwise it is a NumPy array with the specified shape.
+        The result contains derivatives if the pupil contains Dr.Jit arrays.
         """
         if not self.arrays:
             values = jets[:, 0].reshape(shape)
@@ -171,8 +163,8 @@ class Edges:
     ) -> tuple[Floats, Floats]:
         """Return the nodes and weights of quadrature rules on parts of edges.
 
-        Each node has two weights, which are the weight of the rule times 1 - t and times t, where t
-        is the fraction of the edge. For ``slopes`` and ``half_band`` see :func:`region_integrals`.
+        Each node has two weights: the weight of the rule times 1 - t and times t, where t is the
+        fraction of the edge. For ``slopes`` and ``half_band`` see :func:`region_integrals`.
         """
         edge, low, high = parts
         begin, vector, length = self.begin[edge], self.vector[edge], high - low
@@ -238,8 +230,6 @@ def _autocorrelation_jets(
 
 @dataclass(frozen=True, eq=False)
 class _OfSlices:
-    """Derivatives of autocorrelation integrals with respect to the parameters of a pupil."""
-
     pupil: AberratedPupil
     regions: Slices
     error: float
@@ -249,8 +239,8 @@ class _OfSlices:
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
         pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
         for row, i, j, weight in pairs:
-            # Relative to the copy whose element is ``i``, the other copy is displaced by minus the
-            # lag. Relative to the other copy, the displacement is plus the lag.
+            # Relative to the copy with the element ``i``, the other copy is displaced by minus the
+            # lag.
             ahead = self._along_edges(edges, i, j, -regions.lags[row])
             behind = self._along_edges(edges, j, i, regions.lags[row]).conj()
             total[row, edges[i].vertices] += weight * ahead
@@ -260,9 +250,8 @@ class _OfSlices:
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
         """Return the derivatives with respect to the vertices of element ``one`` of one copy.
 
-        They are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges, where N is
-        the normal of the edge, t is the fraction of the edge, and u_one and u_other are the fields
-        on the elements. The integrals extend over the points p for which p + shift lies in element
+        They are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges, with the
+        normal N and the fraction t of an edge, over points p for which p + shift lies in element
         ``other``.
         """
         pupil, moving = self.pupil, edges[one]
@@ -300,10 +289,7 @@ class _OfSlices:
 def _pieces(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
 ) -> tuple[Parts, Floats]:
-    """Return the parts of edges that lie in a polygon after a shift, and a factor for each part.
-
-    The factor is 1 inside the polygon and 1/2 along its boundary.
-    """
+    """Return parts of edges in a shifted polygon, and factors of 1 inside, 1/2 on its edges."""
     begin, vector = edges.begin + shift, edges.vector
     edge, cut = _cuts(begin, vector, others, near)
     is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
@@ -318,10 +304,7 @@ def _pieces(
 
 
 def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
-    """Return the positions at which edges end or cross the edges of another polygon.
-
-    A position is the index of an edge and the fraction of the edge. The positions are sorted.
-    """
+    """Return edge indices and fractions at which edges end or cross another polygon, sorted."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]
@@ -330,7 +313,7 @@ def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[In
     with np.errstate(divide="ignore", invalid="ignore"):
         t, s = along / cross, across / cross
     meets = (t > 0) & (t < 1) & (s > -_NEAR) & (s < 1 + _NEAR)
-    # If two edges coincide, the edge is also divided at vertices of the other polygon.
+    # Coincident edges are also divided at vertices of the other polygon.
     at = (away * vector[:, None]).sum(axis=-1) / length[:, None] ** 2
     touches = (at > 0) & (at < 1) & (np.abs(across) < near * length[:, None])
     every = np.arange(len(vector))

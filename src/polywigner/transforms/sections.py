@@ -1,15 +1,9 @@
 """Sections of a field along y, and overlaps of a field with its mirror image.
 
-If a phase-space function of a plane source is integrated over two of its four coordinates, the
-result consists of such sections and overlaps (docs/projections.md). All functions in this module
-integrate along y or reflect x. For the other direction, callers exchange x and y of the field.
-Coordinates are relative to the centre of the field, so that sources far from the origin lose no
-digits.
-
-A plane wave on the source shifts the frequency of the Fourier transform of a section or an overlap,
-and multiplies the transform by a phase factor, (P16). Each overlap is therefore computed only once
-for all waves. Waves, or pairs of waves, with equal frequency shifts are summed before the
-transform.
+Projections of phase-space functions consist of such sections and overlaps (docs/projections.md).
+Callers exchange x and y of the field for the other direction. Coordinates are relative to the
+centre of the field. A plane wave on the source shifts the frequency of a transform and multiplies
+the transform by a phase factor, (P16), so each overlap is computed once for all waves.
 """
 
 from __future__ import annotations
@@ -25,7 +19,8 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.geometry.parts import shifted
+from polywigner.numerics import Complex, Floats, Indices, cluster_indices
 from polywigner.numerics.phases import (
     cos_sin_cycles,
     cycles_to_centre,
@@ -37,18 +32,17 @@ from polywigner.source.normal_form import SourceElement, normal_form
 
 _OPS = NumpyOperations()
 
-# Number of values in a temporary array. Together with intermediate results, the array takes some
-# tens of megabytes.
+# Number of values in a temporary array, some tens of megabytes with intermediate results.
 _BLOCK = 1 << 20
 
-# Largest difference of two frequency shifts that are treated as equal, as a fraction of the largest
-# shift. Equal shifts may differ by rounding errors if they are sums in a different order.
+# Difference below which frequency shifts are treated as equal, as a fraction of the largest shift,
+# because sums in a different order differ by rounding errors.
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""Function that converts the frequencies of pairs of waves, each of shape (m, 2), to shifts and
-rates. The Fourier transform of the overlap is evaluated at its frequency minus the shift. The rates
-are the frequencies of the pair's phase along the coordinates of a tile."""
+"""Function that converts the frequencies of pairs of waves, each of shape (m, 2), to frequency
+shifts of the transform and to rates, the frequencies of the pair's phase along the coordinates
+of a tile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +122,6 @@ def _upright(field: PlaneField) -> _Upright:
 
 
 def _height(left: Floats, right: Floats, x: Floats) -> Floats:
-    """Return the y coordinate of each edge at x, limited to the range of y of the edge."""
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
@@ -142,7 +135,7 @@ def sections(field: PlaneField, x: Floats) -> Sections:
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
     height = _height(edges.left[edge], edges.right[edge], x[row])
     order = np.lexsort((height, edges.element[edge], row))
-    # Along a vertical line with increasing y, edges alternately enter and leave an outline.
+    # With increasing y, edges alternately enter and leave an outline.
     below, above = order[0::2], order[1::2]
     element = edges.element[edge[below]]
     weight = field.weights[element]
@@ -150,8 +143,6 @@ def sections(field: PlaneField, x: Floats) -> Sections:
 
 
 def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
-    """Return the Fourier transforms of all sections along y, one row for each section."""
-
     def term(chosen: Indices) -> tuple[Floats, Floats]:
         low, high = intervals.low[chosen, None], intervals.high[chosen, None]
         cosine, sine = mean_plane_wave(_OPS, nu * low, nu * high)
@@ -164,10 +155,7 @@ def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
 def _row_sums(
     row: Indices, count: int, columns: int, term: Callable[[Indices], tuple[Floats, Floats]]
 ) -> Complex:
-    """Return the sum of cosine - i sine over all entries with the same index in ``row``.
-
-    The indices must be in ascending order.
-    """
+    """Return the sum of cosine - i sine over entries with the same, ascending, index in ``row``."""
     total = np.zeros((count, columns), np.complex128)
     rank = np.arange(len(row)) - np.searchsorted(row, row)
     for k in range(rank.max(initial=-1) + 1):
@@ -181,7 +169,7 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
     """Return the Fourier transform of the field along y, for each x and each frequency, (P9)."""
     intervals = sections(field, x)
     at = x[intervals.row]
-    # All waves with the same frequency along y are summed before the transform.
+    # Waves with the same frequency along y are summed before the transform.
     weights: dict[float, Complex] = {}
     for k, element in enumerate(field.elements):
         inside = np.flatnonzero(intervals.element == k)
@@ -219,13 +207,11 @@ class Overlaps:
     weight: NDArray[Any]
     first: Indices
     second: Indices
-    """Index of the second element of each region. A region is the intersection of the elements
-    ``first`` and ``second``."""
+    """Index of the second element. A region is the intersection of ``first`` and ``second``."""
 
 
 Image = tuple[tuple[float, float], Floats]
-"""Images of a field, given by the scale factors along x and y, and by shifts that are added after
-scaling, one for each image. """
+"""Images of a field: scale factors along x and y, and the shift after scaling of each image."""
 
 
 def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
@@ -248,13 +234,11 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
 
 
 def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
-    """Return the polygons of all elements in all images, one row for each image."""
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
-    copies = np.tile(polygons, (len(shifts), 1))
-    points, number = shapely.get_coordinates(copies, return_index=True)
-    moved = points * scale + shifts[number // len(polygons)]
-    return np.asarray(shapely.set_coordinates(copies, moved))
+    scaled = shapely.transform(polygons, lambda points: points * scale)
+    copies = shifted(np.tile(scaled, len(shifts)), np.repeat(shifts, len(polygons), axis=0))
+    return copies.reshape(len(shifts), len(polygons))
 
 
 def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
@@ -312,7 +296,6 @@ def mutual_spectra(
 
 
 def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
-    """Yield the overlaps for each pair of elements, with the indices of both elements."""
     pair = regions.first * elements + regions.second
     for number in np.unique(pair).tolist():
         members = np.flatnonzero(pair == number)
@@ -324,11 +307,9 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
 
 
 def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
-    """Yield the mean and the indices of each group of shifts that are equal up to rounding."""
-    unit = _EQUAL * max(float(np.abs(shifts).max()), np.finfo(np.float64).tiny / _EQUAL)
-    _, number = np.unique(np.round(shifts / unit), axis=0, return_inverse=True)
+    number = cluster_indices(shifts, _EQUAL * float(np.abs(shifts).max()))
     for k in range(number.max() + 1):
-        members = np.flatnonzero(number.ravel() == k)
+        members = np.flatnonzero(number == k)
         yield shifts[members].mean(axis=0).tolist(), members
 
 
@@ -336,8 +317,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
     """Return twice the integral of the product of a uniform field and its mirror image.
 
     The image is reflected at the vertical line at x, moved up by the lag, and conjugated, (P5). The
-    result has one row for each x and one column for each lag. No edges are cut, and the result is a
-    continuous function of x and the lag.
+    result has one row for each x and one column for each lag.
     """
     edges = _upright(field)
     left, right = edges.left, edges.right
@@ -365,8 +345,7 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| for t between u and v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    # If the product of the two numbers is negative, neither number is zero, so ``total`` is
-    # positive.
+    # ``total`` is positive if u v is negative.
     crosses_zero = u * v < 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -17,8 +17,7 @@ from polywigner.geometry.rings import signed_area
 from polywigner.source import Array, Illumination
 
 PlainFourier = Callable[[Aperture, Drjit], Drjit]
-"""Function (source without Dr.Jit arrays, nu) that returns the Fourier transform of the source at a
-component array."""
+"""Function (source without Dr.Jit arrays, nu) that returns the Fourier transform of the source."""
 
 
 def check_no_drjit(**arguments: object) -> None:
@@ -112,8 +111,6 @@ def _with_vertices(
 ) -> tuple[Aperture | Array, Drjit]:
     points = execution.columns_of(vertices)
     if source is None:
-        # The vertices of an outline must be in counter-clockwise order, so they are reversed if
-        # necessary.
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
             vertices, points = (
                 execution.entries(vertices, np.arange(len(points))[::-1]),
@@ -134,7 +131,6 @@ def _with_vertices(
 
 
 def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
-    """Return an aperture with new vertices, in the order of ``Aperture.rings``."""
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])
@@ -146,10 +142,7 @@ def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
 def _of_rings(
     parts: list[list[NDArray[np.float64]]], illumination: Illumination | None
 ) -> Aperture:
-    """Return an aperture with the specified rings, of which all vertices are kept.
-
-    Raises GeometryError if the aperture is invalid.
-    """
+    """Return an aperture that keeps all vertices. Raises GeometryError if it is invalid."""
     for part in parts:
         for number, ring in enumerate(part):
             area = signed_area(ring) if len(ring) > 2 and np.isfinite(ring).all() else 0.0

@@ -1,13 +1,10 @@
-"""Transforms of curved and partly coherent sources.
+"""Transforms of curved and partially coherent sources.
 
-The Fourier transform of a curved wave is a sum of Fresnel integrals along edges. The ambiguity
-function and the autocorrelation of a partly coherent source are those of the coherent source, times
-the degree of coherence exp(-xi^2/(2 width^2)). The Wigner function is an integral over the lag
-slice with this weight, in closed form (docs/coherence.md, (PC3), (I5)). The degree of coherence is
-also the mean of exp(2 pi i t.xi) over tilts t with a normal density, whose standard deviation is
-1/(2 pi width) along each axis, (PC2). The power spectrum, exact fields, and the Wigner function of
-large arrays are therefore averages over shifted frequencies. The required number of tilts depends
-on the longest lag, which is the size of the bounding box (:mod:`polywigner.numerics.nodes`).
+The Fourier transform of a curved wave is a sum of Fresnel integrals along edges. Partial coherence
+multiplies A and R by the degree of coherence exp(-xi^2/(2 width^2)), (PC3), the mean of exp(2 pi i
+t.xi) over tilts t with a normal density and the standard deviation 1/(2 pi width), (PC2). W has a
+closed form, (I5). W of large arrays, power spectra and exact fields are averages over tilts. The
+number of tilts depends on the longest lag, the size of the bounding box.
 """
 
 from __future__ import annotations
@@ -30,16 +27,14 @@ from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
 
 TILT_ERROR = {True: 1e-11, False: 1e-7}
-"""Error of averages over tilts in double and in single precision, relative to the largest value of
-the ambiguity function. """
+"""Error of averages over tilts in double and single precision, relative to the largest A."""
 
 # Largest ratio of the coherence width to the diagonal of a source, in double and in single
-# precision, for which the Wigner function W is computed in closed form. For larger ratios the
-# closed form loses digits by cancellation. W then equals the coherent W plus a term proportional to
-# 1/width^2. The next term is 1.3e-13 of W, or 8e-7 in single precision.
+# precision, for the closed form of W, which loses digits by cancellation. For larger ratios, W
+# equals the coherent W plus a term proportional to 1/width^2. The next term is 1.3e-13 of W, or
+# 8e-7.
 _WIDEST = {True: 1e3, False: 20.0}
 
-# Number of floats in a block.
 _BLOCK = 1 << 20
 
 
@@ -49,7 +44,7 @@ def flat_source(source: Any) -> Any:
 
 
 def checked_wavefront(wave: Wavefront) -> Wavefront:
-    """Return the source if it is coherent. Raises IlluminationError otherwise."""
+    """Return the source, or raise IlluminationError if it is not coherent."""
     if not wave.is_coherent:
         raise IlluminationError(
             "expected a coherent source, got one with a coherence width of "
@@ -94,7 +89,6 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
 def _uniform(
     element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
 ) -> Complex:
-    """Return the transform of a uniform element without its weight, relative to its centre."""
     origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
     away = (origin - centre) @ axes
     inner = nu @ axes - q * away
@@ -112,25 +106,18 @@ def _uniform(
 def _bent(
     element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
-    """Return the transform of a uniform element relative to an origin.
-
-    ``axis`` is the index of the axis with the larger curvature.
-    """
     if isinstance(element, Slits):
         return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
     order = [axis, 1 - axis]
     rotation = axes[:, order]
     rings = tuple((ring - origin) @ rotation for ring in element.rings)
     values = chirp_over_rings(rings, q[:, order], nu[:, order])
-    # If the axes are exchanged, the orientation of the outline is reversed.
+    # Exchanged axes reverse the orientation of the outline.
     return values * np.sign(np.linalg.det(rotation))
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
-    """Return the coherent source with the same curved wave, optionally tilted.
-
-    The field is multiplied by exp(2 pi i tilt.x).
-    """
+    """Return the coherent source with the same curved wave, optionally times exp(2 pi i tilt.x)."""
     flat = source.source if tilt is None else normal_form(source.source).tilted(tilt).public
     return Wavefront(flat, source.curvature, source.centre).coherent
 
@@ -146,8 +133,8 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     """Return the tilts in 1/m and their weights for averages with the specified error.
 
     The error is relative to the value for a source whose points are all in phase. ``longest`` is
-    the largest lag in m along each axis that contributes to the average. Raises ArgumentError if
-    the average needs too many tilts.
+    the largest lag in m along each axis that contributes. Raises ArgumentError if the average needs
+    too many tilts.
     """
     sides = sides_of(source.bounds)
     reaches = np.minimum(sides, longest) / source.coherence_width
@@ -186,7 +173,7 @@ def mean_over_tilts(
     """Return the mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
 
     ``nu`` and ``others`` broadcast. The tilts form the last axis of the samples, so that each slice
-    is cut only once. Each call of ``evaluate`` computes about 1e6 values.
+    is computed once.
     """
     tilts, weights = tilts_of(source, TILT_ERROR[double])
     arrays = [np.asarray(points) for points in (*others, nu)]

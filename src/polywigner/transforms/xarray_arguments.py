@@ -1,9 +1,8 @@
 """Public functions with ``xarray.DataArray`` objects as arguments and results.
 
-The last dimension of a DataArray argument contains the components and may have any name. All other
-dimensions are broadcast by name, and remain in the result with their coordinates. Chunked arguments
-give lazy results. Arguments of other types are passed on unchanged. This module does not import
-xarray, because a caller with a DataArray has already imported it.
+The last dimension of an argument contains the components. All other dimensions are broadcast by
+name, and remain in the result with their coordinates. Chunked arguments give lazy results. This
+module does not import xarray, because a caller with a DataArray has already imported it.
 """
 
 from __future__ import annotations
@@ -49,8 +48,7 @@ def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str, *attrs: str) ->
     """Return arrays of a dataset, each transposed to the given axes, and then its attributes.
 
     ``axes`` contains the axes of each array, separated by blanks; an empty string accepts any axes.
-    Raises ArgumentError if an array or attribute is missing, or an array has other axes; ``maker``
-    is the name of the function that returns such datasets, for the message.
+    ``maker`` is the name of the function that returns such datasets, for error messages.
     """
     try:
         arrays = [dataset[n].transpose(*d.split()) if d else dataset[n] for n, d in axes.items()]
@@ -86,10 +84,9 @@ def takes_xarray(
 ) -> Callable[[F], F]:
     """Return a decorator for functions that accept DataArrays for the named arguments.
 
-    If an argument is a DataArray, the results are DataArrays with the attributes ``units`` and
-    ``long_name``. The units may depend on the arguments. ``components`` contains the dimension and
-    the coordinate of results that are vectors. ``with_error`` states whether the function returns a
-    pair of results and errors.
+    The results are then DataArrays with the attributes ``units`` and ``long_name``. ``components``
+    contains the dimension and the coordinate of results that are vectors. ``with_error`` specifies
+    that the function returns a pair of results and errors.
     """
 
     def decorate(function: F) -> F:
@@ -126,10 +123,7 @@ def _called(
 
 
 def _called_lazily(*arguments: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
-    """Call a public function from one of Dask's threads.
-
-    Only one thread at a time may use the thread pool of Dr.Jit.
-    """
+    """Call a public function from a Dask thread. Only one thread may use Dr.Jit's thread pool."""
     with kernel_threads():
         return _called(*arguments)
 
@@ -175,7 +169,7 @@ def _labelled(
         *prepared,
         input_core_dims=[[_dimension(name)] for name in points],
         output_core_dims=[list(components)] * len(names),
-        # The attributes of coordinates are kept. The attributes of results are replaced below.
+        # Coordinates keep their attributes. The attributes of results are replaced below.
         keep_attrs="override",
         **lazily,
     )
@@ -195,11 +189,10 @@ def _dimension(name: str) -> str:
 
 
 def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
-    """Return an argument with its last dimension renamed to ``_dimension(name)``."""
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
-        # NumPy raises a ValueError for a list whose rows have different lengths.
+        # Lists with rows of different lengths raise a ValueError.
         except ValueError:
             is_point = False
         if not is_point:
@@ -222,15 +215,11 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
-    """Return the types of the results, from a call with empty arrays of points.
-
-    The call also checks the arguments that are not points.
-    """
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
     with warnings.catch_warnings():
-        # Warnings are suppressed here, because the later call with points issues them again.
+        # The later call with points issues the warnings again.
         warnings.simplefilter("ignore")
         results = call(*empty)
     return [part.dtype for part in (results if isinstance(results, tuple) else (results,))]

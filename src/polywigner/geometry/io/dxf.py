@@ -1,7 +1,4 @@
-"""Reader of outlines and hatches in a DXF drawing, parsed by ezdxf.
-
-An area inside an odd number of outlines is open. Overlapping hatches are joined.
-"""
+"""Reader of outlines and hatches in a DXF drawing, parsed by ezdxf."""
 
 from __future__ import annotations
 
@@ -34,7 +31,7 @@ from polywigner.geometry.io.outlines import (
     transformed,
 )
 from polywigner.geometry.parts import polygons_in, union_on_grid
-from polywigner.geometry.rings import Ring, rings_of_polygon
+from polywigner.geometry.rings import Ring, extent, rings_of_polygon
 
 _IGNORED = frozenset({
     "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LARGE_RADIAL_DIMENSION",
@@ -49,18 +46,14 @@ _JOINT = 1e-6
 CAD programs write six decimals or more, so the ends meet within 1e-4 in a drawing of 100 units.
 """
 
-# Largest difference of heights in a plane drawing, as a fraction of the diagonal of the drawing,
-# due to rounding.
+# Largest difference of heights in a plane drawing, as a fraction of its diagonal.
 _FLAT = 1e-9
-# Largest relative difference of angles that count as equal.
+# Largest relative difference of equal angles.
 _SAME = 1e-9
-# Largest nesting depth of hatch boundaries that are used, by the style of the hatch: normal (all
-# boundaries), outer (the outermost two, so that islands stay open with all their content), ignore
-# (only the outermost).
+# Deepest hatch boundary that counts, by hatch style: normal, outer (islands stay open), ignore.
 _DEEPEST = {0: 1_000_000, 1: 1, 2: 0}
 
-# Metres per drawing unit, by the code $INSUNITS. Units without an exact length (light years, survey
-# units) raise an error.
+# Metres per drawing unit, by the code $INSUNITS.
 _UNITS = {
     1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5,
     10: 0.9144, 11: 1e-10, 12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 17: 1e9,
@@ -72,14 +65,11 @@ Path = list[Curve]
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """An outline, a part of an outline, or the boundaries of a painted area."""
-
     boundaries: list[list[Path]]
     style: int | None = None
     """Style of a hatch; None for outlines, which have only one path."""
 
     def transformed(self, matrix: Points, offset: Points) -> _Shape:
-        """Return the image of the shape under p -> p @ matrix + offset."""
         images = [
             [[transformed(curve, matrix, offset) for curve in path] for path in paths]
             for paths in self.boundaries
@@ -87,12 +77,7 @@ class _Shape:
         return replace(self, boundaries=images)
 
 
-def _size(points: Points) -> float:
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
-def _rough(path: Path) -> Points:
-    """Return sample points (n, 3) along a path, including its vertices and ends."""
+def _sample_points(path: Path) -> Points:
     return np.concatenate([sampled(curve, 8) for curve in path])
 
 
@@ -101,21 +86,18 @@ def _ends(path: Path) -> Points:
 
 
 def _array(points: Iterable[Any]) -> Points:
-    """Return an array (n, 3) of ezdxf's points in two or three dimensions."""
     array = np.array([[*p, 0.0][:3] for p in points], dtype=np.float64).reshape(-1, 3)
     check_coordinates(array)
     return array
 
 
 def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
-    """Return the arc between two angles in radians; equal angles make a full ellipse."""
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
 
 
 def _curves(kind: str, item: Any) -> Path:
-    """Return the curve of an entity or of a hatch's edge: line, arc, circle, ellipse or spline."""
     data = getattr(item, "dxf", item)
     if kind == "LINE":
         return [_array([data.start, data.end])]
@@ -128,14 +110,13 @@ def _curves(kind: str, item: Any) -> Path:
         centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
     control = _array(tool.control_points)
-    # Splines that are not clamped are evaluated only between the first and the last knot in use,
-    # because ezdxf would also evaluate them outside this range.
+    # ezdxf would evaluate unclamped splines outside their range of knots.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
 
 
 def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
-    """Return the lines and arcs of a polyline, given as rows (n, 3) of x, y and bulge."""
+    """Return the lines and arcs of a polyline, from rows (n, 3) of x, y and bulge."""
     rows = np.concatenate([rows, rows[: int(is_closed)]])
     points, bulges = np.insert(rows[:, :2], 2, height, axis=1), rows[:-1, 2]
     if not bulges.any():
@@ -153,7 +134,6 @@ def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
 
 
 def _polyline(polyline: Any, layer: str) -> Path:
-    """Return the path of a polyline in the plane."""
     if polyline.has_width:
         raise FileFormatError(
             f"expected polylines of width zero, got one with a width on layer {layer[:60]!r}; "
@@ -168,7 +148,6 @@ def _polyline(polyline: Any, layer: str) -> Path:
 
 
 def _hatch(hatch: Any) -> list[list[Path]]:
-    """Return the boundaries of a hatch: a polyline, or edges in any order and direction."""
     boundaries = []
     for boundary in hatch.paths:
         if hasattr(boundary, "vertices"):
@@ -181,7 +160,6 @@ def _hatch(hatch: Any) -> list[list[Path]]:
 
 
 def _shape_of(entity: Any, layer: str) -> _Shape:
-    """Return the path or the painted area of one entity."""
     kind = entity.dxftype()
     if kind in ("LINE", "ELLIPSE", "SPLINE"):
         return _Shape([[_curves(kind, entity)]])
@@ -203,16 +181,15 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
             "convert it to polylines, or move it to a layer that is off"
         )
-    # The coordinates of planar DXF entities refer to an object coordinate system.
+    # Planar DXF entities have an object coordinate system.
     axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
 
 def load_dxf(file: File) -> Drawing:
-    """Load outlines and hatches in the model space of a DXF file, from layers that are on."""
+    """Load the outlines and hatches of a DXF file's model space, from visible layers."""
     document = importlib.import_module("ezdxf").readfile(file.path)
-    # If the file contains no $INSUNITS, its unit counts as unknown, whereas ezdxf would assume
-    # metres.
+    # Without $INSUNITS, ezdxf would assume metres.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in file.content else 0
     if code not in (0, *_UNITS):
         raise FileFormatError(
@@ -229,8 +206,6 @@ def _layer_of(entity: Any) -> str:
 
 
 class _Space:
-    """The visible entities of a drawing, or the entities on the requested layers."""
-
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
         self.requested = {name.lower() for name in layers}
         table = {layer.dxf.name.lower(): layer for layer in document.layers}
@@ -244,16 +219,15 @@ class _Space:
             check_known([names.get(name.lower(), name) for name in layers], known)
 
     def shapes(self, entities: Iterable[Any], around: str | None = None) -> Iterator[_Shape]:
-        """Yield the shapes of the model space, or of a block that is inserted on layer `around`."""
+        """Yield the shapes of the model space, or of a block inserted on layer `around`."""
         for entity in entities:
             kind, layer = entity.dxftype(), _layer_of(entity)
-            # Layer 0 of a block stands for the layer on which the block is inserted.
+            # Layer 0 of a block stands for the layer of its insertion.
             layer = around if layer == "0" and around else layer
             if kind in _IGNORED or entity.dxf.get("invisible", 0):
                 continue
             if kind == "INSERT":
-                # A layer that is off hides only the entities on it. A frozen layer also hides
-                # inserted blocks.
+                # Frozen layers hide inserted blocks; layers that are off do not.
                 if layer.lower() not in self.frozen:
                     yield from self._inserted(entity, layer)
             elif layer.lower() not in self.hidden and (
@@ -262,7 +236,6 @@ class _Space:
                 yield _shape_of(entity, layer)
 
     def _inserted(self, insert: Any, layer: str) -> Iterator[_Shape]:
-        """Yield the shapes of an inserted block, once or as an array."""
         block, clip = insert.block(), importlib.import_module("ezdxf.xclip").XClip
         if block is None or block.block.is_xref or clip(insert).has_clipping_path:
             raise FileFormatError(
@@ -278,22 +251,21 @@ class _Space:
 
 
 def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
-    """Return the polygons of outlines and of hatches."""
     paths = [path for shape in shapes for boundary in shape.boundaries for path in boundary]
     if not paths:
         raise FileFormatError(
             "the model space contains no outlines; draw closed polylines, circles or hatches "
             "on a layer that is on"
         )
-    points = np.concatenate([_rough(path) for path in paths])
+    points = np.concatenate([_sample_points(path) for path in paths])
     check_coordinates(points)
     heights = points[:, 2]
-    if np.ptp(heights) > _FLAT * (_size(points) + np.abs(points).max()):
+    if np.ptp(heights) > _FLAT * (extent(points) + np.abs(points).max()):
         raise FileFormatError(
             f"expected a plane drawing, got heights from {heights.min():g} to "
             f"{heights.max():g}; move all entities to one height"
         )
-    gap, tolerance = _JOINT * _size(points), file.tolerance and file.tolerance / metres
+    gap, tolerance = _JOINT * extent(points), file.tolerance and file.tolerance / metres
     shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
     hatches = [shape for shape in shapes if shape.style is not None]
     painted = [
@@ -325,9 +297,9 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
 
 def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
-    # Paths shorter than the gap between connected ends count as points.
-    paths = [path for path in paths if _size(_rough(path)) > gap]
-    is_open = [_size(_ends(path)) > gap for path in paths]
+    # Paths shorter than the gap count as points.
+    paths = [path for path in paths if extent(_sample_points(path)) > gap]
+    is_open = [extent(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
     loose = list(compress(paths, is_open))
     for chain in _chains([_ends(path) for path in loose], gap):
@@ -346,10 +318,9 @@ def _chords(path: Path, reach: float) -> Points:
 
 
 def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
-    """Return closed chains of paths. `tips`: ends (2, 3) of each path, which meet in pairs.
+    """Connect paths whose ends are at most `gap` apart to closed chains.
 
-    Ends meet if their distance is at most `gap`. A chain is a list of path indices, each with a
-    flag for a reversed path.
+    ``tips``: ends (2, 3) of each path. A chain is a list of (path number, whether it is reversed).
     """
     if not tips:
         return []

@@ -20,12 +20,11 @@ if TYPE_CHECKING:
     import gdstk
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
-# Type of the GDSII record STRANS, and its bits for an absolute magnification and an absolute angle.
+# GDSII record STRANS, and its bits for absolute magnification and angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
-def _chosen(library: Any, name: str | None) -> gdstk.Cell:
-    """Return the cell with a given name, or by default the only top cell."""
+def _requested_cell(library: Any, name: str | None) -> gdstk.Cell:
     cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
     top = [cell.name for cell in library.top_level() if cell.name in cells]
     if name is None and len(top) == 1:
@@ -44,7 +43,7 @@ def _chosen(library: Any, name: str | None) -> gdstk.Cell:
 
 
 def _check_transformations(content: bytes) -> None:
-    """Raise FileFormatError for absolute transformations, which gdstk would treat as relative."""
+    """Raise FileFormatError for absolute transformations, which gdstk treats as relative."""
     position = 0
     while size := int.from_bytes(content[position : position + 2], "big"):
         flags = content[position + 4 : position + 6]
@@ -57,7 +56,6 @@ def _check_transformations(content: bytes) -> None:
 
 
 def _check_references(cells: Iterable[Any]) -> None:
-    """Raise FileFormatError for references to cells that the file does not contain."""
     for cell in cells:
         for reference in cell.references:
             if isinstance(reference.cell, str):
@@ -68,7 +66,7 @@ def _check_references(cells: Iterable[Any]) -> None:
 
 
 def _check_cycles(cells: Iterable[Any]) -> None:
-    """Raise FileFormatError if a cell contains itself, because gdstk would abort the process."""
+    """Raise FileFormatError if a cell contains itself, which makes gdstk abort the process."""
     inner = {
         cell.name: [ref.cell.name for ref in cell.references if not isinstance(ref.cell, str)]
         for cell in cells
@@ -88,10 +86,10 @@ def _layer_names(layer: int, data_type: int) -> tuple[str, str]:
 
 
 def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
-    """Yield the outlines of polygons and paths, with their layer and "layer/data type"."""
+    """Yield the outlines of polygons and paths, with "layer" and "layer/data type"."""
     for polygon in cell.get_polygons(include_paths=False):
         yield *_layer_names(polygon.layer, polygon.datatype), polygon.points
-    # The method get_polygons would lose the absolute widths of paths in references.
+    # get_polygons loses the absolute widths of paths in references.
     for path in cell.get_paths():
         for polygon in path.to_polygons():
             yield *_layer_names(path.layers[0], path.datatypes[0]), polygon.points
@@ -100,8 +98,8 @@ def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
 def load_gds(file: File) -> Drawing:
     """Load the polygons and paths of one cell, including its references.
 
-    A layer "1" has all data types, a layer "1/0" only one of them. Any other string is the name of
-    the cell, which is by default the only top cell.
+    A layer is "1" for all data types, or "1/0" for one. Any other name is the cell, by default the
+    only top cell.
     """
     cells = [name for name in file.layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
@@ -114,7 +112,7 @@ def load_gds(file: File) -> Drawing:
         raise FileFormatError(
             f"expected a database unit above zero, got {metres:g} m; export the layout again"
         )
-    cell: Any = _chosen(library, cells[0] if cells else None)
+    cell: Any = _requested_cell(library, cells[0] if cells else None)
     _check_cycles(library.cells)
     members = [cell, *cell.dependencies(True)]
     _check_references(members)
@@ -124,14 +122,14 @@ def load_gds(file: File) -> Drawing:
         length = float(np.hypot(*np.ptp(path.spine(), axis=0)))
         names = _layer_names(path.layers[0], path.datatypes[0])
         if length == 0 and not (requested and requested.isdisjoint(names)):
-            # Paths of length zero raise an error, because gdstk would drop them.
+            # gdstk silently drops paths of length zero.
             raise FileFormatError(
                 f"expected paths with a length, got a path of length zero on layer {names[1]}; "
                 "draw a polygon instead"
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
-    # GDSII boundaries without extent have no points and are skipped.
+    # Boundaries without extent have no points.
     shapes = [shape for shape in _shapes(cell) if len(shape[2])]
     if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])
@@ -143,8 +141,7 @@ def load_gds(file: File) -> Drawing:
             "the cell contains no polygons or paths; choose another cell or layer"
         )
     check_coordinates(np.concatenate(rings))
-    # In GDSII, a cut leads from the exterior of a polygon to each hole. The fill rule separates the
-    # holes again.
+    # GDSII polygons reach their holes by cuts, which the fill rule removes.
     polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
     if not polygons:
         raise FileFormatError(

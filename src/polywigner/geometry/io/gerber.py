@@ -1,7 +1,6 @@
 """Reader of the copper of one board layer in a Gerber file (RS-274X), parsed by gerbonara.
 
-Some statements (step and repeat, blocks, transformed apertures) would be ignored or misread by
-gerbonara. Such statements raise an error beforehand.
+Statements that gerbonara would misread, such as step and repeat, raise an error.
 """
 
 from __future__ import annotations
@@ -42,8 +41,7 @@ _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"(?![CROP](?![\w.$-]))[A-Za-z_.$][\w.$-]*"
 
-# Macros may contain only exposures of 0 and 1, and polygons centred at the origin: gerbonara
-# misreads other exposures and does not rotate the centres of polygons.
+# gerbonara misreads macros with other exposures, and does not rotate the centres of polygons.
 _BLOCK = (
     r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|20|21),\s*[01],|0*5,\s*[01],[^,*]+,\s*0,\s*0,)"
     r"[-+0-9.$xX/(),\s]+)?"
@@ -58,16 +56,15 @@ _STATEMENT = re.compile(
     rf"|{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
     rf"|%AM{_NAME}\*{_BLOCK}(?:\*{_BLOCK})*"
 )
-# Statements that are skipped: attributes, names, and transformations that change nothing.
+# Attributes, names, and transformations without effect.
 _NEUTRAL = re.compile(
     r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MIA0B0|LMN|IR0|SR(?:X1Y1I0J0)?|"
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
     re.DOTALL,
 )
-# Warnings of gerbonara about statements that it reads correctly.
+# Warnings about statements that gerbonara reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
-# Largest relative difference of the radii at both ends of an arc, which may be due to rounded
-# coordinates.
+# Largest relative difference of an arc's radii, due to rounded coordinates.
 _RADII = 1e-3
 
 Layers = Iterable[tuple[bool, BaseGeometry]]
@@ -114,13 +111,12 @@ def _checked(text: str) -> tuple[str, str]:
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # Names of one letter, and G1 in place of G01, are rewritten, because gerbonara does not
-        # accept them.
+        # gerbonara does not accept names of one letter, nor G1 in place of G01.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
     regions = [words[:3] for words in statements if words in ("G36*\n", "G37*\n")]
-    # Regions must be closed, because gerbonara silently drops other regions.
+    # gerbonara silently drops regions without G37.
     if regions != ["G36", "G37"] * (len(regions) // 2):
         raise _refusal("G37 after each G36", "another order")
     checked = "".join(statements)
@@ -133,7 +129,6 @@ def _checked(text: str) -> tuple[str, str]:
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Return gerbonara's objects in the order of the file. Warnings count as errors."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -142,26 +137,15 @@ def _objects_of(text: str) -> list[Any]:
 
 
 def _composed(layers: Layers) -> BaseGeometry:
-    """Return the copper after all shapes: dark shapes add copper, clear shapes remove copper."""
-    copper = np.array([], dtype=object)
+    """Return the copper after all dark (additive) and clear (subtractive) shapes."""
+    copper: BaseGeometry = shapely.MultiPolygon()
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
-        shapes = [shape for _, shape in run if not shape.is_empty]
-        if not shapes:
-            continue
-        shape = shapes[0] if len(shapes) == 1 else union_on_grid(shapes)
-        # Only polygons within the bounds of a new shape can change.
-        near = shapely.intersects(copper, shapely.box(*shape.bounds))
-        if near.any():
-            around = shapely.MultiPolygon(list(copper[near]))
-            shape = (
-                union_on_grid([*copper[near], shape])
-                if dark
-                else combined_on_grid(shapely.difference, around, shape)
-            )
-        elif not dark:
-            continue
-        copper = np.concatenate([copper[~near], np.array(polygons_in(shape), dtype=object)])
-    return shapely.MultiPolygon(list(copper))
+        shapes = [polygon for _, shape in run for polygon in polygons_in(shape)]
+        if dark and shapes:
+            copper = union_on_grid([*polygons_in(copper), *shapes])
+        elif shapes and not copper.is_empty:
+            copper = combined_on_grid(shapely.difference, copper, union_on_grid(shapes))
+    return copper
 
 
 def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * math.pi) -> Arc:
@@ -197,14 +181,11 @@ def _hull(outlines: Sequence[Points]) -> BaseGeometry:
 
 
 class _Shapes:
-    """Converter of gerbonara's objects to polygons, with chords within `tolerance`."""
-
     def __init__(self, tolerance: float | None) -> None:
         self._tolerance = tolerance
         self._flashes: dict[int, BaseGeometry] = {}
 
     def of(self, item: Any) -> Layers:
-        """Yield the polygons of one gerbonara object."""
         kind = type(item).__name__
         if kind == "Region":
             shapes = [self._region(item)]
@@ -222,19 +203,17 @@ class _Shapes:
         return shapely.MultiPolygon([(outer, holes) for outer, *holes in filled(rings, "nonzero")])
 
     def _capsule(self, start: Any, end: Any, width: float) -> BaseGeometry:
-        """Return the region that a round aperture sweeps along a line."""
         ends = np.array([start, end], dtype=float)
         along = ends[1] - ends[0]
         if not along.any():
             return self._polygon([_circle(ends[0], width / 2)])
-        # The half circle at the end of a stroke has vertices where the straight sides begin.
+        # Half circles have vertices where the straight sides begin.
         half = _circle((0, 0), width / 2, math.atan2(along[1], along[0]) + math.pi / 2, math.pi)
         discs = [_circle(end, width / 2) for end in ends]
         side = chords(half, reach_of(discs, self._tolerance))
         return _hull([ends[1] - side, ends[0] + side])
 
     def _primitive(self, primitive: Any) -> BaseGeometry:
-        """Return the region of a graphic primitive; outlines computed by gerbonara are wrong."""
         kind, p = type(primitive).__name__, primitive
         if kind == "Circle":
             return self._polygon([_circle((p.x, p.y), p.r)])
@@ -268,7 +247,6 @@ class _Shapes:
         return shapely.transform(self._flashes[number], lambda points: points + position)
 
     def _stroke(self, stroke: Any, kind: str) -> list[BaseGeometry]:
-        """Return the overlapping shapes that an aperture sweeps along a line or an arc."""
         pen = stroke.aperture
         is_round = hasattr(pen, "diameter")
         if pen.hole_dia or (kind == "Arc" and not is_round):
@@ -298,7 +276,7 @@ class _Shapes:
 
 
 def load_gerber(file: File) -> Drawing:
-    """Load the copper of a layer: dark objects add copper, and clear objects remove copper."""
+    """Load the copper of a layer from a Gerber file."""
     text, unit = _checked(text_of(file.content))
     metres = _METRES[unit]
     shapes = _Shapes(file.tolerance and file.tolerance / metres)
@@ -306,10 +284,9 @@ def load_gerber(file: File) -> Drawing:
         copper = _composed(layer for item in _objects_of(text) for layer in shapes.of(item))
     except (PolywignerError, ImportError):
         raise
-    # Every exception is caught, because gerbonara does not document its exceptions.
+    # gerbonara does not document its exceptions.
     except Exception as error:
-        # The line number in gerbonara's message is removed, because it refers to the checked
-        # statements, not to the file.
+        # The line numbers of gerbonara refer to the rewritten statements.
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
         raise _refusal("a Gerber file that gerbonara can read", why[:200].rstrip(".")) from None
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]

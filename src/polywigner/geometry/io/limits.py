@@ -11,21 +11,18 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 
-# Largest sizes of outline files and scene files in bytes. A million vertices take about 40 MB as
-# text. Scene files contain no meshes.
+# Largest sizes of outline and scene files [bytes]; a million vertices take about 40 MB as text.
 LARGEST_FILE = 64 * 2**20
 LARGEST_SCENE = 8 * 2**20
 
-# Largest number of vertices and of outlines of an aperture. The checks of such an aperture take
-# about 10 s.
+# Largest numbers of vertices and outlines of an aperture, which take about 10 s to check.
 MOST_VERTICES = 1_000_000
 MOST_RINGS = 10_000
 
-# Largest number of triangles of a body. The checks of such a body take about 10 s.
+# Largest number of triangles of a body, which take about 10 s to check.
 MOST_FACES = 200_000
 
-# Largest absolute value of a coordinate in a file. Squares and products of such numbers do not
-# overflow.
+# Largest coordinate; products of larger numbers overflow.
 LARGEST_NUMBER = 1e100
 
 
@@ -46,7 +43,7 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 def check_coordinates(points: NDArray[Any]) -> None:
     """Raise FileFormatError for coordinates that are not finite or too large."""
-    # The comparison is negated, so that NaN raises an error as well.
+    # Negated, so that NaN also raises an error.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
             f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or "
@@ -58,7 +55,7 @@ _NUMBER = re.compile(r"[-+.,;:\s0-9eE]{1,12}", re.ASCII)
 
 
 def token(text: str, known: tuple[str, ...] = ()) -> str:
-    """Return a token of a file for an error message; unknown text is replaced by its length."""
+    """Return a token of a file for error messages; unknown text is replaced by its length."""
     if text in known or _NUMBER.fullmatch(text):
         return repr(text)
     return f"{len(text)} characters of text" if text else "nothing"
@@ -72,7 +69,7 @@ def check_regular(path: Path) -> None:
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """Return the content of a regular file; its size must be from 1 to `largest` bytes."""
+    """Return the content of a regular file of 1 to `largest` bytes."""
     try:
         check_regular(path)
         check_bytes(path.stat().st_size, largest)
@@ -85,7 +82,7 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 
 def text_of(content: bytes) -> str:
-    """Return the text of a file in UTF-8."""
+    """Decode the text of a file in UTF-8."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

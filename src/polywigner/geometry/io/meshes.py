@@ -1,8 +1,4 @@
-"""Readers of STL, PLY and OBJ meshes: vertices, and faces with any number of corners.
-
-Colours, normals and texture coordinates are ignored. Corners that differ only by rounding are
-joined.
-"""
+"""Readers of STL, PLY and OBJ meshes; corners that differ only by rounding are merged."""
 
 from __future__ import annotations
 
@@ -19,19 +15,19 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
 from polywigner.geometry.polyhedron import heights_of, triangulate_faces
+from polywigner.geometry.rings import extent
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
 Points = NDArray[np.float64]
 Face = tuple[int, ...]
 
-# Largest distance of vertices that are merged, as a fraction of the size of the mesh. CAD programs
-# compute the corners of each face separately, with rounding errors of 1e-16 to 1e-12.
+# Largest distance of merged vertices, as a fraction of the size of the mesh; CAD programs write the
+# corners of each face with separate rounding errors of up to 1e-12.
 _WELD = 1e-9
-# Largest difference of vertices that are merged in single precision, in units of the last digit.
+# Largest difference of merged float32 coordinates, in units of the last digit.
 _LAST_DIGITS = 2
-# Largest distance of a vertex from the plane of its face, as a fraction of the size of the mesh.
-# Coordinates with six digits satisfy this limit.
+# Largest distance of a vertex from its face's plane, as a fraction of the size; six digits pass.
 _PLANAR = 1e-5
 
 
@@ -51,14 +47,13 @@ _DOUBLE, _SINGLE = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).e
 def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     """Return vertices (n, 3) in the file's unit and triangles (m, 3) of an STL, PLY or OBJ file.
 
-    A damaged or truncated file, and a file without faces, raise a FileFormatError. A face that is
-    not planar is split into triangles with a warning.
+    Raises FileFormatError if the file is damaged or contains no faces. Faces that are not planar
+    cause a warning.
     """
     readers: dict[str, Callable[[bytes], Mesh]] = {".stl": _stl, ".ply": _ply, ".obj": _obj}
     kind = suffix.removeprefix(".").upper()
     try:
         mesh = readers[suffix](content)
-    # A FileFormatError is also a ValueError, but needs no further explanation.
     except FileFormatError:
         raise
     except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
@@ -87,25 +82,19 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
 
 def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
     heights = heights_of(mesh.vertices, mesh.faces)
-    worst = int(heights.argmax()) if len(heights) else 0
-    if len(heights) and heights[worst] > _PLANAR * _size(mesh.vertices):
+    worst = int(heights.argmax())
+    if heights[worst] > _PLANAR * extent(mesh.vertices):
         warn_caller(
             f"face {worst} of the mesh is not planar: a vertex is {heights[worst]:.3g} (in "
             "the file's unit) away from its plane, and the body depends on the division into "
             "triangles; export the mesh as triangles"
         )
-    triangles = triangulate_faces(mesh.vertices, mesh.faces)
-    return mesh.vertices, triangles
-
-
-def _size(points: Points) -> float:
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    return mesh.vertices, triangulate_faces(mesh.vertices, mesh.faces)
 
 
 def _welded(mesh: Mesh) -> Mesh:
-    """Merge vertices that differ only by rounding, and drop edges and faces that vanish."""
     points = mesh.vertices + 0.0
-    reach = _WELD * _size(points)
+    reach = _WELD * extent(points)
     if mesh.precision > _DOUBLE:
         reach = max(reach, _LAST_DIGITS * mesh.precision * float(np.abs(points).max()))
     labels = np.stack([_clusters(column, reach) for column in points.T], axis=1)
@@ -122,7 +111,7 @@ def _welded(mesh: Mesh) -> Mesh:
 
 
 def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
-    """Return labels (n,), which are equal for values connected by steps of at most `reach`."""
+    """Label values (n,), with equal labels for values connected by steps of at most `reach`."""
     order = np.argsort(values, kind="stable")
     labels = np.empty(len(values), dtype=np.intp)
     labels[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > reach)
@@ -168,9 +157,6 @@ def _of_corners(corners: Points, precision: float) -> Mesh:
     return Mesh(corners.reshape(-1, 3), list(map(tuple, numbers.tolist())), precision)
 
 
-_FREE_FORM = ("curv", "curv2", "surf")
-
-
 def _obj(content: bytes) -> Mesh:
     vertices: list[list[float]] = []
     faces: list[Face] = []
@@ -181,11 +167,11 @@ def _obj(content: bytes) -> Mesh:
             vertices.append([float(x), float(y), float(z)])
         elif word in (b"f", b"fo"):
             numbers = [int(value.partition(b"/")[0]) for value in values]
-            # Negative vertex indices of OBJ files count backwards from the most recent vertex.
+            # Negative OBJ indices count backwards from the latest vertex.
             faces.append(tuple(n - 1 if n > 0 else len(vertices) + n if n else -1 for n in numbers))
             if len(numbers) < 3:
                 raise ValueError
-        elif word.decode("ascii", "replace") in _FREE_FORM:
+        elif word in (b"curv", b"curv2", b"surf"):
             raise FileFormatError(
                 "expected an OBJ file with polygons, got free-form curves or surfaces; "
                 "export a mesh"
@@ -221,7 +207,7 @@ def _ply(content: bytes) -> Mesh:
             name: [_row(properties, take) for _ in range(count)]
             for name, count, properties in elements
         }
-    # Inside a generator, a StopIteration becomes a RuntimeError.
+    # A StopIteration in a generator becomes a RuntimeError.
     except (StopIteration, RuntimeError, struct.error):
         raise _cut_short("fewer") from None
     if not is_empty():
@@ -240,7 +226,7 @@ def _ply(content: bytes) -> Mesh:
 
 
 def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
-    """Return the format of a PLY file, and the name, row count and properties of each element."""
+    """Return format, and name, row count and properties of each element of a PLY file."""
     form = ""
     elements: list[tuple[str, int, list[Property]]] = []
     for line in text.splitlines():
@@ -266,7 +252,7 @@ def _row(properties: list[Property], take: Take) -> dict[str, Any]:
 
 
 def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
-    """Return a function that reads numbers from text, and a test for the end of the text."""
+    """Return a reader of numbers in text, and a test for the end of the text."""
     words = iter(body.split())
 
     def take(form: str) -> Sequence[Any]:
@@ -276,7 +262,7 @@ def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
 
 
 def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
-    """Return a function that reads binary numbers, and a test for the end of the data."""
+    """Return a reader of binary numbers, and a test for the end of the data."""
     position = 0
 
     def take(form: str) -> Sequence[Any]:

@@ -1,8 +1,7 @@
 """Outlines of drawings: curves and their chords, and polygons with holes by fill rule or nesting.
 
-A curve is a polyline ((n, d) vertices), an :class:`Arc` of an ellipse, a :class:`Bezier` or a
-:class:`Spline`. An outline is a closed sequence of curves; each curve starts at the end of the
-previous curve.
+A curve is a polyline (n, d), an :class:`Arc`, a :class:`Bezier` or a :class:`Spline`. An outline is
+a closed sequence of curves.
 """
 
 from __future__ import annotations
@@ -30,12 +29,11 @@ from polywigner.geometry.parts import (
 from polywigner.geometry.rings import (
     Ring,
     clean_ring,
-    different_vertices,
+    extent,
     hull_spans_area,
     rings_of_polygon,
     rounding_tolerance,
     signed_area,
-    spans_area,
 )
 
 DEFAULT_TOLERANCE = 1 / 2000
@@ -46,7 +44,7 @@ tenth of the outline's size, becomes 8 chords. For an outline of ten wavelengths
 1/200 of a wavelength.
 """
 
-# Largest angle of a chord in radians, so that even a small circle has at least eight chords.
+# Largest angle of a chord [rad]; even small circles have eight chords.
 _LARGEST_STEP = math.pi / 4
 
 Points = NDArray[np.floating[Any]]
@@ -69,7 +67,7 @@ class Arc:
 
     @property
     def stretch(self) -> float:
-        """Larger half axis of the ellipse."""
+        """Semi-major axis of the ellipse."""
         return float(np.linalg.norm(np.stack([self.u, self.v]), 2))
 
     def at(self, t: Points) -> Points:
@@ -83,17 +81,16 @@ class Arc:
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
     def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) on the arc; for a full ellipse, a polygon of the same area.
+        """Return vertices (n, d) on the arc; a full ellipse becomes a polygon of the same area.
 
-        The polygon of an ellipse has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x
-        = 2 pi/n. Its corners lie outside the ellipse by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch
-        for n >= 48 (1.04 for n = 8). The midpoints of its sides lie inside the ellipse by half of
-        this distance.
+        The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. Its
+        corners lie outside the ellipse by less than 1.04 (pi/n)^2/3 of the semi-major axis, for n
+        >= 8.
         """
         if not self.is_closed:
             steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
-            return sampled(self, _counted(abs(self.sweep) * steps))
-        n = 4 * max(2, _counted(1.04 * math.pi * math.sqrt(self.stretch / (3 * reach)) / 4))
+            return sampled(self, _chord_count(abs(self.sweep) * steps))
+        n = 4 * max(2, _chord_count(1.04 * math.pi * math.sqrt(self.stretch / (3 * reach)) / 4))
         x = 2 * math.pi / n
         grown = math.sqrt(x / math.sin(x))
         sweep = math.copysign(2 * math.pi, self.sweep)
@@ -120,15 +117,15 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) at equal steps; the second derivative determines their number."""
+        """Return vertices (n, d) at equal steps; the second derivative gives their number."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
-        return sampled(self, _counted(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
+        return sampled(self, _chord_count(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
 
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """A curve that consists of pieces, such as a B-spline over its range of knots."""
+    """A curve of several polynomial pieces, such as a B-spline."""
 
     points: Points
     """Control points, shape (n, d), whose bounds approximate the bounds of the curve."""
@@ -154,13 +151,12 @@ class Spline:
         t = np.arange(pieces + 1) / pieces
         while True:
             points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
-            # The distance from the curve to the midpoint of a chord is an upper bound on the
-            # distance to the chord.
+            # An upper bound on the distance of the curve from the chord.
             off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
             if (off <= reach).all():
                 return points
             t = np.union1d(t, midpoints[off > reach])
-            _counted(len(t))
+            _chord_count(len(t))
 
 
 Curve = Points | Arc | Bezier | Spline
@@ -174,38 +170,36 @@ def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
 
 
 def sampled(curve: Curve, steps: int = 1) -> Points:
-    """Return `steps` + 1 points along the curve, or the vertices of a polyline."""
+    """Return `steps` + 1 points along a curve, or the vertices of a polyline."""
     return curve if isinstance(curve, np.ndarray) else curve.at(np.arange(steps + 1) / steps)
 
 
 def chords(curve: Curve, reach: float) -> Points:
-    """Return vertices (n, d) of chords within `reach` of the curve, including its ends."""
+    """Return vertices (n, d) of chords within `reach` of a curve."""
     return curve if isinstance(curve, np.ndarray) else curve.chords(reach)
 
 
 def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
-    """Return the largest allowed distance of chords: `tolerance`, or 1/2000 of the size.
+    """Return the largest distance of chords from curves: `tolerance`, or 1/2000 of the size.
 
-    Coordinates beyond 1e100 raise a FileFormatError.
+    Raises FileFormatError for coordinates beyond 1e100.
     """
     points = np.concatenate([
         curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
         for curve in outline
     ])  # fmt: skip
     check_coordinates(points)
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
-    # The allowed distance of chords is at least the rounding error of coordinates. Outlines as
-    # small as a point raise an error later.
+    reach = DEFAULT_TOLERANCE * extent(points) if tolerance is None else tolerance
+    # At least the rounding error of coordinates.
     return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
     """Return each outline as a ring (n, d) without a repeated first vertex.
 
-    The chords are within `tolerance` of the curves, in their unit; None: 1/2000 of the size of the
-    outline. A full ellipse becomes a polygon of the same area; otherwise all vertices lie on the
-    curve. Coordinates beyond 1e100 and more than a million chords raise a FileFormatError.
+    Chords are within `tolerance` of the curves; by default within 1/2000 of the size of the
+    outline. Full ellipses keep their area. Raises FileFormatError for coordinates beyond 1e100 and
+    for more than a million chords.
     """
     reaches = [reach_of(outline, tolerance) for outline in outlines]
     return [
@@ -214,7 +208,7 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
     ]
 
 
-def _counted(steps: float) -> int:
+def _chord_count(steps: float) -> int:
     if not steps <= MOST_VERTICES:
         raise FileFormatError(
             f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
@@ -271,34 +265,26 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
 
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
-    """Return the region that a path of rings fills by the rule "nonzero" or "evenodd".
-
-    Rings without an area are ignored. Rings that do not meet another ring stay unchanged.
-    """
-    rings = [
-        ring
-        for ring in rings
-        if different_vertices(ring) >= 3 and (spans_area(ring) or hull_spans_area(ring))
-    ]
+    """Return the polygons that rings fill by the rule "nonzero" or "evenodd"."""
+    rings = [ring for ring in rings if len(ring) > 1 and hull_spans_area(ring)]
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        # Outlines that do not cross are cleaned later, together with the aperture.
+        # Simple outlines are cleaned later, with the aperture.
         return [rings]
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
 def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
-    """Return the number of other rings around each ring (n, 2)."""
+    """Return the number of rings around each ring."""
     return np.bincount(_containing(rings)[1], minlength=len(rings))
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     """Return polygons whose holes are the rings inside them; rings inside holes are polygons.
 
-    With `union`, rings that overlap or touch are joined first. Otherwise, overlaps raise a
-    GeometryError.
+    With `union`, overlapping rings are joined first. Otherwise, overlaps raise a GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
     clean = [
@@ -308,14 +294,13 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     lines = shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in clean])
     if not shapely.is_simple(lines):
         if union:
-            clean = _joined(clean)
+            clean = _join_overlapping(clean)
         else:
             _check_overlaps(clean)
     return _by_nesting(clean)
 
 
-def _joined(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the outlines of groups of rings that overlap or touch, and of rings inside others."""
+def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]
@@ -329,7 +314,6 @@ def _joined(rings: Sequence[Ring]) -> list[Ring]:
 
 
 def _check_overlaps(rings: Sequence[Ring]) -> None:
-    """Raise GeometryError if two rings overlap, unless one ring lies inside the other."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     first, second = shapely.STRtree(polygons).query(polygons, predicate="overlaps")
     once = first < second
@@ -338,7 +322,6 @@ def _check_overlaps(rings: Sequence[Ring]) -> None:
 
 
 def _by_nesting(rings: Sequence[Ring]) -> list[Polygon]:
-    """Return the polygons of rings that do not cross, from the number of rings around each ring."""
     outer, inner = _containing(rings)
     depth = np.bincount(inner, minlength=len(rings))
     order = np.argsort(depth[outer], kind="stable")

@@ -1,8 +1,4 @@
-"""Readers of apertures (GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber) and bodies (STL, PLY, OBJ).
-
-A loader returns polygons in the unit of the file. :class:`Aperture` and :class:`Polyhedron` check
-them.
-"""
+"""Readers of apertures (GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber) and bodies (STL, PLY, OBJ)."""
 
 from __future__ import annotations
 
@@ -55,7 +51,7 @@ def load_wkt(file: File) -> Drawing:
 
 def _polygons(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
     try:
-        # A NaN among the coordinates is reported later, together with its vertex.
+        # NaN is reported later, with its vertex.
         with np.errstate(invalid="ignore"):
             geometry = parse(text_of(file.content).strip())
     except (shapely.errors.GEOSException, NotImplementedError) as error:
@@ -78,16 +74,13 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 def table_rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return the line number and the columns of each line of a table; # starts a comment."""
+    """Return line number and columns of each line of a table; # starts a comment."""
     lines = enumerate(text.splitlines(), start=1)
     return [(n, columns) for n, line in lines if (columns := _columns_of(line.split("#", 1)[0]))]
 
 
 def _columns_of(line: str) -> list[str]:
-    """Split a line at semicolons, otherwise at commas, otherwise at blanks.
-
-    With semicolons, a comma is a decimal sign, as in spreadsheets of many countries.
-    """
+    """Split a line at semicolons, then with decimal commas, at commas, or at blanks."""
     if ";" in line:
         fields = line.replace(",", ".").split(";")
     elif "," in line:
@@ -95,7 +88,6 @@ def _columns_of(line: str) -> list[str]:
     else:
         fields = line.split()
     stripped = [field.strip().strip("\"'") for field in fields]
-    # A line may end with separators, which give empty columns.
     while stripped and not stripped[-1]:
         stripped.pop()
     return stripped
@@ -130,7 +122,7 @@ LOADERS: dict[str, Callable[[File], Drawing]] = {
 """Loader of each file name suffix."""
 
 _WITH_LAYERS = (load_svg, load_dxf, load_gds)
-# Patterns of the first bytes of a file, which identify the format if the suffix does not.
+# First bytes of each format, for files with an unknown suffix.
 _STARTS = (
     (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", load_dxf),
     (rb"\x00\x06\x00\x02", load_gds),
@@ -143,7 +135,6 @@ _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", 
 
 
 def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
-    """Return the loader of a file by its suffix, by its first bytes, or else the CSV loader."""
     suffix = path.suffix.lower()
     if suffix in MESH_SUFFIXES:
         raise FileFormatError(
@@ -161,7 +152,6 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
 
 
 def _loaded(file: File) -> Drawing:
-    """Return the drawing in a file; PolywignerError if its library is missing or fails."""
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
@@ -169,7 +159,6 @@ def _loaded(file: File) -> Drawing:
             "file without layers; omit layer"
         )
     try:
-        # Warnings of the libraries that read the file are hidden.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return loader(file)
@@ -183,7 +172,7 @@ def _loaded(file: File) -> Drawing:
             "expected elements with fewer levels of nesting, got too many levels, or an "
             "element that contains itself; ungroup the elements"
         ) from None
-    # Every exception is caught, because the libraries document only a few of theirs.
+    # The libraries document only a few of their exceptions.
     except Exception as error:
         raise FileFormatError(
             f"the library for this format cannot read the file ({type(error).__name__}); the "
@@ -192,7 +181,7 @@ def _loaded(file: File) -> Drawing:
 
 
 def _scaled(points: Any, metres: float) -> Ring:
-    """Return coordinates in metres; a division by 1000 is more accurate than a factor of 0.001."""
+    """Convert coordinates to metres; a division by 1000 is more accurate than a factor of 0.001."""
     array = np.asarray(points, dtype=np.float64)
     per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
@@ -219,8 +208,7 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        # The aperture is built again in the unit of the file, so that the error contains positions
-        # in this unit.
+        # Repeated in the unit of the file, so that the message contains the file's coordinates.
         build(1.0)
         raise
 
@@ -230,7 +218,6 @@ def _metres(unit: str | float) -> float:
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
-    """Return the names of the requested layers as a tuple, which is empty for all layers."""
     layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
     if not all(isinstance(name, str) and name for name in names):
@@ -311,7 +298,6 @@ def read_aperture(
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
     try:
         file = File(source, bytes_of(source), metres, tolerance, layers, joins)
-        # Later checks report numbers that are too large for float64.
         with np.errstate(all="ignore"):
             return _aperture(_loaded(file), joins)
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
@@ -419,7 +405,6 @@ def _body(
     unit: str | float,
     build: Callable[[NDArray[np.float64], NDArray[np.intp]], T],
 ) -> T:
-    """Return ``build(vertices, triangles)`` for a mesh file, with vertices in metres."""
     metres, source = _metres(unit), checked_path(path)
     kind = source.suffix.lower()
     try:
@@ -435,15 +420,14 @@ def _body(
         raise type(error)(f"{source}: {error}") from None
 
 
-# Step to which the normals of triangles are rounded, and their heights as fractions of the size of
-# the mesh. Triangles with equal rounded normals and heights form one plate.
+# Rounding step of normals and relative heights; equal values belong to one plate.
 _ONE_PLANE = 1e-12
-# Largest fraction of the area that a union may lose by rounding.
+# Largest relative loss of area by a union.
 _LOST = 1e-9
 
 
 def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[PlacedAperture]:
-    """Return triangles (m, 3) of vertices (n, 3) as plates, with one plate for each plane."""
+    """Return triangles (m, 3) of vertices (n, 3) as plates, one for each plane."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
@@ -455,8 +439,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
             "mesh again"
         )
     corners, normals = corners[wide], normals[wide] / lengths[wide, None]
-    # Plates have no orientation. The normal is reversed if its largest component is negative, so
-    # that parallel triangles have equal normals.
+    # Plates have no front, so parallel triangles get the same sign of the normal.
     largest = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
     normals = normals * np.sign(largest)
     heights = (normals * corners[:, 0]).sum(axis=1, keepdims=True) / np.ptp(vertices, axis=0).max()

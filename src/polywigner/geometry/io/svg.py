@@ -1,7 +1,6 @@
-"""Reader of the filled shapes in an SVG file; y is reversed, and strokes are ignored.
+"""Reader of the filled shapes in an SVG file; strokes are ignored.
 
-The library svgelements parses paths, transforms and colours. It silently skips invalid text, so
-this module checks the text beforehand.
+The library svgelements silently skips invalid text, so this module checks the text beforehand.
 """
 
 from __future__ import annotations
@@ -39,8 +38,8 @@ from polywigner.geometry.rings import rings_of_polygon
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-# Grammar of the attributes that are accepted. Other text would be silently skipped by svgelements.
-# Possessive quantifiers limit the time of a match.
+# Accepted attributes; svgelements silently skips other text. Possessive quantifiers limit the
+# matching time.
 _NUMBER = r"[+-]?(?>[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+"
 _COMMA = r"(?>\s*+,\s*+|\s*+)"
 _LENGTH = re.compile(rf"\s*+({_NUMBER})(%|\w*+)\s*+")
@@ -49,7 +48,7 @@ _TRANSFORM = re.compile(
     r"(?:\s*+(?:matrix|translate|scale|rotate|skew[XY])"
     rf"\s*+\(\s*+(?:{_NUMBER}{_COMMA})++\)\s*+,?+)*+\s*+"
 )
-# Arguments of transforms exclude numbers such as "5.".
+# Numbers in path data must not end with a decimal point.
 _ARGUMENT = _NUMBER.replace(r"\.?[0-9]*+", r"(?:\.[0-9]++)?+") + _COMMA
 _PATH = re.compile(
     rf"\s*+(?:(?=[Mm])(?:[MmLlTt]\s*+(?:(?:{_ARGUMENT}){{2}})++|[HhVv]\s*+(?:{_ARGUMENT})++"
@@ -74,7 +73,7 @@ _SHAPES = {"path", "rect", "circle", "ellipse", "polygon", "polyline"}
 _OPAQUE = {"text", "image", "foreignObject"}
 _INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
 _EFFECTS = ("clip-path", "mask", "filter", "transform-origin")
-# Properties in style sheets that could change an outline or its fill.
+# Style-sheet properties that may change an outline or its fill.
 _RULE = re.compile(
     rf"[{{;\s](?:{'|'.join((*_INHERITED, *_EFFECTS))}|display|opacity|transform"
     r"|d|[xyr]|[cr][xy]|width|height)\s*:",
@@ -83,16 +82,12 @@ _RULE = re.compile(
 
 
 def _refusal(what: str, text: str) -> FileFormatError:
-    """Return the error for an attribute with an invalid value."""
     short = repr(text if len(text) <= 60 else text[:60] + "...")
     return FileFormatError(f"expected {what}, got {short}; correct the attribute")
 
 
 def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
-    """Return a length in user units, and also in metres if it has a unit such as in "20mm".
-
-    `reference`: the length of 100 %, if known.
-    """
+    """Return a length in user units, and in metres if its unit is absolute; `reference`: 100 %."""
     match = _LENGTH.fullmatch(text)
     if match is None or match[2] not in ("", "px", "%", *_SIZES):
         raise _refusal(f"the {name} as a length in px, mm, cm, Q, in, pt or pc", text)
@@ -108,18 +103,16 @@ def _length(text: str, name: str, reference: float | None = None) -> tuple[float
 
 
 def _affine_of(text: str) -> Points:
-    """Return the matrix of a transform attribute: (x, y, 1) is mapped to (x, y, 1) @ matrix."""
+    """Return the matrix of a transform attribute, which maps (x, y, 1) to (x, y, 1) @ matrix."""
     try:
         matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
         rows = np.array([float(getattr(matrix, letter)) for letter in "abcdef"]).reshape(3, 2)
-    # The text is not a transform, or the transform has too few arguments.
     except (ValueError, IndexError, TypeError):
         raise _refusal("a transform such as translate(10 5) rotate(45)", text) from None
     return np.column_stack([rows, [0, 0, 1]])
 
 
 def _view_box(element: Element) -> tuple[float, ...] | None:
-    """Return x, y, width and height of the viewBox of an element, or None."""
     text = element.get("viewBox")
     if text is None:
         return None
@@ -135,10 +128,8 @@ def _closed(subpath: list[Curve]) -> list[Curve]:
 
 
 def _subpaths(path: Any) -> list[list[Curve]]:
-    """Return the subpaths of an svgelements path, each closed by a straight line."""
     subpaths: list[list[Curve]] = []
     for segment in path:
-        # After a Z without an M, the next subpath starts at the same point as the previous one.
         if type(segment).__name__ in ("Move", "Close"):
             subpaths.append([])
         else:
@@ -194,12 +185,10 @@ def _outlines_of(
 
 
 def _opacity(text: str | None) -> float:
-    """Return an opacity as a number from 0 to 1."""
     return 1.0 if text is None else min(max(_length(text, "opacity", 1.0)[0], 0.0), 1.0)
 
 
 def _parsed(content: bytes) -> Element:
-    """Return the root element. A plain DOCTYPE is accepted; entities raise an error."""
     try:
         root: Element = import_module("defusedxml.ElementTree").fromstring(content)
     except (SyntaxError, LookupError) as error:
@@ -207,7 +196,7 @@ def _parsed(content: bytes) -> Element:
         raise FileFormatError(
             f"expected SVG, got text that is not valid XML in line {line}"
         ) from None
-    # The library defusedxml raises a ValueError for entities and external files.
+    # defusedxml raises ValueError for entities and external files.
     except ValueError:
         raise FileFormatError(
             "expected an SVG file without entities or external files; save the drawing as plain SVG"
@@ -224,29 +213,24 @@ def _tag(element: Element) -> str:
 
 
 def _names(element: Any) -> list[str]:
-    """Return the names that drawing programs show for a group or shape."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
 def _properties(element: Element) -> dict[str, str]:
-    """Return the attributes of an element, together with the properties of its style attribute."""
     pairs = (part.partition(":") for part in element.get("style", "").split(";"))
     style = {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
     return {**element.attrib, **style}
 
 
 def _colour(style: Mapping[str, str]) -> tuple[str, float]:
-    """Return the colour of a fill, such as "#ffffff", and its opacity from 0 to 1.
-
-    Gradients and patterns count as black.
-    """
+    """Return the hexadecimal colour of a fill and its opacity; gradients and patterns are black."""
     text = style.get("fill", "black").strip().lower()
     if text == "currentcolor":
         text = style.get("color", "black").lower()
     if text == "none":
         return "", 0.0
     colour = import_module("svgelements").Color("black" if text.startswith("url(") else text)
-    # Colour functions without commas are excluded, because svgelements misreads them.
+    # svgelements misreads colour functions without commas.
     if colour.value is None or re.fullmatch(r"(?!url)\w+\([^,]*\)", text):
         raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
     return str(colour.hex), colour.alpha / 255
@@ -254,8 +238,6 @@ def _colour(style: Mapping[str, str]) -> tuple[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class _Context:
-    """Transform and style that apply to an element and to the elements inside it."""
-
     matrix: Points
     """Matrix of the transform: (x, y, 1) is mapped to (x, y, 1) @ matrix."""
     is_requested: bool
@@ -277,8 +259,6 @@ class _Shape(NamedTuple):
 
 
 class _Document:
-    """The visible elements of a drawing, or the elements in `layers` (names or ids)."""
-
     def __init__(self, root: Any, layers: Sequence[str]) -> None:
         self.root, self.layers = root, frozenset(layers)
         sizes = (_view_box(root) or ())[2:]
@@ -295,7 +275,6 @@ class _Document:
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
     def shapes(self, element: Any, context: _Context) -> Iterator[_Shape]:
-        """Yield the painted shapes of an element and of the elements inside it."""
         tag = _tag(element)
         if tag not in _CONTAINERS | _SHAPES | _OPAQUE:
             return
@@ -308,7 +287,7 @@ class _Document:
         children: Iterable[Any] = element
         if tag == "use":
             inside, children = self._used(inside)
-        # A switch element draws the first of its elements that requires no extension.
+        # A switch draws its first element without required extensions.
         elif tag == "switch":
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:
@@ -334,7 +313,6 @@ class _Document:
         )
 
     def _used(self, context: _Context) -> tuple[_Context, list[Any]]:
-        """Return the context and the element that a ``use`` element refers to."""
         properties = context.properties
         link = properties.get("href", properties.get(_LINK, "")).strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
@@ -345,7 +323,6 @@ class _Document:
         return replace(context, matrix=shift @ context.matrix), [target]
 
     def _painted(self, tag: str, context: _Context) -> Iterator[_Shape]:
-        """Yield the shape of an element if its fill is visible."""
         colour, alpha = _colour(context.style)
         opacity = alpha * context.opacity * _opacity(context.style.get("fill-opacity"))
         is_hidden = context.style.get("visibility") in ("hidden", "collapse")
@@ -367,7 +344,7 @@ class _Document:
 
 
 def load_svg(file: File) -> Drawing:
-    """Load the filled shapes of an SVG file with y upwards, each with its own fill rule."""
+    """Load the filled shapes of an SVG file, with y upwards."""
     root = _parsed(file.content)
     metres, matrix = _unit(root, file.unit_metres)
     context = _Context(matrix, not file.layers, {}, {})
@@ -390,10 +367,7 @@ def load_svg(file: File) -> Drawing:
 
 
 def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list[Polygon]:
-    """Return the polygons of shapes after white shapes have hidden the parts below them.
-
-    White shapes are openings only if all shapes are white.
-    """
+    """Cut white shapes out of the shapes below them, unless all shapes are white."""
     if all(is_white) or not any(is_white):
         return [polygon for polygons in painted for polygon in polygons]
     visible: list[shapely.Polygon] = []
@@ -408,10 +382,10 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
 
 
 def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
-    """Return the metres per unit of the file's coordinates, and the map that reverses y.
+    """Return the unit of the file in metres, and the matrix that reverses y.
 
-    A width or height in mm, cm, Q, in, pt or pc is the size of the viewBox; without a viewBox the
-    unit is then a CSS pixel. Otherwise the unit is `unit_metres`.
+    An absolute width or height is the size of the viewBox; without a viewBox, the unit is a CSS
+    pixel.
     """
     box, flip = _view_box(root), np.diag([1.0, -1.0, 1.0])
     scales = []

@@ -1,16 +1,16 @@
 """Contributions of an edge to the field at a point, for travelling and evanescent waves.
 
-The contribution is the integral (B3) of docs/theory/exact_fields.md along the edge. R is the
-distance from the point P to the position Q on the edge. The path differences N = R - p.(P - Q) and
-N' = R - p'.(P - Q) belong to the direction p of the wave and to its mirror image p'. E is the wave
-at the edge, and e and e' are the waves at the point along p and p'. The integrand times R is
+The contribution is the integral (B3) of docs/theory/exact_fields.md. R is the distance from the
+point P to the position Q on the edge. N = R - p.(P - Q) and N' = R - p'.(P - Q) are path
+differences for the direction p of the wave and its mirror image p'. E is the wave at the edge, and
+e and e' are the waves at the point along p and p'. The integrand times R is
 
     a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
 
 where ``share`` is the factor m of (B3), and a and b' are constants of the edge, (B2). On the ray of
-the wave through the point, both E - e and N vanish, so their quotient is computed without
-cancellation. On the ray of the mirrored wave, both E - e' and N' vanish. If the point is close to
-the plane and to the mirrored ray, the wave *grazes* the point. The integrand times R is then
+the wave through the point, E - e and N vanish, so their quotient is computed without cancellation.
+If the point is close to the plane and to the mirrored ray, where E - e' and N' vanish, the wave
+*grazes* the point. The integrand times R is then
 
     a (E - e)/2N + (1/2 - share) b' (E - e')/N' + b'/N' [(1/2 - share) e' - e/2]
 
@@ -28,39 +28,36 @@ import numpy as np
 
 from polywigner.numerics import Number
 from polywigner.numerics.jets import JetOperations
-from polywigner.numerics.phases import Pair, cos_sin_cycles, decaying_sinh, select, unit_wave
+from polywigner.numerics.phases import Pair, cos_sin_cycles, one_less_exp, select, unit_wave
 
 Values = tuple[Any, ...]
 Point = tuple[Any, ...]
-"""Coordinates of a point, which are numbers or arrays."""
 
-# Largest phase difference of two waves, in cycles, for which the difference of the waves is
-# computed as a product, to avoid cancellation.
+# Phase difference [cycles] below which the difference of two waves is computed as a product, to
+# avoid cancellation.
 _CLOSE = 0.5
-# A travelling wave grazes a point if the height of the point is below _LOW wavelengths and the sine
-# of the angle between the point and the mirrored ray is below _GRAZING.
+# A travelling wave grazes a point if the point is lower than _LOW wavelengths and the sine of its
+# angle to the mirrored ray is below _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
-# An evanescent wave grazes all points at which it has decayed by a factor of less than exp(2 pi
-# _LOST) = exp(pi).
+# An evanescent wave grazes points at which it has decayed by less than exp(2 pi _LOST) = exp(pi).
 _LOST = 0.5
-# Distance that represents "no singularity", in half-lengths of the panel. It exceeds the largest
+# Distance [half-lengths of the panel] that stands for "no singularity". It exceeds the largest
 # ellipse of the quadrature rules.
 _NONE = 100.0
 
 
 @dataclass(frozen=True)
 class PanelView:
-    """A panel in the coordinates of a point, where a panel is a straight piece of an edge.
+    """A straight piece of an edge in the coordinates of a point.
 
-    The position s along the panel runs from ``first`` to ``last``. All other numbers are constant
-    along the panel.
+    The position s along the panel runs from ``first`` to ``last``.
     """
 
     first: Any
     last: Any
     length: Any
-    """Length of the panel, last - first. If the point is far away, the length is smaller than the
-    rounding errors of ``first`` and ``last``."""
+    """Length last - first, which may be smaller than the rounding errors of ``first`` and ``last``.
+    Length last - first, which may be smaller than the rounding errors of ``first`` and ``last``."""
     radius_first: Any
     radius_last: Any
     b: Any
@@ -68,8 +65,7 @@ class PanelView:
     along: Any
     across: Any
     pz: Any
-    """Direction cosine p_z of a travelling wave. For an evanescent wave, the number q with p_z = i
-    q."""
+    """Direction cosine p_z of a travelling wave, or q with p_z = i q of an evanescent wave."""
 
 
 class _Travelling:
@@ -81,13 +77,12 @@ class _Travelling:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return the data that all quadrature nodes of a panel share, and two lower bounds.
+        """Return the data that all quadrature nodes of a panel share, and two bounds.
 
         ``moment`` contains the components of p x (P - Q) along e, -n and z at the start of the
-        panel. It is empty for waves along z. The shared data are the waves e and e', whether the
-        wave grazes the point, and the moment. The bounds are lower bounds of the distance of
-        singularities: the sine of the angle to the mirrored ray, and the distance from the mirrored
-        ray. One of the bounds is None.
+        panel, and is empty for waves along z. The data are the waves e and e', whether the wave
+        grazes the point, and the moment. The bounds are lower bounds on the sine of the angle to
+        the mirrored ray and on the distance from the mirrored ray. One bound is None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -117,10 +112,10 @@ class _Travelling:
         mirror = path + 2.0 * (pz * z)
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         first = wave_difference(ops, edge, free, path).scaled(0.5 * lean / ops.maximum(path, tiny))
-        rest = 0.5 - share
-        second = edge.scaled(rest) - free.scaled(0.5)
-        if rest:
-            smooth = wave_difference(ops, edge, mirrored, mirror).scaled(rest)
+        mirror_factor = 0.5 - share
+        second = edge.scaled(mirror_factor) - free.scaled(0.5)
+        if mirror_factor:
+            smooth = wave_difference(ops, edge, mirrored, mirror).scaled(mirror_factor)
             second = select(ops, grazing > 0.5, smooth, second)
         else:
             second = second.scaled(1.0 - grazing)
@@ -137,9 +132,11 @@ class _Evanescent:
     ) -> tuple[Values, Any, Any]:
         """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves."""
         height = view.pz * view.z
-        root = ops.exp(-math.pi * height)
-        decay = root * root
-        decayed = 2.0 * decaying_sinh(ops, math.pi * height, root)
+        exponent = 2.0 * math.pi * height
+        decay, small = ops.exp(-exponent), exponent < 1.0
+        # The first omitted term of the series is 1/19! = 8e-18.
+        series = one_less_exp(ops, ops.select(small, exponent, 0.0), 18)
+        decayed = ops.select(small, series, 1.0 - decay)
         is_grazing = height < _LOST
         growth = 1.0 / ops.select(is_grazing, decay, 1.0)
         here, mirrored = free.scaled(decay), free.scaled(growth)
@@ -150,9 +147,7 @@ class _Evanescent:
         return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
     def closed(self, ops: Any, view: PanelView) -> Pair:
-        """Return the integral of b'/(N' R) along the panel, (B4)."""
-        # The sign is applied to the position s, so that the factor 1 + |along| of the logarithm is
-        # never 0.
+        # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
         end = _total(ops, view, view.last, view.radius_last)
@@ -181,11 +176,11 @@ class _Evanescent:
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         factor = Pair(z * across, q * b) * Pair(path, height).scaled(1.0 / norm)
         first = wave_difference(ops, edge, free, path, decay, decayed)
-        rest = 0.5 - share
-        second = edge.scaled(rest) - free.scaled(0.5)
-        if rest:
+        mirror_factor = 0.5 - share
+        second = edge.scaled(mirror_factor) - free.scaled(0.5)
+        if mirror_factor:
             smooth = wave_difference(ops, edge, mirrored, path, growth, -decayed * growth)
-            second = select(ops, grazing > 0.5, smooth.scaled(rest), second)
+            second = select(ops, grazing > 0.5, smooth.scaled(mirror_factor), second)
         else:
             second = second.scaled(1.0 - grazing)
         return factor * first.scaled(0.5) - factor.conjugate() * second
@@ -216,10 +211,9 @@ def detour(
 def wave_difference(
     ops: Any, edge: Pair, free: Pair, path: Any, factor: Any = None, lost: Any = None
 ) -> Pair:
-    """Return the difference of the wave E at an edge and the wave e at a point.
+    """Return the wave E at an edge minus the wave e at a point, without cancellation.
 
-    The difference is computed without cancellation. The wave at the point is e = E exp(-2 pi i
-    path) factor, and ``lost`` is 1 - factor.
+    The wave at the point is e = E exp(-2 pi i path) factor, and ``lost`` is 1 - factor.
     """
     close = abs(path) < _CLOSE
     c, d = cos_sin_cycles(ops, 0.5 * ops.select(close, path, 0.0))
@@ -244,7 +238,7 @@ def swept_angle(
 
 
 def _total(ops: Any, view: PanelView, s: Any, radius: Any) -> Number:
-    """Return (1 + |along|) (R +- s) without cancellation, where the sign is that of ``along``."""
+    """Return (1 + |along|) (R +- s) without cancellation, with the sign of ``along``."""
     t = ops.select(view.along < 0.0, -s, s)
     foot2 = view.b * view.b + view.z * view.z
     total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
@@ -256,14 +250,13 @@ def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point)
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
-    # Only the components perpendicular to the axis from the source to the point are used, because
-    # differences of the complete vectors would lose digits.
+    # Differences of the complete vectors would lose digits, so only the components perpendicular to
+    # the axis are used.
     first, last = (_across(axis, difference(end_point, point)) for end_point in (start, end))
     return ops.atan2(dot(axis, cross(first, last)), dot(first, last))
 
 
 def _across(axis: Point, vector: Point) -> Point:
-    """Return the component of a vector perpendicular to a unit vector."""
     along = dot(axis, vector)
     return tuple(v - along * a for v, a in zip(vector, axis, strict=True))
 
@@ -273,13 +266,12 @@ class EdgeRule:
     """Quadrature rule for the boundary wave of a straight edge."""
 
     turns: float
-    """Excess of the detour over the shortest detour, in wavelengths, up to which the wave is
-    integrated along the edge."""
+    """Excess of the path over the shortest path, in wavelengths, up to which the wave is integrated
+    along the edge."""
     nodes: tuple[tuple[float, float], ...]
     """Gauss-Legendre nodes on [-1, 1] with weights, for the part along the edge."""
     tails: tuple[tuple[float, float], ...]
-    """Gauss-Laguerre nodes with weights, for the rest of the edge, along a path in the complex
-    plane."""
+    """Gauss-Laguerre nodes with weights, for the complex path of integration beyond."""
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
@@ -294,8 +286,6 @@ def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) ->
 
 
 class _EdgePaths:
-    """Paths from a point source over a straight edge to an observation point."""
-
     def __init__(
         self, ops: Any, source: Point, point: Point, start: Point, along: Point, length: Any
     ) -> None:
@@ -310,15 +300,14 @@ class _EdgePaths:
         away = tuple(a * over - b * under for a, b in zip(first, last, strict=True))
         axis = difference(point, source)
         gap, height = s_last - s_first, h_first + h_last
-        # ``both`` is the product of the distances of the source and the point from the line of the
-        # edge.
-        self.both = both = h_first * h_last
+        # Product of the distances of the source and the point from the line of the edge.
+        self.distance_product = product = h_first * h_last
         self.shortest = shortest = ops.sqrt(gap * gap + height * height)
         self.distance = ops.sqrt(dot(axis, axis))
         # ``total`` and ``detour`` are the sum and the difference of two lengths: the shortest path
         # over the line of the edge, and the distance from the source to the point.
         self.total = shortest + self.distance
-        self.detour = both * dot(near, near) / self.total
+        self.detour = product * dot(near, near) / self.total
         # ``closing`` is 1 - cos(angle), where the angle at the edge is between the source and the
         # point. It is 2 at the shadow boundary.
         self.closing = 0.5 * dot(away, away)
@@ -330,7 +319,7 @@ class _EdgePaths:
             a, b = s - s_first, s - s_last
             rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
             lean = a * radius + b * rho
-            size = ops.sqrt(both * both + lean * lean) + both
+            size = ops.sqrt(product * product + lean * lean) + product
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
         # ``low`` and ``high`` are the square roots of the detours over both ends of the edge, minus
@@ -338,32 +327,22 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` for a thin plate, divided by the sine of half the angle at the edge.
-
-        Behind the plate the result has the sign of ``turn``. In front of the plate it is positive.
-        """
-        near = 2.0 * self.both * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
+        """Return ``turn`` over the sine of half the angle at a plate's edge; positive in front."""
+        near = 2.0 * self.distance_product * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
         size = ops.select(self.closing > 1.0, steep, near)
         return ops.select(self._is_hidden(in_front), -size, size)
 
     def _is_hidden(self, in_front: Any) -> Any:
-        """Return whether the point lies in the half-space that contains the shadow of the edge.
-
-        ``in_front`` is 1 if the point and the source lie on the same side of a thin plate, and 0
-        otherwise.
-        """
+        """Return whether the point lies in the half-space that contains the shadow of the edge."""
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
-        """Return the angle that the edge subtends about the axis from the source to the point.
-
-        The edge is restricted to positions with a root of the detour below ``limit``.
-        """
+        """Return the angle of the edge about the source-point axis, for roots below ``limit``."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
-        # Near the shadow boundary, the square root of the detour loses digits by cancellation, so
-        # it is computed from a product.
-        steep = ops.sqrt(2.0 / (self.both * self.total * ops.maximum(self.closing, 1.0)))
+        # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
+        closing = ops.maximum(self.closing, 1.0)
+        steep = ops.sqrt(2.0 / (self.distance_product * self.total * closing))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
         angle = ops.atan2((high - low) * root, self.detour + low * high)
         return ops.select(self._is_hidden(in_front), -angle, angle)
@@ -380,12 +359,11 @@ def edge_wave(
 ) -> tuple[Any, Any]:  # fmt: skip
     """Return 2 pi times the ratio of the boundary wave of an edge to the unobstructed wave.
 
-    The boundary wave of a straight edge is the integral of the wave of a point source along a
-    directed edge of a silhouette, (SB3). The variable of integration v is the square root of the
-    detour minus the shortest detour. The integrand is exp(2 pi i v^2) times a smooth even function.
-    The poles of this function at the shadow boundary are subtracted and integrated in closed form.
-    Beyond ``rule.turns`` the path of integration is deformed into the complex plane, where the wave
-    decays. The result is a tuple of the real and the imaginary part.
+    The boundary wave is the integral of the wave of a point source along a directed edge of a
+    silhouette, (SB3). The variable of integration v is the square root of the detour minus the
+    shortest detour. The integrand is exp(2 pi i v^2) times a smooth even function, whose poles at
+    the shadow boundary are integrated in closed form. Beyond ``rule.turns`` the path of integration
+    is complex. The result is a tuple of the real and the imaginary part.
 
     Parameters
     ----------
@@ -412,16 +390,15 @@ def edge_wave(
     paths = _EdgePaths(ops, source, point, start, along, length)
     detour, total_path = paths.detour, paths.total
     distance = paths.distance
-    # The integrand of a conducting edge differs from that of a black edge by a factor, (SB9). The
-    # factor cancels a growing root of (SB3), and changes ``turn`` and ``half_closing``.
+    # The factor of (SB9) for conducting edges cancels a growing root of (SB3), and changes ``turn``
+    # and ``half_closing``.
     is_black = in_front is None
     if is_black:
         turn, half_closing, side = paths.turn, 0.5 * paths.closing, 0.0
     else:
         turn, half_closing, side = paths.sheet_turn(ops, in_front), 1.0, in_front
     slant = 0.5 / paths.shortest
-    # The variable v is defined along the edge such that the detour is ``detour + v^2``.
-    foot = 4.0 * paths.both * slant
+    foot = 4.0 * paths.distance_product * slant
     # ``branch`` is |v|^2 at the branch point of the integrand that is nearest to v = 0.
     branch = foot if is_black else 2.0 * paths.shortest
 
@@ -472,7 +449,6 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Return the integrals over the outer parts of the edge, beyond the limits of v."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):
@@ -484,14 +460,13 @@ def edge_wave(
     real, imag = when(low < high, near_foot, low, high)
     ends = paths.low, paths.high
     farther = when((low > ends[0]) | (high < ends[1]) | (low == high), outside, *ends)
-    step = 4.0 * distance * pole * ops.sqrt(half_closing * paths.both * total_path)
+    step = 4.0 * distance * pole * ops.sqrt(half_closing * paths.distance_product * total_path)
     if blocked is not None:
         step = step * (1.0 - blocked * ops.exp(-2.0 * math.pi * paths.detour))
-    # The angle that the edge subtends is discontinuous if the axis from the source to the point
-    # meets the edge. All edges evaluate the angle at the same position near the point, so that the
-    # sum over all edges is smooth.
-    beside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
-    step = step * beside.angle(ops, limit, side)
+    # The angle is discontinuous if the axis from the source to the point meets the edge. All edges
+    # use the same position near the point, so that the sum over all edges is smooth.
+    paths_aside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
+    step = step * paths_aside.angle(ops, limit, side)
     return real + step + farther[0], imag + farther[1]
 
 
@@ -504,20 +479,21 @@ def edge_wave_and_rate(
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))
-    beside = None if aside is None else jets.constants(aside)
+    aside = None if aside is None else jets.constants(aside)
     flags = (None if flag is None else jets.constants((flag,))[0] for flag in (blocked, in_front))
     source_jets = (*jets.constants(source[:2]), height)
-    parts = edge_wave(jets, rule, source_jets, point, start, end, beside, when, *flags)
+    parts = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
     return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
 
 
 def path_over(
     ops: Any, source: Point, point: Point, start: Point, end: Point
-) -> tuple[Any, Any, Any]:
+) -> tuple[Any, Any, Any, Any]:
     """Return the shortest path from a source over a straight edge to a point.
 
-    The path is returned as its detour, the cosine of its deflection at the edge, and the position
-    of the bend as a fraction of the edge.
+    The path is returned as its detour, the cosine of its deflection at the edge, the position of
+    the bend as a fraction of the edge, and its excess over the shortest path over the line of the
+    edge.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -535,11 +511,12 @@ def path_over(
     axis = difference(point, source)
     rho, radius, distance = (ops.sqrt(dot(v, v)) for v in (first, last, axis))
     product, ahead, normal = rho * radius, dot(first, last), cross(first, last)
-    # ``bent`` is the difference product - ahead, in a form that is accurate for almost straight
-    # paths.
+    # ``bent`` is product - ahead, in a form that is accurate for almost straight paths.
     bent = dot(normal, normal) / ops.maximum(product + ahead, 1e-30)
     bent = ops.select(ahead > 0.0, bent, product - ahead)
-    return 2.0 * bent / (rho + radius + distance), ahead / ops.maximum(product, 1e-30), foot
+    excess = rho + radius - ops.sqrt((t - s) * (t - s) + (h + g) * (h + g))
+    detour = 2.0 * bent / (rho + radius + distance)
+    return detour, ahead / ops.maximum(product, 1e-30), foot, excess
 
 
 def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:

@@ -1,11 +1,10 @@
 """Fields of plane waves behind an aperture, as integrals along panels of its edges.
 
-Lengths are in wavelengths and phases in cycles. Edges are cut into straight pieces, called panels.
-Each pair of a panel and a point defines coordinates: the axis e is parallel to the panel, the axis
-n points to its left, and the origin is the projection of the point onto the plane of the aperture.
-In these coordinates the point has the height z, a position on the panel is (s, b) with constant b,
-and the wave has the direction cosines (along, across, p_z). The formulas are (B1) to (B5) of
-docs/theory/exact_fields.md.
+Lengths are in wavelengths and phases in cycles. A panel is a straight piece of an edge. For each
+panel and point, the axis e is parallel to the panel, n points to its left, and the origin is the
+projection of the point onto the aperture plane. The point has the height z, a position on the panel
+is (s, b) with constant b, and the wave has the direction cosines (along, across, p_z). The formulas
+are (B1) to (B5) of docs/theory/exact_fields.md.
 """
 
 from __future__ import annotations
@@ -37,20 +36,15 @@ from polywigner.numerics.nodes import (
 )
 from polywigner.numerics.phases import Doubled, Pair, cos_sin_cycles, unit_wave
 
-# Largest distance of a point in wavelengths. Beyond it, a sum of two floats does not resolve the
-# phase, and the rounding errors of products overflow.
+# Largest distance [wavelengths] that a sum of two floats resolves without overflow of products.
 _FARTHEST = 1e30
 
 
 def point_in_wavelengths(
     ops: Any, centre: tuple[float, float], wavelength: float, x: Any, y: Any, z: Any
 ) -> tuple[Doubled, Doubled, Doubled]:
-    """Return a point relative to the centre of the source, in wavelengths.
-
-    The operations ``ops`` must be in float64.
-    """
+    """Return a point relative to the centre of the source, in wavelengths (float64 only)."""
     scale = phases.doubled(1 / Fraction(wavelength))
-    # Most sources are centred at the origin. For them, the subtraction is skipped.
     aside = (
         phases.difference(v, c) if c else (v, 0.0) for v, c in zip((x, y), centre, strict=True)
     )
@@ -63,10 +57,10 @@ def distance_of(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
     """Return the distance of a point from the centre as the sum of two floats."""
     highs = tuple(high for high, _ in point)
     root = ops.sqrt(sum(high * high for high in highs))
-    total, rest = phases.dot(ops, (*highs, -root), (*highs, root))
+    total, lost = phases.dot(ops, (*highs, -root), (*highs, root))
     for high, low in point:
-        rest = rest + 2.0 * high * low
-    correction = (total + rest) / (2.0 * root)
+        lost = lost + 2.0 * high * low
+    correction = (total + lost) / (2.0 * root)
     return root, ops.select(root < _FARTHEST, correction, 0.0)
 
 
@@ -74,23 +68,21 @@ def paraxial_distance(ops: Any, point: tuple[Doubled, ...]) -> Doubled:
     """Return the paraxial distance z + (x^2 + y^2)/(2 z) of a point as the sum of two floats."""
     (x, x_low), (y, y_low), (z, z_low) = point
     rise = (x * x + y * y) / (2.0 * z)
-    total, rest = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
-    rest = rest + 2.0 * (x * x_low + y * y_low - rise * z_low)
-    correction = (total + rest) / (2.0 * z)
+    total, lost = phases.dot(ops, (x, y, -rise), (x, y, 2.0 * z))
+    lost = lost + 2.0 * (x * x_low + y * y_low - rise * z_low)
+    correction = (total + lost) / (2.0 * z)
     high, low = phases.difference(z, -rise)
     return high, low + (z_low + ops.select(high < _FARTHEST, correction, 0.0))
 
 
 Row = tuple[float, ...]
-"""Numbers that describe a panel and a wave. The panel has the coordinates of its start relative to
-the centre, its unit vector and its length. The wave has its three direction cosines, its phase at
-the start of the panel, both parts of its amplitude divided by 2 pi, and 1 for an evanescent wave or
-0 otherwise. Each direction cosine is the sum of two floats. For an evanescent wave with p_z = i q,
-q replaces p_z."""
+"""A panel (start relative to the centre, unit vector, length) and a wave (three direction cosines
+as two floats each, phase at the start of the panel, complex amplitude divided by 2 pi, and 1 for
+an evanescent wave or 0 otherwise). For an evanescent wave with p_z = i q, q replaces p_z."""
 
-# Half-width of the strip in the complex plane of the variable v that is assumed to contain no
-# singularities. The position along the panel is a multiple of sinh(v). The singularities have a
-# distance of pi/2 from the real axis, and the strip is about 10 % narrower.
+# Half-width of the strip of the complex variable v that is assumed to contain no singularities,
+# about 10 % below the actual half-width pi/2. The position along the panel is a multiple of
+# sinh(v).
 _STRIP = 1.4
 
 
@@ -101,7 +93,6 @@ class BoundaryFrame:
     centre: tuple[float, float]
     wavelength: float
     double: bool
-    """Whether the field is summed in float64."""
     paraxial: bool
     """Whether phases are relative to the paraxial distance instead of the distance."""
 
@@ -114,15 +105,14 @@ class BoundaryTables:
     edges: tuple[Row, ...]
     rules: Rules
     share: float
-    """Factor m in the second term of (B3). It is 0 for the Rayleigh-Sommerfeld integral II, 1/2 for
+    """Factor m in the second term of (B3): 0 for the Rayleigh-Sommerfeld integral II, 1/2 for
     Kirchhoff's integral, and 1 for the Rayleigh-Sommerfeld integral I."""
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
-    """Return a point in the form that the boundary integrals require.
+    """Return the coordinates of a point and its distance, each as the sum of two floats.
 
-    The results are the coordinates of the point and its distance from the centre, each as the sum
-    of two floats, and the phase of the distance. ``digits``, minus the natural logarithm of the
+    The next result is the phase of the distance. ``digits``, minus the natural logarithm of the
     allowed error, is returned unchanged.
     """
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
@@ -139,13 +129,13 @@ def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values
     return real * cosine - imag * sine, real * sine + imag * cosine, error
 
 
-def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
+def leave_phase(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return the field without the phase of the distance, and its error estimate."""
     return sums
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the real and the imaginary part of the field at a point, and the error estimate.
+    """Return the real and imaginary part of the field at a point, and the error estimate.
 
     The field lacks the phase of the distance from the centre of the source to the point.
     """
@@ -168,7 +158,6 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
-    """Return the contribution of a panel to the field of a plane wave, and its error estimate."""
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
 
@@ -184,18 +173,18 @@ def _panel(
     )  # fmt: skip
     error = missed(ops, sums, expected, rounded_turns(ops, row, inner))
     e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
-    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
-    closed = (wave.closed(ops, view) * rest).scaled(grazing)
+    amplitude = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
+    closed = (wave.closed(ops, view) * amplitude).scaled(grazing)
     return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 
 def seen_from(
     ops: Any, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Values]:
-    """Return the quantities of a panel that depend on the point and the wave.
+    """Return a panel in the coordinates of a point, and the wave at the point.
 
-    The quantities are the panel in the coordinates of the point, the unobstructed wave at the
-    point, the moment, and arguments of :func:`edge_wave`. The moment is empty for waves along z.
+    The results are the panel, the unobstructed wave at the point, the moment (empty for waves along
+    z), and arguments of :func:`edge_wave`.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
@@ -207,14 +196,15 @@ def seen_from(
     view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
     free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    return view, free, moment, (*_square_along(row, inner), distance, view.along, start)
+    square = _square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+    return view, free, moment, (*square, distance, view.along, start)
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
-    """Return the components of p x (P - Q) along e, -n and z at the start of a panel.
+    """Return the components of p x (P - Q) along e, -n and z at the start Q of a panel.
 
-    p is the direction of the wave, P the point and Q the start of the panel. The products are
-    computed without cancellation, because P - Q may be long and almost parallel to p.
+    P - Q may be long and almost parallel to the direction p of the wave, so the products are
+    computed without cancellation.
     """
     px, py, pz = zip(cosines[::2], cosines[1::2], strict=True)
     x, y, z = offset
@@ -263,7 +253,6 @@ def sums_over_panel(
     def far_node(
         at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
     ) -> Values:
-        """Return the values at a node whose variable is the length along the panel."""
         t = half * (1.0 + at)
         s = first + t
         radius = ops.sqrt(s * s + foot2)
@@ -273,11 +262,7 @@ def sums_over_panel(
         at: Any, w: Any, v1: Any, v2: Any,
         midpoint: Any, span: Any, away: Any, first: Any, *data: Any,
     ) -> Values:  # fmt: skip
-        """Return the values at a node whose variable is an angle v.
-
-        The position on the panel is s = away sinh v, and its distance from the point is away cosh
-        v.
-        """
+        """Return the values at s = away sinh v, at the distance away cosh v from the point."""
         grown = ops.exp(midpoint + span * at)
         shrunk = 1.0 / grown
         s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
@@ -292,10 +277,10 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of the quadrature rule whose variable is the length along the panel.
+    """Return whether the rule along the panel suffices, and its clearance, phase and half-length.
 
-    The data are whether the rule is sufficient, the distance of singularities in half-lengths of
-    the panel, the phase over half of the panel in cycles, and half of the panel's length.
+    The clearance is the distance of singularities in half-lengths, and the phase is in cycles over
+    half of the panel.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -309,12 +294,7 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return the data of the quadrature rule whose variable is the angle v.
-
-    The position along the panel is s = sqrt(b^2 + z^2) sinh v. The data are the distance of
-    singularities in half-lengths of the interval of v, the phase over half of the interval in
-    cycles, the centre of the interval, and half of the interval's length.
-    """
+    """Return clearance, phase, centre and half-length for the variable v of s = away sinh v."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
     high = inverse_sinh(ops, view.last / away, view.radius_last / away)
@@ -324,8 +304,7 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # If the point is far from the panel, the interval of the angle v may round to 0. The rule whose
-    # variable is the length is then used instead.
+    # The interval of v may round to 0 for distant points, which use the rule along the panel.
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
@@ -338,43 +317,30 @@ def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
-    The phase is the size of the source in wavelengths, plus the rounding error of the distance. All
-    panels have the same rounding error of the distance. Far outside the shadow pattern this error
-    therefore cancels, except for the fraction ``slope``.
+    All panels have the same rounding error of the distance. Far outside the shadow pattern this
+    error cancels, except for the fraction ``slope``.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
-    """Return the contribution of a panel to the field, and its error estimate.
-
-    The contribution is the integral along the panel times the amplitude of the wave.
-    """
+    """Return a panel integral and its error estimate, times the amplitude of the wave."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
 
-def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
-    return square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
+    """Return the coefficients of radius^2 - distance^2 = constant + t (slope + t) along a panel.
 
-
-def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
-    """Return two coefficients of the squared distance between a point and a panel.
-
-    At the length t along the panel, radius^2 - distance^2 is constant + t (slope + t). ``radius``
-    is the distance from the point to the panel, and ``distance`` the distance from the point to the
-    centre of the source.
+    ``radius`` is the distance from the point to the position t on the panel, and ``distance`` the
+    distance from the point to the centre of the source.
     """
     constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
     return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the vector from the start of the panel to the point.
-
-    Each component is the sum of two floats.
-    """
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -383,11 +349,7 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
-    """Return the unobstructed wave at the point, relative to the phase of the distance.
-
-    ``cosines`` contains the direction cosines, each as two floats. If the direction cosine along z
-    is missing, the result is the wave at the projection of the point onto the plane.
-    """
+    """Return the unobstructed wave at the point, relative to the phase of the distance."""
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
     offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))
@@ -410,13 +372,12 @@ def edge_wave(
 def seen_in_parabolic_waves(
     ops: Any, row: Values, inner: Values, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Any]:
-    """Return the quantities of a panel for the parabolic waves of (B6).
+    """Return a panel in the coordinates of a point, for the parabolic waves of (B6).
 
-    The quantities are the panel in the coordinates of the point, the unobstructed wave, the
-    arguments of :func:`edge_wave`, and the phase in cycles whose rounding error contributes to the
-    error of the panel. The origin of the coordinates is the position at which the ray of the wave
-    through the point crosses the plane. For parabolic waves, the height z replaces the distance in
-    the arguments of :func:`edge_wave`.
+    The results are the panel, the unobstructed wave, arguments of :func:`edge_wave` with the height
+    z as the distance, and the phase in cycles whose rounding error contributes to the error of the
+    panel. The origin is the position at which the ray of the wave through the point crosses the
+    plane.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, offset = inner[4] + inner[5], _offset_of(inner, x, y)
@@ -432,24 +393,22 @@ def seen_in_parabolic_waves(
     size, aside = abs(x) + abs(y) + length, abs(inner[0]) + abs(inner[2])
     turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
     along = px[0] * ex + py[0] * ey
-    return view, free, (*_square_along(row, inner), z, along, start), turns
+    square = _square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+    return view, free, (*square, z, along, start), turns
 
 
-# The kernel STRIPS computes integrals along single panels, for gradients (G6) and polarised fields
-# (VP4). The integrands are u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R, where u is the
-# field, t the length from the start of the panel, R the distance from the point, and G = exp(2 pi i
-# R)/R. Phases are relative to the phase of the point's distance from the centre. Panels are
-# arguments of the kernel, so one compiled kernel handles all outlines.
+# STRIPS integrates u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along single panels, for
+# gradients (G6) and polarised fields (VP4). u is the field, t the length from the start of the
+# panel, R the distance from the point, and G = exp(2 pi i R)/R. Panels are arguments, so one
+# compiled kernel handles all outlines.
 
-# Logarithm of the growth of the integrand for complex values of the angle v. Within the strip of
-# half-width _STRIP, 1/R^2 exceeds its value on the panel by a factor of up to 1/cos^2(1.4) = 35.
+# Logarithm of the growth of the integrand for complex v. Within the strip of half-width _STRIP,
+# 1/R^2 exceeds its value on the panel by a factor of up to 1/cos^2(1.4) = 35.
 _GROWN = 3.6
 
 
 @dataclass(frozen=True)
 class _Strips:
-    """Constants of the kernel STRIPS: only quadrature rules, because panels are arguments."""
-
     frame: None
     edges: tuple[tuple[()], ...]
     rules: Rules
@@ -458,14 +417,6 @@ class _Strips:
 @cache
 def _tables(source: None, double: bool) -> _Strips:
     return _Strips(None, ((),), gauss_rules())
-
-
-def _enter(ops: Any, frame: None, *arguments: Any) -> Values:
-    return arguments
-
-
-def _leave(ops: Any, frame: None, inner: Values, sums: Values) -> Values:
-    return sums
 
 
 def _strip(
@@ -484,10 +435,12 @@ def _strip(
         return tuple(number for part in parts for number in (part.real, part.imag))
 
     distance = ops.sqrt(x * x + y * y + z * z)
-    phase = (*square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
+    phase = (*_square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
     bounds = (1.0, None, digits + _GROWN)
     sums, _ = sums_over_panel(ops, tables.rules, view, bounds, node, 6, *phase)
     return sums
 
 
-STRIPS = Kernel("strips along edges", 3, _tables, _enter, _strip, _leave)
+STRIPS = Kernel(
+    "strips along edges", 3, _tables, lambda ops, frame, *arguments: arguments, _strip, leave_phase
+)

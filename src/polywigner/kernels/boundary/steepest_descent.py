@@ -1,12 +1,10 @@
 """Fields of plane waves behind an aperture, by steepest descent from the ends of its edges.
 
-The phase of a wave along an edge is stationary at the position from which the diffracted ray
-(Keller's cone) reaches the point. An integral along an edge is divided at the positions where the
-phase exceeds the stationary phase by a few cycles. The inner part is a sum over Gauss-Legendre
-nodes. For the outer parts, the path of integration is deformed into the complex plane, where the
-wave decays. The number of nodes depends on the tolerance, but not on the wavelength. The formulas
-are (B10) and (B11) of docs/theory/exact_fields.md. In this module, c is the stationary phase and
-x^2 is the difference of the phase from c, in cycles.
+The phase along an edge is stationary at the position from which the diffracted ray (Keller's cone)
+reaches the point. Gauss-Legendre nodes integrate the inner part, where the phase is within a few
+cycles of its stationary value c. Outside, the path of integration is deformed into the complex
+plane. The number of nodes does not depend on the wavelength. The formulas are (B10) and (B11) of
+docs/theory/exact_fields.md.
 """
 
 from __future__ import annotations
@@ -39,8 +37,7 @@ from polywigner.numerics import Number
 from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
 from polywigner.numerics.phases import Pair
 
-# Numbers of nodes of the quadrature rules for tails. A tail is an integral from an end of an edge
-# to infinity.
+# Numbers of Gauss-Laguerre nodes for tails, which are integrals from an end of an edge to infinity.
 _SIZES = (2, 3, 4, 5, 6, 8, 10)
 # Logarithms of the numerators of the error bound (B11). With n Gauss-Laguerre nodes, the integral
 # of exp(-2 pi y) times (1 + iy/x^2)^-2 has an error of at most sqrt(2) (2n + 1) n!^2/(2 pi
@@ -57,7 +54,6 @@ _FEW = 2.0
 
 @cache
 def _tail_rules() -> Rules:
-    """Return the Gauss-Laguerre rules of all sizes, as columns of nodes and weights in cycles."""
     rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
     return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
 
@@ -88,14 +84,14 @@ class _End:
     slope: Any
     """Derivative of the phase along the edge, multiplied by the distance R from the point."""
     phase: Any
-    """Phase R + p_e s of the wave at this position, in cycles."""
+    """Phase R + p_e s, in cycles."""
     beyond: Any
     """Phase minus the stationary phase, in cycles."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """Quantities that are constant along the line of an edge, for one point and one wave."""
+    """Constants along the line of an edge, for one point and one wave."""
 
     view: PanelView
     upright: Any
@@ -103,56 +99,46 @@ class _Line:
     least: Any
     """Stationary phase c, in cycles."""
     ahead: Any
-    """Path difference N of (B2), minus the difference of the phase from the stationary phase."""
+    """Path difference N of (B2) minus the excess of the phase over the stationary phase."""
     lean: Any
-    """Constant a of (B2), which is the same at all positions on the edge."""
+    """Constant a of (B2)."""
     beta: Any
-    """Constant b' of (B2), which is the same at all positions on the edge."""
+    """Constant b' of (B2)."""
     lift: Any
     """Difference N' - N of the path differences of (B2)."""
-    rest: float
+    mirror_factor: float
     """Factor 1/2 - m in the second term of (B3)."""
     curved: float
-    """Number that is 1 for spherical waves and 0 for parabolic waves."""
+    """1 for spherical waves and 0 for parabolic waves."""
 
     @classmethod
-    def spherical(cls, ops: Any, view: PanelView, lean: Any, rest: float) -> _Line:
-        """Return the line of an edge for spherical waves."""
+    def spherical(cls, ops: Any, view: PanelView, lean: Any, mirror_factor: float) -> _Line:
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
-        # In this form, ``ahead`` is accurate close to the shadow boundary.
+        # This form of ``ahead`` is accurate close to the shadow boundary.
         turned = lean * lean / (least + abs(direct))
         ahead = ops.select(direct > 0.0, turned, least - direct)
         beta = view.pz * view.b - view.z * view.across
-        return cls(view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), rest, 1.0)
+        return cls(
+            view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), mirror_factor, 1.0
+        )
 
     @classmethod
     def parabolic(cls, view: PanelView) -> _Line:
-        """Return the line of an edge for paraxial waves, relative to the ray through the point.
-
-        In all formulas except the square of the phase, z replaces the distance R and the stationary
-        phase c.
-        """
+        """Return the line of an edge for paraxial waves, with z in place of R and c."""
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
-        """Return the position on the edge at the distance t from its start."""
         view, s = self.view, self.view.first + t
-        radius = self._radius(ops, s, view.b * view.b + view.z * view.z)
+        foot2 = view.b * view.b + view.z * view.z
+        radius = ops.sqrt(s * s + foot2) if self.curved else view.z + 0.0 * s
         slope, phase = s + view.along * radius, radius + view.along * s
         return _End(t, s, radius, slope, phase, slope * slope / (self.least + phase))
 
-    def _radius(self, ops: Any, s: Any, foot2: Any) -> Number:
-        return ops.sqrt(s * s + foot2) if self.curved else self.view.z + 0.0 * s
-
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the inner part of an edge, which is integrated along the edge.
-
-        If the phase along an edge changes by only a few cycles, the inner part is the complete
-        edge.
-        """
+        """Return the ends of the inner part of an edge, which may be the complete edge."""
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
         foot = -view.along * (self.least + rim) - self.upright * view.first
@@ -188,8 +174,7 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
-        """Return the integrals along the edge from ``low`` to ``high``, and expected errors."""
-        view, rest, tiny = self.view, self.rest, 1e-300 if ops.double else 1e-37
+        view, mirror_factor, tiny = self.view, self.mirror_factor, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
 
@@ -197,10 +182,7 @@ class _Line:
             at: Any, w: Any, v1: Any, v2: Any, half: Any, begin: Any, first: Any, foot2: Any,
             *data: Any,
         ) -> Values:  # fmt: skip
-            """Return the contribution of a node to the integral (B3).
-
-            The wave e in the second term is omitted.
-            """
+            """Return the contribution of a node to (B3), without the wave e in the second term."""
             (*wave, b, z, across, pz, beta, lift, free_r, free_i), moment = data[:13], data[13:]
             t = half * (1.0 + at)
             s, t = first + t, begin + t
@@ -209,12 +191,12 @@ class _Line:
             lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
             over = 0.5 * lean / ops.maximum(path, tiny)
             value = wave_difference(ops, edge, Pair(free_r, free_i), path).scaled(over)
-            # The modulus of E - e is replaced by its upper bound, because the rounding errors of
-            # both waves do not cancel even if the waves do.
+            # The rounding errors of E and e do not cancel, so |E - e| is replaced by its upper
+            # bound.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
-            if rest:
-                value = value + edge.scaled(rest * beta / (path + lift))
-                size = size + abs(rest * beta / (path + lift))
+            if mirror_factor:
+                value = value + edge.scaled(mirror_factor * beta / (path + lift))
+                size = size + abs(mirror_factor * beta / (path + lift))
             step = half / radius
             real, imag, _, *last = node_sums(step * value.real, step * value.imag, w, v1, v2)
             return real, imag, w * step * size, *last
@@ -231,28 +213,26 @@ class _Line:
     def _nodes_needed(
         self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
     ) -> tuple[Any, tuple[Any, ...]]:
-        """Return the number of nodes needed for the integral from ``low`` to ``high``."""
         half = ops.maximum(half, 1e-30)
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
         nearest = ops.sqrt(outside * outside + foot2)
-        # The integrand for parabolic waves has no singularity, so the distance of singularities is
-        # infinite.
+        # The integrand for parabolic waves has no singularity.
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
-        if self.rest:
+        if self.mirror_factor:
             # ``tilt`` is a lower bound of the sine of the angle between the point and the mirrored
             # ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
         # If the phase is quadratic in the position and changes by q radians, the logarithm of the
-        # integrand grows by q sinh(u) cosh(u) within the ellipse of parameter u. The function
-        # nodes_needed assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
+        # integrand grows by q sinh(u) cosh(u) within the ellipse of parameter u. nodes_needed
+        # assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # ``extra`` is this excess plus the logarithm of pi N. The integrand may be larger by the
-        # factor pi N at complex positions at which E = e.
+        # ``extra`` is this excess plus log(pi N), because the integrand may be larger by the factor
+        # pi N at complex positions at which E = e.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)
@@ -260,14 +240,13 @@ class _Line:
         return needed, (digits, growth + extra, last + extra)
 
     def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
-        """Return the integral from an end of an edge to infinity, and an upper bound.
+        """Return ``sign`` times the integral from an end of an edge to infinity, and a bound.
 
-        ``wave`` is the wave at the end, and the integral is multiplied by ``sign``. The error is at
-        most exp(-digits) times the upper bound.
+        ``wave`` is the wave at the end. The error is at most exp(-digits) times the bound.
         """
         path = at.beyond + self.ahead
-        slope2, rest, curved = at.slope * at.slope, self.rest, self.curved
-        half, beta = 0.5 * self.lean, rest * self.beta
+        slope2, mirror_factor, curved = at.slope * at.slope, self.mirror_factor, self.curved
+        half, beta = 0.5 * self.lean, mirror_factor * self.beta
 
         def node(
             y: Any, weight: Any,
@@ -276,7 +255,7 @@ class _Line:
             """Return the integrand of (B10), divided by the wave E at the end of the edge."""
             speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
-            if rest:
+            if mirror_factor:
                 value = value + _quotient(weight * beta, Pair(path + lift, y) * speed)
             return value.real, value.imag
 
@@ -287,7 +266,7 @@ class _Line:
         )  # fmt: skip
         total = (wave * Pair(-imag, real)).scaled(sign)
         size = abs(half) / ops.maximum(path, 1e-30)
-        if rest:
+        if mirror_factor:
             size = size + abs(beta) / (path + self.lift)
         slowest = 2.0 * math.pi * ops.maximum(abs(at.slope), 1e-30)
         return total, abs(sign) * size / slowest
@@ -303,12 +282,10 @@ def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
 
 
 def _quotient(real: Any, divisor: Pair) -> Pair:
-    """Return the quotient of a real and a complex number."""
     return divisor.conjugate().scaled(real / divisor.norm())
 
 
 def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
-    """Return the contribution of an edge to the field of a plane wave, and its error estimate."""
     if tables.frame.paraxial:
         view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
         line, moment = _Line.parabolic(view), ()
@@ -338,12 +315,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
 def _signed_ends(
     ops: Any, begin: _End, low: _End, high: _End, end: _End
 ) -> tuple[tuple[_End, Any], ...]:
-    """Return the ends of the outer parts of an edge, with the signs of their tails.
-
-    A tail is an integral from a position on the edge to infinity. The integral from ``high`` to
-    ``end`` is the tail at ``high`` minus the tail at ``end``. The tails at ``low`` and ``high`` are
-    equal, so a single tail is computed and multiplied by the number of these positions on the edge.
-    """
+    """Return the ends of the outer parts of an edge, with the signs of their tails."""
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)
     limit = _End(

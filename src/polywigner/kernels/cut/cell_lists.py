@@ -1,9 +1,8 @@
-"""Construction of lists of edges, and pairs of edges, that bound the slices of an outline.
+"""Construction of the edge pairs that can cross, for each cell in the plane of offsets.
 
-A slice is the overlap of two copies of an outline, and depends on the offset between the copies.
-The plane of offsets is divided into cells. Each cell lists the edges that lie inside the other
-copy, and the pairs of edges that cross for some offset in the cell. The entries are in order along
-the rings of the outline (docs/theory/edges.md, (K1)).
+The offset is the displacement between two copies of an outline. Each cell lists the edges inside
+the other copy and the edge pairs that can cross, in order along the rings, (K1) of
+docs/theory/edges.md.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.kernels.cut.pair_grid import (
+    CLIPPED,
     CROSSING,
     INSIDE,
     LEAD,
@@ -24,41 +24,40 @@ from polywigner.kernels.cut.pair_grid import (
     START,
     WHOLE,
     Array,
+    ClipGrid,
     Outline,
     PairGrid,
     crossing,
+    limit_of,
 )
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Start and vector of a placeholder for the second edge, in rows of a list that contain only one
-# edge. It crosses no edge of an outline and is parallel to none.
+# Start and vector of a placeholder edge, which crosses no edge of an outline and is parallel to
+# none.
 _NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
-# Largest number of pairs of edges, and largest product of the numbers of cells and edges, in a
-# block. With this size, temporary arrays fit into the cache of a core.
+# Number of edge pairs, and product of the numbers of cells and edges, per block. The arrays of a
+# block fit into the cache of a core.
 _BLOCK = 1 << 15
 _DENSE = 1 << 18
-# Distance by which cells are enlarged, in units of the frame. It is far larger than rounding
-# errors.
+# Margin around each cell in frame units, far larger than rounding errors.
 _MARGIN = 1e-12
-# A level is the sum of the weights of all elements at a point. A level below _NO_WEIGHT times the
-# largest weight is treated as 0. Levels that differ by less than 1/_LEVELS of the largest weight
-# are treated as equal.
+# A level is the weighted winding number of the other copy. _NO_WEIGHT and 1/_LEVELS are tolerances
+# for zero levels and for equal levels, relative to the largest weight.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
-# Largest number of cells along a side, and largest total number of list entries. With 64 cells
-# along a side, a cell of a regular 30-gon contains about 4 pairs of edges
-# (benchmarks/call_rates.py).
+# Limits of the number of cells along a side and of the total number of rows. With 64 cells along a
+# side, a cell of a regular 30-gon contains about 4 edge pairs (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 
 class _Exact:
-    """Operations on NumPy arrays of float64 that :func:`crossing` uses."""
+    """Operations for :func:`crossing` on float64 arrays, with exact signs of cross products."""
 
     select = staticmethod(np.where)
 
     @staticmethod
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         rough = np.asarray(ax * by - ay * bx)
-        # The error bound ROUNDED of a cross product is valid for vectors shorter than 8.
+        # ROUNDED bounds the error only for vectors shorter than 8.
         near = np.abs(rough) < ROUNDED
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
@@ -67,20 +66,13 @@ class _Exact:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Square cells in the plane of offsets. The origin is a common corner of four cells."""
-
     size: float
-    """Side of a cell, a power of two, so that the cell of an offset on the grid is computed
-    exactly."""
+    """Side of a cell, a power of two, so that cell indices of offsets on the grid are exact."""
     nx: int
     ny: int
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
-        """Return square cells that cover all offsets up to ``reach`` along both axes.
-
-        ``across`` is the smallest number of cells along the longer side.
-        """
         size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
         nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
         return cls(size, nx, ny)
@@ -102,15 +94,15 @@ class _Cells:
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
     """Return the number of cells along the longer side of the plane of offsets.
 
-    The lists of smaller cells are shorter, but take more time to build and need more memory.
+    Smaller cells have shorter lists, but take more time to build and need more memory.
     """
     size, outlines = float(_reach(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
     counts = [len(o.edges) for o in outlines]
     pairs, across = math.prod(counts), 2
     while across < _ACROSS:
-        # Two edges cross for offsets in a parallelogram whose sides are the edges. With lengths e
-        # and f and cell size c, the parallelogram meets about (1 + e/c)(1 + f/c) cells.
+        # Two edges cross for offsets in a parallelogram whose sides are the edges. With edge
+        # lengths e and f and cell size c, the parallelogram meets about (1 + e/c)(1 + f/c) cells.
         finer = zip(counts, perimeters, strict=True)
         rows = math.prod(count + length * across / size for count, length in finer)
         pays = 4 * across * across < samples or rows < 2 * pairs
@@ -120,28 +112,36 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
     return across
 
 
-def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
-    """Return the lists of edges and pairs of edges for two outlines.
+def pair_grid(
+    first: Outline, second: Outline, across: int, *, is_clipped: bool = False
+) -> PairGrid:
+    """Return the edges and edge pairs of all cells for two outlines.
 
-    The second outline is mirrored, so a point p becomes T - p at the offset T. For the Wigner
-    function both outlines are the same. For the ambiguity function the second outline is the first
-    outline rotated by 180 degrees, so that the mirrored copy is a shifted copy of the first
-    outline.
+    If ``is_clipped`` is true, the result is a :class:`ClipGrid`, and the second outline must be
+    convex. The second outline is mirrored: the offset T maps a point p to T - p. Pass the same
+    outline twice for the Wigner function, and an outline and its rotated copy for the ambiguity
+    function.
     """
     cells = _Cells.of(_reach(first, second), across)
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
-    # Each block consists of two tables. The first lists the edges inside the other copy.
-    blocks = list(_rows_of_cells(first, cells, edges, others))
+    rings = None
+    if is_clipped:
+        rings = np.repeat(np.arange(len(second.starts) - 1), np.diff(second.starts))
+    blocks = list(_rows_of_cells(first, cells, edges, others, rings))
     cell, table, level = (
-        np.concatenate([part[k] for block in blocks for part in block]) for k in range(3)
+        np.concatenate([part[k] for block in blocks for part in block[:2]]) for k in range(3)
     )
     inside = np.bincount(cell[table[:, 2] == INSIDE], minlength=cells.count)
-    # The list of a cell begins with the edges inside the other copy.
+    # Stable sorting keeps the edges inside the other copy first in each cell.
     order = np.argsort(cell, kind="stable")
     rows, level = table[order], level[order]
     rows[:, 3], levels = _numbered(level, abs(others[:, 5] + 1j * others[:, 6]).max(initial=0.0))
+    if is_clipped:
+        sides_of = np.where(rows[:, 2] == CLIPPED, rows[:, 1], 0)
+        rows[:, 2] = np.cumsum(sides_of)
+        rows[:, 1] = rows[:, 2] - sides_of
     ends = np.zeros((cells.count + 1, 4), np.uint32)
     counts = np.bincount(cell, minlength=cells.count)
     ends[:-1, 2] = np.cumsum(counts)
@@ -155,21 +155,20 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     for ends_of in (edges, others):
         ends_of[:, 2:4] -= ends_of[:, :2]
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
-    return PairGrid(numbers, ends, rows, edges, others, names, levels)
+    sides = np.concatenate([sides for *_, sides in blocks]).astype(np.uint32)[:, None]
+    kind = ClipGrid if is_clipped else PairGrid
+    return kind(numbers, ends, rows, edges, others, names, levels, sides)
 
 
 def _reach(first: Outline, second: Outline) -> Array:
-    """Return the largest offsets along x and y at which the two copies overlap."""
     sizes = (np.abs(outline.vertices).max(axis=0) for outline in (first, second))
     return np.asarray(np.maximum(sum(sizes), 1e-300))
 
 
 def _leads(outline: Outline, far: float) -> Array:
-    """Return two lines to the first vertex of each ring, from the left and from the right.
+    """Return horizontal lines from the left and from the right to the first vertex of each ring.
 
-    A line must begin outside the other copy, where the winding number is 0. The line from the left
-    does so if the offset along x is positive or zero, and the line from the right does so if it is
-    negative.
+    The left line starts outside the other copy for offsets x >= 0, the right line for x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -179,16 +178,18 @@ def _leads(outline: Outline, far: float) -> Array:
 
 
 def _rows_of_cells(
-    outline: Outline, cells: _Cells, edges: Array, others: Array
-) -> Iterator[tuple[tuple[Array, ...], ...]]:
-    """Yield the list entries of all cells in blocks, as two tables.
+    outline: Outline,
+    cells: _Cells,
+    edges: Array,
+    others: Array,
+    rings: Array | None,
+) -> Iterator[tuple[tuple[Array, ...], tuple[Array, ...], Array]]:
+    """Yield (cell, row, level) of edges inside the other copy, and of all other rows, in blocks.
 
-    The first table contains the edges inside the other copy of the outline, and the second table
-    contains all other entries.
-
-    Each entry consists of its cell, its row and its level. The level is evaluated at the centre of
-    the cell. The level at the start of an edge can change within a cell only if both this edge and
-    the preceding edge cross edges of the other copy in this cell.
+    For a `ClipGrid`, ``rings`` contains the ring of each edge of the other copy, and the third
+    array of a block contains the sides. The level holds for the centre of the cell. The level at
+    the start of an edge can change within a cell only if this edge and the preceding edge both
+    cross edges of the other copy in this cell.
     """
     count, null = len(outline.vertices), len(others)
     weights: Array = others[:, 5]
@@ -210,7 +211,7 @@ def _rows_of_cells(
         begin, end = np.searchsorted(cell, (low, low + size))
         at, i, j = (part[begin:end] for part in (cell, edge, other))
         centre, vectors = cells.centre(at), (_vectors(edges, i), _vectors(others, j))
-        meets, enters, *_ = crossing(_Exact, *vectors, *centre)
+        meets, enters, start, _ = crossing(_Exact, *vectors, *centre)
         shape, key = (size, len(edges)), (at - low) * len(edges) + i
 
         def summed(values: Array, shape: tuple[int, int] = shape, key: Array = key) -> Array:
@@ -220,28 +221,58 @@ def _rows_of_cells(
         jumps = (
             summed(jump.real) + 1j * summed(jump.imag) if np.iscomplexobj(jump) else summed(jump)
         )
-        # In each cell, only one of the two lines to a ring is used.
         first = jumps[:, count::2] + jumps[:, count + 1 :: 2]
         jumps = jumps[:, :count]
         before = np.cumsum(jumps, axis=1) - jumps
         level = before + (first - before[:, starts])[:, ring_of]
-        has_pairs = summed(np.ones(len(at)))[:, :count] > 0.0
-        changes = (summed(_touches(cells, *vectors, *centre))[:, :count] > 0.0) & has_pairs
-        changes &= has_pairs[:, preceding]
-        at_inside, inside = np.nonzero(~changes & (abs(level) > _NO_WEIGHT * unit))
-        rows = _table(inside, null, INSIDE), level[at_inside, inside]
-        at, *other_rows = _other_rows((at - low, i, j), starts, changes, level, null)
-        yield (at_inside + low, *rows), (at + low, *other_rows)
+        pairs = at - low, i, j
+        if rings is None:
+            has_pairs = summed(np.ones(len(at)))[:, :count] > 0.0
+            changes = (summed(_touches(cells, *vectors, *centre))[:, :count] > 0.0) & has_pairs
+            changes &= has_pairs[:, preceding]
+            level_of_inside, sides = np.where(changes, 0.0, level), i[:0]
+            at, *other_rows = _other_rows(pairs, starts, changes, level, null)
+        else:
+            *_, fx, fy = vectors[1]
+            is_left = start > limit_of(_Exact, fx, fy, 1.0)
+            (at, *other_rows), sides = _clipped_rows(pairs, is_left, rings, weights, level)
+            level_of_inside = level
+        at_inside, inside = np.nonzero(abs(level_of_inside) > _NO_WEIGHT * unit)
+        rows = _table(inside, null, INSIDE), level_of_inside[at_inside, inside]
+        yield (at_inside + low, *rows), (at + low, *other_rows), sides
+
+
+def _clipped_rows(
+    pairs: tuple[Array, Array, Array], is_left: Array, rings: Array, weights: Array, level: Array
+) -> tuple[tuple[Array, Array, Array], Array]:
+    """Return the list entries of edges that cross a convex ring, and the sides that they cross.
+
+    ``is_left`` states whether an edge starts to the left of the other edge at the centre of the
+    cell, and ``rings`` contains the ring of each other edge. The second column of the entries
+    contains the number of sides. The weight of each ring with such an entry is subtracted from
+    ``level`` if the edge starts inside this ring.
+    """
+    is_edge = pairs[1] < level.shape[1]
+    at, i, j, is_left = (part[is_edge] for part in (*pairs, is_left))
+    pieces = (at * level.shape[1] + i) * (rings.max() + 1) + rings[j]
+    first = np.flatnonzero(np.diff(pieces, prepend=-1))
+    counts = np.diff(np.append(first, len(pieces)))
+    # An edge that crosses sides of a convex ring starts inside the ring if it starts to the left of
+    # these sides.
+    is_inside = np.add.reduceat(is_left, first, dtype=int) == counts if len(first) else first
+    at, i, weight = at[first], i[first], weights[j[first]]
+    np.subtract.at(level, (at, i), weight * is_inside)
+    return (at, _table(i, counts, CLIPPED), weight), j
 
 
 def _other_rows(
     pairs: tuple[Array, Array, Array], starts: Array, changes: Array, level: Array, null: int
 ) -> tuple[Array, Array, Array]:
-    """Return the list entries of crossing edges, and of edges whose level changes."""
+    """Return (cell, row, level) of crossing edges and of edges whose level changes in a cell."""
     at, i, j = pairs
     count = changes.shape[1]
-    # If the level of the first vertex of a ring changes within a cell, it is the sum of the weights
-    # of the edges that cross the line to the ring.
+    # If the level of a ring's first vertex changes within a cell, the crossings with the line to
+    # the ring define the level.
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count
@@ -268,11 +299,7 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return a table of the distinct levels, and the index of each level in this table.
-
-    Levels that differ only by rounding errors share an entry. ``unit`` is the largest modulus of a
-    weight.
-    """
+    """Return a table of distinct levels, and the index of each level in the table."""
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
     _, first, number = np.unique(scaled, return_index=True, return_inverse=True)
@@ -282,14 +309,12 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
 
 
 def _table(edge: Array, other: Array | int, kind: Array | int) -> Array:
-    """Return rows of :attr:`PairGrid.rows`, with the indices of levels set to 0."""
     rows = np.zeros((len(edge), 4), np.uint32)
     rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, kind
     return rows
 
 
 def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
-    """Return the start points and vectors of edges, which are exact for vertices on the grid."""
     ax, ay, bx, by = (column.take(number) for column in edges.T[:4])
     return ax, ay, bx - ax, by - ay
 
@@ -297,11 +322,7 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield, in blocks, the indices of a cell and of two edges that can cross in this cell.
-
-    Edges with indices of ``count`` or more are the lines to the rings. A line from the left is used
-    in the right half of the cells, and a line from the right in the left half.
-    """
+    """Yield the indices of a cell, an edge and another edge that can cross in this cell."""
     step = max(1, _BLOCK // len(others))
     c, d = others[:, :2], others[:, 2:4]
     for start in range(0, len(edges), step):
@@ -329,12 +350,9 @@ def _meeting(
 
 
 def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
-    """Return whether two edges can cross for an offset in a cell.
-
-    The cell meets the bounding box of the parallelogram of such offsets.
-    """
+    """Return whether two edges can cross for an offset in a cell."""
     e, f, centre = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
-    half = 0.5 * cells.size
+    half = 0.5 * cells.size + _MARGIN
     x, y = np.subtract(cells.centre(cell), centre.take(pair, axis=0).T)
     area = 0.5 * abs(e[..., 0] * f[:, 1] - e[..., 1] * f[:, 0])
     meets = np.ones(len(cell), bool)
@@ -342,12 +360,12 @@ def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, ce
         u, v = (np.broadcast_to(vector[..., k], area.shape).ravel() for k in range(2))
         size = half * (abs(u) + abs(v))
         level = abs(u.take(pair) * y - v.take(pair) * x)
-        meets &= level <= (area.ravel() + size + _MARGIN).take(pair)
+        meets &= level <= (area.ravel() + size).take(pair)
     return meets
 
 
 def _touches(cells: _Cells, edge: Any, other: Any, x: Array, y: Array) -> Array:
-    """Return whether a cell contains offsets for which one edge starts on the other edge."""
+    """Return whether one edge can start on the other edge for an offset in a cell."""
     (ax, ay, _, _), (cx, cy, fx, fy) = edge, other
     half = 0.5 * cells.size
     px, py = x - (ax + cx + 0.5 * fx), y - (ay + cy + 0.5 * fy)

@@ -1,14 +1,8 @@
-"""Cuts of the edges of an outline, if the edges are constants of compiled code.
+"""Edges of an outline, clipped by another copy of the outline, if edges are constants of the code.
 
-A slice is the intersection of two copies of an outline. Its boundary consists of the edges of each
-copy, cut to the parts that lie inside the other copy. This module clips edges by the sides of the
-convex pieces of the other copy. The vertices lie on a grid, so nearly parallel and coincident edges
-are cut as in exact arithmetic (docs/theory/edges.md). The intersection of two lines that are not
-nearly parallel is well conditioned.
-
-An edge starts at the vertex a of the outline G and has the vector e. A point p = a + t e of the
-edge, with t from 0 to 1, lies inside the other copy if the point p' of the following table lies
-inside G:
+Edges are clipped by the sides of convex pieces. Vertices lie on a grid, so nearly parallel and
+coincident edges are clipped as in exact arithmetic (docs/theory/edges.md). A point p of an edge
+lies inside the other copy if p' lies inside the outline:
 
 =============  ===========  =====================================================
 view           p'           slice
@@ -18,10 +12,8 @@ view           p'           slice
 ``AHEAD``      p + xi       position slice at xi, edges of G + xi/2 inside G - xi/2
 =============  ===========  =====================================================
 
-Each bound on t is an affine function of the offset, so it costs one fused multiply-add and one
-minimum or maximum. If a point lies exactly on a line, the decision is made as if the offset 2x (or
-xi) were shifted by an infinitesimal vector that points to the right of every line. The views AHEAD
-and BEHIND have the same offset xi, so their decisions agree.
+Ties are decided as if the offset 2x or xi were displaced by an infinitesimal vector that points to
+the right of every line.
 """
 
 from __future__ import annotations
@@ -52,7 +44,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Edge:
-    """A boundary edge of an outline. It runs from a to a + e, and the polygon lies to its left."""
+    """Boundary edge from a to a + e. The polygon lies to the left of the edge."""
 
     ax: Any
     ay: Any
@@ -61,24 +53,19 @@ class Edge:
     ux: Any
     uy: Any
     length: Any
-    """Length of the edge, or minus its length. The vector e of the edge is ``length`` times the
-    unit vector u, which all parallel edges share."""
+    """Signed length: e is ``length`` times the unit vector u, which parallel edges share."""
     real: Any = 1.0
-    """Real part of the complex weight of the element that the edge belongs to. ``imag`` is the
-    imaginary part."""
+    """Real part of the element's weight."""
     imag: Any = 0.0
     group: Any = 0
-    """Index in ``Tables.groups`` of the field on the element."""
+    """Index in ``Tables.groups``."""
     begin: Any = 0
-    """Index of the start vertex among the vertices of all elements. ``end`` is the index of the end
-    vertex."""
+    """Index of the start vertex among the vertices of all elements."""
     end: Any = 0
 
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line, defined by a point and a direction."""
-
     dx: float
     dy: float
     px: float
@@ -87,33 +74,33 @@ class Line:
 
 @dataclass(frozen=True)
 class Piece:
-    """A convex piece of an element, as pairs of a line and a side.
+    """Convex piece of an element, as pairs of a line index and a side.
 
-    The side is +1 if the piece lies to the left of the line, and -1 otherwise.
+    The side is 1 if the piece lies to the left of the line, and -1 otherwise.
     """
 
     sides: tuple[tuple[int, int], ...]
     real: float
-    """Real part of the weight of the element. For a triangle whose orientation was reversed by
-    rounding, the weight has the opposite sign."""
+    """Real part of the weight, with the opposite sign if rounding reversed the orientation of the
+    piece."""
     imag: float
     group: int
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Edges, lines and convex pieces of all elements of a source, with coordinates on a grid."""
+    """Edges, lines and convex pieces of all elements, with coordinates on a grid."""
 
     edges: tuple[Edge, ...]
     lines: tuple[Line, ...]
     pieces: tuple[Piece, ...]
     step: float
-    """Spacing of the grid to which offsets must be rounded."""
+    """Grid spacing, to which offsets must be rounded."""
 
 
 @lru_cache(maxsize=128)
 def constants_of(tables: Tables) -> Constants:
-    """Return the edges, lines and convex pieces of the elements of a source."""
+    """Return the edges, lines and convex pieces of a source."""
     frame = tables.frame
     step = frame.grid_step(tables.double)
     group_of = dict(zip(tables.names[:, 2].tolist(), tables.names[:, 3].tolist(), strict=True))
@@ -133,8 +120,8 @@ def constants_of(tables: Tables) -> Constants:
             for k, (ax, ay, ex, ey) in enumerate(_sides(points)):
                 length = math.copysign(math.hypot(ex, ey), ey if ey else ex)
                 unit = (ex / length, ey / length)
-                # Edges whose directions are equal up to rounding share a unit vector u, so that the
-                # product nu.u is computed only once.
+                # Nearly equal directions share a unit vector u, so the product nu.u is computed
+                # only once.
                 ux, uy = directions.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
                 ends = names[k], names[(k + 1) % len(names)]
                 edges.append(
@@ -150,7 +137,6 @@ def constants_of(tables: Tables) -> Constants:
 
 
 def _sides(polygon: Floats) -> list[list[float]]:
-    """Return the start point and the vector of each side of a closed polygon."""
     return list(np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist())
 
 
@@ -164,7 +150,7 @@ def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class View:
-    """The map from a point p of an edge to p' = ``offset`` T + ``point`` p, where T is the offset.
+    """Map from a point p of an edge to p' = ``offset`` T + ``point`` p for the offset T.
 
     Both factors are 1 or -1. The point p lies inside the other copy if p' lies inside the outline.
     """
@@ -174,7 +160,7 @@ class View:
 
     @property
     def side(self) -> float:
-        """Sign of the offset relative to the copy with the edges, and of the shift for ties."""
+        """Sign of the offset relative to the copy with the edges, which decides ties."""
         return float(-self.offset * self.point)
 
 
@@ -183,16 +169,14 @@ BEHIND = View(offset=-1, point=+1)
 AHEAD = View(offset=+1, point=+1)
 
 Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
-"""Parts of an edge inside the other copy of the outline, for each view, in the form of
-`Clipper.intervals`."""
+"""Values of `Clipper.intervals` of an edge, for each view."""
 
 
 class Clipper:
-    """Cuts of edges for one offset between two copies of an outline.
+    """Clipped edges for one offset between two copies of an outline.
 
-    The offset T is 2x for the Wigner function and xi for the ambiguity function. Edges are
-    constants, so parallel edges are recognised, and their common subexpressions are computed only
-    once.
+    The offset T is 2x for the Wigner function and xi for the ambiguity function. Parallel edges
+    share common subexpressions.
     """
 
     def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any) -> None:
@@ -206,10 +190,10 @@ class Clipper:
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> tuple[Any, ...]:
-        """Return the sums of the results of ``term(edge)`` over the edges of a group of elements.
+        """Return the sums of ``term(edge)`` over the edges of a group.
 
-        A group consists of the elements that have the same field. The edges are cut by the elements
-        of the group ``other``. ``values`` is the number of results of ``term``.
+        Elements with the same field form a group. The group ``other`` clips the edges. ``values``
+        is the number of results of ``term``.
         """
         totals = [0.0] * values
         for edge in (edge for edge in self.edges if edge.group == group):
@@ -219,11 +203,10 @@ class Clipper:
     def sums_of_runs(
         self, runs: Sequence[Any], group: int, other: int
     ) -> Iterator[tuple[Any, list[Any]]]:
-        """Yield the results of several sums, from one pass over the edges of a group of elements.
+        """Yield the results of several sums, from one pass over the edges of a group.
 
-        Each item of ``runs`` represents the sum for one pair of plane waves. It has the attributes
-        ``views``, a sequence of (view, side); ``values``, the number of results; and ``terms(edge,
-        cuts)``, which returns the contribution of an edge.
+        Each run has the attributes ``views``, a sequence of (view, side); ``values``, the number of
+        results; and ``terms(edge, cuts)``, the contribution of an edge.
         """
         views = dict.fromkeys(view for run in runs for view, _ in run.views)
 
@@ -236,7 +219,7 @@ class Clipper:
             yield run, [next(values) for _ in range(run.values)]
 
     def shared(self, edge: Edge, compute: Callable[[], T], *what: Hashable) -> T:
-        """Return ``compute()``; constant edges that are parallel share the result."""
+        """Return ``compute()``, computed once for all parallel constant edges."""
         if type(self) is not Clipper:
             return compute()
         key = (edge.ux, edge.uy, *what)
@@ -259,11 +242,11 @@ class Clipper:
     def intervals(
         self, edge: Edge, view: View, group: int = 0
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """Yield the parts of an edge inside the convex pieces of the other copy of the outline.
+        """Yield the parts of an edge inside the convex pieces of the other copy.
 
-        A part runs from the fraction t0 to the fraction t1 of the edge. It is yielded as the sum t0
-        + t1, the length t1 - t0, and the real and imaginary part of the product of one weight and
-        the conjugate of the other. The length is 0 if the edge lies outside the piece.
+        A part is (t0 + t1, t1 - t0, real, imag), where t0 and t1 are its ends as fractions of the
+        edge, and real + i imag is the product of one weight and the conjugate of the other. The
+        length t1 - t0 is 0 if the edge lies outside the piece.
         """
         cuts: dict[int, Any] = {}
         for piece in (piece for piece in self.pieces if piece.group == group):
@@ -280,8 +263,8 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # The edge and the line may be nearly parallel, so their cross product must be accurate
-            # to an ulp.
+            # Edge and line may be nearly parallel, so their cross product must be accurate to an
+            # ulp.
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
                 distance = self._exact_distance(edge, line, view)
@@ -301,10 +284,7 @@ class Clipper:
         return low + high, length
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
-        """Return the position at which an edge meets a line of the other copy of the outline.
-
-        The position is a fraction of the edge.
-        """
+        """Return the fraction of an edge at which the edge meets a line of the other copy."""
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:
@@ -314,10 +294,7 @@ class Clipper:
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
-        """Return the cross product of a line's direction and the vector to the start of an edge.
-
-        The result is accurate to an ulp, and positive if the edge starts to the left of the line.
-        """
+        """Return cross(line direction, start of edge - line), accurate to an ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

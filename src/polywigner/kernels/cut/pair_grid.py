@@ -1,10 +1,8 @@
-"""Lists of pairs of edges that can cross, for two copies of an outline.
+"""Edge pairs that can cross, for two copies of an outline, and edge clipping with NumPy.
 
-The second copy is mirrored: a point p of the second outline becomes T - p, where T is the offset.
-An edge of the first outline and an edge of the second outline cross if the offset lies in a
-parallelogram whose sides are the two edges. The plane of offsets is divided into square cells, and
-each cell has a list of pairs of edges, which ``cell_lists`` builds. This module cuts edges with
-NumPy. The module ``winding`` cuts edges in compiled code (docs/theory/edges.md, (K1)).
+The second copy is mirrored: the offset T maps a point p to T - p. Two edges cross if T lies in a
+parallelogram whose sides are the edges. The plane of offsets is divided into square cells, each
+with a list of edge pairs, (K1) of docs/theory/edges.md.
 """
 
 from __future__ import annotations
@@ -21,15 +19,15 @@ from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Kinds of list entries. CROSSING: a crossing of two edges. START: a crossing before which the
-# winding number is set. WHOLE: an edge at full length. INSIDE: an edge that lies inside the other
-# copy, which is both START and WHOLE. LEAD: a crossing with the line from outside to the first
-# vertex of a ring. START is the first bit and WHOLE is the second bit.
-CROSSING, START, WHOLE, INSIDE, LEAD = range(5)
-# Upper bound of the rounding error of a cross product of two vectors in the frame.
+# Kinds of rows. CROSSING: two edges that cross. START: a crossing before which the winding number
+# is set. WHOLE: an unclipped edge. INSIDE: an edge inside the other copy (START and WHOLE). LEAD: a
+# crossing with the line from outside to the first vertex of a ring. CLIPPED: an edge that crosses
+# sides of a convex ring. START is bit 0, WHOLE bit 1.
+CROSSING, START, WHOLE, INSIDE, LEAD, CLIPPED = range(6)
+# Bound on the rounding error of a cross product of vectors in the frame.
 ROUNDED = 1e-13
-# A normal number that is smaller than all nonzero levels on the grid, which are at least 2^-106 in
-# double precision and 2^-48 in single precision.
+# A normal number below all nonzero cross products on the grid, which are at least 2^-106 in double
+# precision and 2^-48 in single precision.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -37,18 +35,17 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The elements of a source that have the same field, with their vertices on a grid.
+    """Elements with the same field, with their vertices on a grid.
 
-    Sums and differences of an offset and two vertices are exact on the grid. The decision on which
-    side of an edge a vertex lies is therefore the same as in exact arithmetic
-    (docs/theory/edges.md, (K2)).
+    On the grid, sums and differences of an offset and two vertices are exact, (K2) of
+    docs/theory/edges.md.
     """
 
     step: float
     """Spacing of the grid, a power of two."""
     edges: Array
-    """Start and end of each edge, 0, complex weight of the element, and 0. Shape (n, 8). The
-    polygon lies to the left of the edge."""
+    """Start, end, 0, complex weight and 0 of each edge, shape (n, 8). The polygon lies to the left.
+    Start, end, 0, complex weight and 0 of each edge, shape (n, 8). The polygon lies to the left."""
     starts: Array
     """Index of the first edge of each ring, followed by the number of edges."""
     names: Array
@@ -68,6 +65,17 @@ class Outline:
         return following
 
     @cached_property
+    def is_convex(self) -> bool:
+        """Whether each ring is a convex polygon without holes."""
+        vectors = self.edges[:, 2:4] - self.vertices
+        (ex, ey), (fx, fy) = vectors.T, vectors[self.following].T
+        turns = accurate_cross(ex, ey, fx, fy)
+        angles = np.arctan2(turns, ex * fx + ey * fy)
+        # The edges of a convex polygon turn to the left, once around the ring.
+        once = np.add.reduceat(angles, self.starts[:-1]) < 3.0 * np.pi
+        return bool((turns >= 0.0).all() and once.all())
+
+    @cached_property
     def rotated(self) -> Outline:
         """The outline rotated by 180 degrees about the centre of its frame."""
         return replace(self, edges=self.edges * np.repeat([-1.0, 1.0], 4))
@@ -75,7 +83,7 @@ class Outline:
 
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
-    """Return the elements with the field number ``group``, for kernels in float64 or float32."""
+    """Return the elements of a field group, for kernels in float64 or float32."""
     in_group = tables.names[:, 3] == group
     names = np.zeros((int(in_group.sum()), 4), np.uint32)
     names[:, :3] = tables.names[in_group, :3]
@@ -92,38 +100,38 @@ def outline_of(tables: Tables, group: int, double: bool) -> Outline:
 
 @dataclass(frozen=True, eq=False)
 class PairGrid:
-    """Lists of edges and pairs of edges for each cell, as tables of NumPy or Dr.Jit arrays."""
+    """Edges and edge pairs of each cell, as NumPy or Dr.Jit tables."""
 
     numbers: Any
-    """Lower and upper corner of the region of cells, number of cells per unit length, number of
-    cells in a row, total number of cells, and spacing of the grid. Shape (1, 8)."""
+    """Lower and upper corner of the cells, cells per unit length, cells in a row, number of cells,
+    and spacing of the grid. Shape (1, 8)."""
     cells: Any
-    """First row, first row that is not INSIDE, and end of the rows of each cell, and 0. Shape
-    (number of cells + 1, 4). The last cell represents all offsets outside the region and is empty.
-    """
+    """First row, first row that is not INSIDE, end of the rows, and 0, for each cell. The last cell
+    is empty and covers all offsets outside the grid. Shape (number of cells + 1, 4)."""
     rows: Any
-    """Edge of the first outline, edge of the second outline, kind of the row, and index of a level.
-    Shape (k, 4). The level is a winding number in the other copy times the weight of its element.
-    """
+    """Edge of the first outline, edge of the second outline, kind, and index of the level. Shape
+    (k, 4)."""
     first: Any
-    """Start and vector of each edge of the first outline, 0, complex weight, and 0. Shape (n, 8).
-    The last rows are the lines to the rings, with a weight of 1."""
+    """Start, vector, 0, complex weight and 0 of each edge of the first outline, shape (n, 8). The
+    last rows are the lines to the rings, with a weight of 1."""
     second: Any
-    """Start, vector and weight of each edge of the second outline, in the same form as ``first``.
-    The last row is an edge with a weight of 1 that crosses no other edge."""
+    """Edges of the second outline, in the same form. The last edge crosses no other edge."""
     names: Any
-    """Attribute `Outline.names` of the first outline."""
+    """``Outline.names`` of the first outline."""
     levels: Any
-    """Real and imaginary part of each level, and two zeros. Shape (k, 4)."""
+    """Real and imaginary part of each weighted winding number, and two zeros. Shape (k, 4)."""
+
+    sides: Any
+    """Empty, except for a :class:`ClipGrid`."""
 
     @cached_property
     def copies(self) -> dict[Hashable, Any]:
-        """Copies of these tables in the memory of each engine."""
+        """Copies of the tables on devices, by engine."""
         return {}
 
     @cached_property
     def on_host(self) -> HostGrid:
-        """These lists in the form that the NumPy code requires."""
+        """The same tables in the layout of :func:`cut_edges`."""
         low_x, low_y, _, _, per_unit, across, count, step = self.numbers[0].tolist()
         shape = round(count / across), round(across)
         cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
@@ -150,7 +158,7 @@ class PairGrid:
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
-        """Return a copy of these lists in the memory of an engine."""
+        """Return a copy of the tables in the memory of an engine."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
         # Dr.Jit cannot read from empty arrays.
         return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
@@ -159,26 +167,34 @@ class PairGrid:
 _NONE = np.zeros((1, 4), np.uint32)
 
 
+class ClipGrid(PairGrid):
+    """Lists of edges to clip, if each ring of the second outline is convex.
+
+    Each row of ``rows`` is a part of an edge inside one ring: the edge, the first row and the end
+    of the rows of ``sides``, and the index of the weight of the ring. The part lies to the left of
+    all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
+    that is inside for all offsets in the cell has no sides. Its level is a sum over rings.
+    """
+
+
 @dataclass(frozen=True, eq=False)
 class HostGrid:
-    """The lists of a :class:`PairGrid` for NumPy. Points are complex numbers."""
+    """Tables of a :class:`PairGrid` for NumPy, with points as complex numbers."""
 
     low: complex
-    """Lower left corner of the region of cells."""
     per_unit: float
     shape: tuple[int, int]
-    """Number of cells along y, and number of cells along x."""
+    """Number of cells along y and along x."""
     step: float
     cells: Array
     """First three columns of ``PairGrid.cells``, with a border of empty cells. Shape (n, 3)."""
     rows: Array
     first: Array
-    """Start, vector, limit of levels plus i times the length, and weight of each edge, as complex
-    numbers. Shape (n, 4)."""
+    """Start, vector, tie limit + i length, and weight of each edge, shape (n, 4)."""
     second: Array
     levels: Array
     is_uniform: bool
-    """Whether the weight of each edge is 1."""
+    """Whether all weights are 1."""
 
 
 def _as_complex(edges: Array) -> Array:
@@ -189,16 +205,12 @@ def _as_complex(edges: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-# Sine of the angle between two edges below which the quotient of two rounded levels is too
-# inaccurate.
+# Sine of the angle between two edges below which their intersection needs exact cross products.
 _SLANTED = 1 / 16
 
 
 def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
-    """Return the indices of the cells that contain the offsets (x, y).
-
-    The indices count the border of empty cells.
-    """
+    """Return the indices in ``grid.cells`` of the cells that contain the offsets (x, y)."""
     rows, across = grid.shape
     column = np.floor((x - grid.low.real) * grid.per_unit)
     row = np.floor((y - grid.low.imag) * grid.per_unit)
@@ -207,10 +219,7 @@ def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """Return all rows of the cells that contain the offsets ``t``.
-
-    The second result is the index of the offset for each row.
-    """
+    """Return the rows of the cells that contain the offsets ``t``, and the offset of each row."""
     spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
@@ -226,22 +235,17 @@ def cut_edges(
     Parameters
     ----------
     row, owner : ndarray
-        Rows of the lists and the index of the offset of each row, as `rows_at` returns them.
+        Rows and the index of the offset of each row, from `rows_at`.
     t : ndarray, shape (n,)
         Complex offsets on the grid.
     side : float
-        1 or -1, the sign of the displacement of the offset that decides ties.
+        1 or -1, the sign of the infinitesimal displacement of the offset that decides ties.
 
     Returns
     -------
     tuple of ndarray, each of shape (k,)
-        Index of the offset of each part, in ascending order. Row of its edge in ``grid.first``.
-        Length of the part as a fraction of the edge. Weight of the edge times the conjugate of the
-        level.
-
-    Notes
-    -----
-    The signs of all cross products are exact.
+        Index of the offset (ascending), row of the edge in ``grid.first``, length as a fraction of
+        the edge, and weight of the edge times the conjugate of the level.
     """
     number, other, kind, level_of = row.T
     edge, other_edge = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
@@ -251,7 +255,7 @@ def cut_edges(
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
     np.subtract(levels[0], edges_cross, out=levels[1])
     np.add(levels[2], edges_cross, out=levels[3])
-    # The error bound ROUNDED of a cross product is valid for vectors shorter than 8.
+    # ROUNDED bounds the error only for vectors shorter than 8.
     near: Array = abs(levels) < ROUNDED
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
@@ -265,13 +269,12 @@ def cut_edges(
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    # The running sum of weights extends over all samples of a call. In double precision it would
-    # lose digits.
+    # The running sum extends over all samples, so double precision would lose digits.
     if not grid.is_uniform:
         jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
         before = np.cumsum(jump, dtype=exact) - jump
-    # The first list entry of a ring sets the level for this ring. Preceding entries have no effect.
+    # The first row of a ring sets the level. Preceding rows have no effect.
     last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
     level = before + (grid.levels.take(level_of) - before).take(last)
     weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))
@@ -285,7 +288,6 @@ def cut_edges(
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
-    """Return the weights of edges, multiplied by the complex conjugates of levels."""
     if grid.is_uniform:
         return level
     weights = edge[:, 3] if level.dtype.kind == "c" else edge[:, 3].real
@@ -293,7 +295,6 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Compute levels again, with exact differences and with products accurate to an ulp."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (a, b) in zip(levels, pairs, strict=True):
@@ -305,30 +306,28 @@ def crossing(
 ) -> tuple[Any, Any, Any, Any]:
     """Return whether an edge crosses an edge of the mirrored copy, and where.
 
-    Each edge is specified by its start and its vector. A point p of the other outline becomes T -
-    p, where T is the offset (``tx``, ``ty``). The results are whether the edges cross, whether the
-    first edge crosses to the left side of the other edge, and the levels of the start and the end
-    of the first edge. A level is the distance to the left of the other edge's line, times the
-    length of the other edge. The first edge crosses this line at the fraction ``start / (start -
-    end)`` of its length. The signs of the cross products are exact.
+    Edges are (start x, start y, vector x, vector y). The offset (``tx``, ``ty``) maps a point p of
+    the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.
 
-    ``side`` is 1 or -1, the sign of the displacement of the offset that decides ties.
+    Returns (crosses, enters, start, end). ``enters`` is true if the edge crosses to the left side
+    of the other edge. The crossing lies at the fraction ``start / (start - end)`` of the edge. The
+    signs of all cross products are exact.
     """
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay
     before = ops.cross(ex, ey, px, py)
     end_level = ops.cross(ex, ey, px - fx, py - fy)
     start, end = ops.cross(fx, fy, px, py), ops.cross(fx, fy, px - ex, py - ey)
-    limit, other_limit = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
+    limit, other_limit = limit_of(ops, ex, ey, side), limit_of(ops, fx, fy, side)
     at_start, at_end = start > other_limit, end > other_limit
     return ((before > limit) ^ (end_level > limit)) & (at_start ^ at_end), at_end, start, end
 
 
-def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Number:
-    """Return the level above which a vertex is treated as left of an edge: 0, or just below 0.
+def limit_of(ops: Any, ex: Any, ey: Any, side: float) -> Number:
+    """Return the cross product above which a vertex lies to the left of an edge: 0 or just below 0.
 
-    Ties are decided as if the offset were displaced by (eps, -eps^2) times ``side``, where eps is
-    infinitesimal. No nonzero level on the grid is as close to 0 as this limit.
+    Ties are decided as if the offset were displaced by ``side`` (eps, -eps^2), with infinitesimal
+    eps.
     """
     limits = (-NO_LEVEL, 0.0) if side > 0.0 else (0.0, -NO_LEVEL)
     return ops.select((ey < 0.0) | ((ey == 0.0) & (ex < 0.0)), *limits)

@@ -1,11 +1,8 @@
-"""Sums over the boundary of a slice, in compiled code that reads the edges from memory.
+"""Edge sums over the overlap of two copies of an outline, for compiled kernels.
 
-A slice is the overlap of two copies of an outline. The term of an edge is multiplied by the winding
-number of the other copy at the start of the edge, which is updated along each ring. Each crossing
-with an edge of the other copy adds 1 or -1 from the crossing to the end of the edge
-(docs/theory/edges.md, (K1)). If a source has several elements, the winding number of each element
-is multiplied by the weight of the element. Outlines are passed as data, so one compiled kernel
-handles any outline.
+If all rings of the other copy are convex, each edge is clipped by the sides of each ring. Otherwise
+the winding number of the other copy is updated at each crossing while a loop follows the ring, (K1)
+of docs/theory/edges.md. Outlines are passed as data, so one compiled kernel handles any outline.
 """
 
 from __future__ import annotations
@@ -17,37 +14,49 @@ from typing import Any
 
 from polywigner.kernels.cut.cell_lists import cells_across, pair_grid
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Edge, View
-from polywigner.kernels.cut.pair_grid import LEAD, START, WHOLE, PairGrid, crossing, outline_of
+from polywigner.kernels.cut.pair_grid import (
+    LEAD,
+    START,
+    WHOLE,
+    ClipGrid,
+    PairGrid,
+    crossing,
+    limit_of,
+    outline_of,
+)
 from polywigner.kernels.outline import Tables
 from polywigner.numerics import Number
 
 Pass = tuple[View, int, int]
-"""Tuple of the view of the edges, the index of their field, and the index of the field on the other
+"""View of the edges, index of the group whose edges are cut, and index of the group on the other
 copy."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Number of samples that is assumed if the actual number is unknown.
+# Number of samples assumed if the caller does not specify one.
 _MANY = 1 << 20
-# Largest total size in bytes of the cached lists of pairs of all sources. The copies of these lists
-# in the memory of engines are not included and have the same size.
+# Limit of the cached edge pairs of all sources in bytes. Copies on devices are not counted.
 _MOST_BYTES = 1 << 27
+# Stands for infinity. Its product with a frequency is finite.
+_FAR = 1e9
 
 
-def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
-    """Return the lists of pairs of edges that can cross, from the cache if possible.
-
-    The size of the cells depends on the number of samples.
-    """
+def pairs_of(
+    tables: Tables, key: Pass, double: bool, samples: int = 0, *, is_compiled: bool = True
+) -> PairGrid:
+    """Return the edge pairs that can cross, from the cache if possible."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    # The views AHEAD and BEHIND use the same lists of pairs of edges.
-    name = view.point, group, other, double, across
+    # AHEAD and BEHIND share their edge pairs.
+    is_clipped = is_compiled and second.is_convex
+    name = view.point, group, other, double, across, is_clipped
     grid: PairGrid | None = tables.pairs.get(name)
     if grid is None:
-        grid = tables.pairs.setdefault(name, pair_grid(first, second, across))
+        grid = tables.pairs.setdefault(
+            name, pair_grid(first, second, across, is_clipped=is_clipped)
+        )
         with _cache_lock:
             _cached.append((tables.pairs, name, grid.nbytes))
             while sum(size for *_, size in _cached) > _MOST_BYTES and len(_cached) > 1:
@@ -57,16 +66,13 @@ def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairG
 
 
 _cached: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
-"""Owner, key and size of each cached list, oldest first."""
+"""Owner, key and size in bytes of each cached table, oldest first."""
 # Mitsuba loads the sources of a scene file in several threads.
 _cache_lock = threading.Lock()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """Return the index of the cell that contains an offset.
-
-    An offset outside the region of cells belongs to an empty cell.
-    """
+    """Return the index of the cell that contains an offset. Outside the grid, the cell is empty."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (
@@ -77,7 +83,7 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
 
 
 class PairClipper(Clipper):
-    """Cuts of the edges that are listed in the cell of each sample."""
+    """Clipped edges of the cell that contains the offset of each sample."""
 
     def __init__(
         self,
@@ -89,11 +95,6 @@ class PairClipper(Clipper):
         arguments: tuple[Any, ...] = (),
         pairs: Mapping[Pass, PairGrid] | None = None,
     ) -> None:
-        """Set up the cuts for the offset (``tx``, ``ty``) of each sample.
-
-        ``pairs`` contains lists in the memory of the engine. If it is None, the lists of ``tables``
-        are used.
-        """
         self.ops, self.tables = ops, tables
         self.views, self.arguments, self.pairs = views, arguments, pairs
         *_, step = ops.gather(self._grid((views[0], 0, 0)).numbers, ops.truncated(0.0))
@@ -106,7 +107,7 @@ class PairClipper(Clipper):
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
         grid, ops = pairs_of(self.tables, key, self.ops.double), self.ops
         if ops.key not in grid.copies:
-            # With the method setdefault of dictionaries, all threads use the same copy.
+            # setdefault is atomic, so all threads use the same copy.
             grid.copies.setdefault(ops.key, grid.on_device(ops.on_device))
         copy: PairGrid = grid.copies[ops.key]
         return copy
@@ -114,7 +115,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
-        # The initial value of the sums is NaN if an argument is infinite or NaN, and 0 otherwise.
+        # Infinite and NaN arguments must give NaN: x - x is NaN for these values, and 0 otherwise.
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
             for part in self._sums(view, self._grid((view, group, other)), term, values):
@@ -129,30 +130,31 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Yield the sum over all edges inside the other copy of the outline, then the other sum.
-
-        The other sum extends over all other rows of the lists.
-        """
+        """Yield the sum over edges inside the other copy, and the sum over all other rows."""
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 
         def level_of(number: Any) -> Level:
             return tuple(ops.gather(grid.levels, number)[:count])
 
-        def last_part(number: Any, edge: Any, fraction: Any, level: Level) -> Level:
-            """Return the term of the last ``fraction`` of an edge, multiplied by a level."""
+        def part(number: Any, edge: Any, ends_sum: Any, extent: Any, level: Level) -> Level:
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
-            self._current = view, (2.0 - fraction, fraction, weight, phase)
-            # The edge's vector with a length of 1 gives the same result as a unit vector with the
-            # actual length.
+            self._current = view, (ends_sum, extent, weight, phase)
+            # The edge vector serves as the direction, with a length of 1.
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:
             number, _, _, level = ops.gather(grid.rows, row)
-            return last_part(number, None, 1.0, level_of(level))
+            return part(number, None, 1.0, 1.0, level_of(level))
+
+        def of_clipped(row: Any) -> Level:
+            number, begin, end, level = ops.gather(grid.rows, row)
+            edge = ops.gather(grid.first, number)
+            low, high = self._clipped(grid, edge, (begin, end), tx, ty, view.side)
+            return part(number, edge, low + high, ops.maximum(high - low, 0.0), level_of(level))
 
         def visit(row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
             number, other, kind, level = ops.gather(grid.rows, row)
@@ -168,10 +170,40 @@ class PairClipper(Clipper):
                     ops.select(kind == WHOLE, before, ops.select(kind == LEAD, 0.0, by))
                     for before, by in zip(level, jump, strict=True)
                 )
-                return last_part(number, edge, fraction, tuple(weights))
+                return part(number, edge, 2.0 - fraction, fraction, tuple(weights))
 
             return kind == START, level_of(level), jump, of_level
 
-        inside, row, end, _ = ops.gather(grid.cells, cell_of(ops, grid, tx, ty))
+        cell = cell_of(ops, grid, ops.first(tx), ops.first(ty))
+        inside, row, end, _ = ops.gather(grid.cells, cell)
         yield ops.sum_over_range(inside, row, of_inside, values)
+        if isinstance(grid, ClipGrid):
+            yield ops.sum_over_range(row, end, of_clipped, values)
+            return
         yield ops.sum_over_rows(row, end, visit, values, count)
+
+    def _clipped(
+        self, grid: PairGrid, edge: Any, rows: tuple[Any, Any], tx: Any, ty: Any, side: float
+    ) -> tuple[Any, Any]:
+        """Return the part of an edge to the left of all sides in a range of rows.
+
+        The part runs from ``low`` to ``high``, which are fractions of the edge. It is empty if
+        ``high`` is less than ``low``.
+        """
+        ops = self.ops
+        ax, ay, ex, ey = edge[:4]
+
+        def step(row: Any, low: Any, high: Any) -> tuple[Any, Any]:
+            (number,) = ops.gather(grid.sides, row)
+            cx, cy, fx, fy = ops.gather(grid.second, number)[:4]
+            slope = ops.cross(fx, fy, ex, ey)
+            level = ops.cross(fx, fy, tx - (cx + ax), ty - (cy + ay))
+            is_parallel = slope == 0.0
+            bound = level * (1.0 / ops.select(is_parallel, 1.0, slope))
+            is_left = level > limit_of(ops, fx, fy, side)
+            bound = ops.select(is_parallel, ops.select(is_left, _FAR, -_FAR), bound)
+            begins, ends = (slope < 0.0) & (bound > low), (slope >= 0.0) & (bound < high)
+            return ops.select(begins, bound, low), ops.select(ends, bound, high)
+
+        low, high = ops.fold(*rows, (0.0, 1.0), step)
+        return low, high

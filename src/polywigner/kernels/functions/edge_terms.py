@@ -1,14 +1,8 @@
-"""Contributions of edges to the Wigner function W and the ambiguity function A, called terms.
+"""Contributions of clipped edges to the Wigner function W and the ambiguity function A.
 
-A part of an edge has the vector d and the midpoint m, which are lags for W and positions for A. At
-the frequency nu, its term depends only on the phases nu.d and nu.m in cycles, and on cross(nu, d).
-`EvenTerms` implements (W1) of docs/theory.md for real weights. It contains only sines, which do not
-cancel as nu goes to 0. `WaveTerms` implements (W2) and (A1) for all weights. Its cosines sum to
-zero at nu = 0, so cos is replaced by cos - 1.
-
-The code that cuts edges creates one object for a frequency. It calls `along` once per edge
-direction, `added` for each part of an edge, `of_edge` for the factors of each edge, and finally
-`total`.
+A part of an edge has the vector d and the midpoint m. Its term depends on nu.d, nu.m and cross(nu,
+d). `EvenTerms` implements (W1) of docs/theory.md for real weights, and `WaveTerms` implements (W2)
+and (A1) for all weights. All forms avoid cancellation as nu goes to 0.
 """
 
 from __future__ import annotations
@@ -22,12 +16,11 @@ from polywigner.numerics.phases import sin_cycles, sinc_less_one
 
 
 def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
-    """Return the sine part, and the cosine part minus 1, of the mean of a wave along a segment.
+    """Return sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, the mean of a wave along a segment.
 
-    The parts are sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, where l is the phase along the
-    segment in cycles, ``half`` is l/2, and m is the phase at the midpoint. The second part is
-    computed without cancellation. Below a quarter of a cycle it uses the series of sinc - 1, whose
-    first omitted term is 0.62^9/19! = 1e-19, or 0.62^6/13! = 9e-12 in float32.
+    ``half`` is l/2, where l is the phase along the segment in cycles. ``midpoint`` is the phase m
+    at the midpoint in cycles. Below a quarter of a cycle the second value uses the series of sinc -
+    1, whose first omitted term is 0.62^9/19! = 1e-19, or 0.62^6/13! = 9e-12 in float32.
     """
     small = abs(half) < 0.125
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
@@ -43,16 +36,13 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """Return a frequency, or a slightly larger frequency if its square would underflow.
 
-    The shift changes the transform by much less than rounding errors. Terms are of the order of the
-    squared frequency. The rounding errors of their sum are up to 6e-8 of the sum and must not
-    underflow either. With a smallest frequency of 1e-16, the errors of compiled float32 kernels
-    were eight times as large.
+    Terms are of the order of the squared frequency. Rounding errors of their sum, up to 6e-8 of the
+    sum, must not underflow either. A limit of 1e-16 made errors in float32 eight times as large.
     """
     return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
 
 
 def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
-    # The comparison is false for NaN, so NaN frequencies remain NaN.
     tiny = (abs(x) < floor) & (abs(y) < floor)
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
@@ -61,62 +51,51 @@ Values = tuple[Any, ...]
 
 
 def scaled(factor: Any, value: Any) -> Number:
-    """Return factor * value, without multiplication if the factor is the constant 1 or -1."""
+    """Return factor * value, without a multiplication if the factor is the constant 1 or -1."""
     if isinstance(factor, float) and abs(factor) == 1.0:
         return value if factor > 0 else -value
     return factor * value
 
 
 class EdgeTerms:
-    """Terms of all parts of edges at one frequency, which must not be 0.
+    """Terms of all parts of edges at one nonzero frequency.
 
-    A part of an edge has the vector d = extent length u, and a term depends only on the product d.
-    Callers use different factors. If edges are constants, u is a unit vector that parallel edges
-    share, and the length is negative if the edge points against u. If edges are data, u is the
-    vector of the edge and the length is 1. If the parts of edges are listed, u is d and the length
-    is 1. A term must change its sign with d, because a part with a weight of -1 is stored as the
-    reversed part.
+    A part has the vector d = extent length u, and its term depends only on d. The unit vector u of
+    constant edges is shared by parallel edges. For edges in memory, u is the edge vector or d
+    itself, and the length is 1. A term must change its sign with d.
     """
 
     values: int
-    """Number of results: 1 for a real sum, 2 for the real and the imaginary part of a sum."""
+    """Number of results: 1 for a real sum, 2 for the real and the imaginary part."""
     ops: Any
     nu: Values
     by_part = False
-    """Whether the parts of an edge have no common factors. In this case, only :meth:`of_part` is
-    implemented."""
+    """Whether only :meth:`of_part` is implemented, because parts of an edge share no factors."""
 
     def taken(self, owner: Any) -> EdgeTerms:
-        """Return the terms at selected frequencies of NumPy arrays, with the indices ``owner``."""
+        """Return the terms at the frequencies with the indices ``owner``."""
         terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
         terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
         return terms
 
     def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """Return the terms at selected rows and columns of a table of frequencies.
-
-        ``rows`` is None for all rows.
-        """
+        """Return the terms at rows and columns of a table of frequencies. None selects all rows."""
         terms = copy(self)
         terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
         return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Return the quantities that depend only on the direction of an edge.
-
-        The first quantity is nu.u.
-        """
+        """Return nu.u, and other quantities that depend only on the direction u of an edge."""
         raise NotImplementedError
 
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Return the sums over the parts of an edge, including one more part.
+        """Return ``sums`` plus the term of one part of an edge. Initially, ``sums`` is None.
 
-        ``sums`` is None before the first part. ``half`` and ``midpoint`` are the phases nu.d/2 and
-        nu.m in cycles, and ``extent`` is the length of the part as a fraction of the edge.
-        ``weight`` is the complex product of the weights of both elements, times the jump or level
-        of the other copy. The sums lack the factors of `of_edge`.
+        ``half`` and ``midpoint`` are nu.d/2 and nu.m in cycles. ``extent`` is the length of the
+        part as a fraction of the edge. ``weight`` is complex: the product of both elements' weights
+        and the jump or level of the other copy. The factors of :meth:`of_edge` are not included.
         """
         raise NotImplementedError
 
@@ -125,7 +104,7 @@ class EdgeTerms:
         raise NotImplementedError
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        """Return the term of a part of an edge from its centre, its vector and its weight."""
+        """Return the term of a part of an edge from its centre, vector and weight."""
         nu_x, nu_y = self.nu
         along = self.along(dx, dy)
         midpoint = self.ops.fma(nu_x, x, nu_y * y)
@@ -133,7 +112,7 @@ class EdgeTerms:
         return self.of_edge(along, 1.0, sums)
 
     def total(self, sums: Values) -> Values:
-        """Return the Wigner or ambiguity function from the sum over all edges."""
+        """Return W or A from the sum over all edges."""
         raise NotImplementedError
 
 
@@ -146,10 +125,10 @@ class EvenTerms(EdgeTerms):
         self.ops, self.nu = ops, nu
 
     def along(self, ux: Any, uy: Any) -> Values:
-        """Return nu.u, or a small number if it is nearly 0, and cross(nu, u)/(nu.u)."""
+        """Return nu.u, bounded away from 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
-        # The square of the smallest nu.u must be a normal number, because arithmetic with subnormal
-        # numbers takes a hundred times as long. SIMD lanes that have finished a loop have nu.u = 0.
+        # The square of nu.u must be a normal number, because subnormal arithmetic is a hundred
+        # times slower. SIMD lanes that have finished a loop have nu.u = 0.
         floor = 1e-30 if ops.double else 1e-18
         along = ops.fma(nu_x, ux, nu_y * uy)
         along = ops.select(abs(along) < floor, floor, along)
@@ -171,16 +150,13 @@ class EvenTerms(EdgeTerms):
 
 
 class WaveTerms(EdgeTerms):
-    """Terms of W and A for any weights and one pair of plane waves, (W2) and (A1).
-
-    Each sum consists of a sine part and a cosine part.
-    """
+    """Sine and cosine terms of W and A for complex weights and one pair of waves, (W2) and (A1)."""
 
     def __init__(self, ops: Any, nu: Values, values: int, factor: float = 1.0) -> None:
         """Store a nonzero frequency.
 
-        ``values`` is 1 for the sine part only, otherwise 2. The totals are the sums, multiplied by
-        ``factor`` and divided by |nu|^2.
+        ``values`` is 1 for the sine part only, otherwise 2. The totals are ``factor``/|nu|^2 times
+        the sums.
         """
         self.ops, self.nu, self.values, self.factor = ops, nu, values, factor
 
@@ -210,15 +186,28 @@ class WaveTerms(EdgeTerms):
         return tuple(value * scale for value in sums)
 
 
+class AreaTerms(EdgeTerms):
+    """Terms of the area of a slice, which is the integral of cross(x, dx)/2 along its boundary."""
+
+    values, by_part = 1, True
+
+    def __init__(self, ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> None:
+        self.ops, self.nu = ops, nu
+
+    def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
+        return (scaled(real, 0.5 * self.ops.fma(x, dy, y * -dx)),)
+
+    def total(self, sums: Values) -> Values:
+        return sums
+
+
 def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
     """Return the terms of the Wigner function at a frequency.
 
-    ``is_even`` states whether weights are real, and ``is_real`` whether only the real part is
-    required.
+    ``is_even`` specifies real weights, and ``is_real`` that only the real part is required.
     """
     if is_even:
-        # W is an even function of nu, so a small shift of nu from 0 changes W by less than rounding
-        # errors.
+        # W is even in nu, so a small shift of nu from 0 changes W by less than rounding errors.
         return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
@@ -229,7 +218,6 @@ def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) 
 
 
 def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
-    """Return the sums plus ``factor`` times the waves, where the sums None are 0."""
     if sums is None:
         return tuple(scaled(factor, wave) for wave in waves)
     return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

@@ -1,15 +1,10 @@
 """Fourier transforms of polygons and polyhedra, as signed sums over triangles and tetrahedra.
 
-Each edge of a polygon forms a triangle with the origin. If the edge runs from p to p', the triangle
-contributes ``cross(p, p') exp[0, a, b]``, where exp[0, a, b] is the second divided difference of
-the exponential function at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge
-sum of the paper's eq. (FVT), this sum contains no division by nu and is accurate for narrow
-polygons. Boundaries need to be closed only up to rounding errors (docs/theory.md, (F2)).
-
-Each face of a polyhedron is divided into a fan of triangles, and each triangle forms a tetrahedron
-with the origin. A tetrahedron with the vertices a, b and c contributes ``det(a, b, c) exp[0, z_a,
-z_b, z_c]``, where z_p is -2 pi i nu.p. This sum needs no face normals and no triangulation of
-concave faces (docs/theory.md, (F3)).
+An edge of a polygon from p to p' contributes ``cross(p, p') exp[0, a, b]``, the second divided
+difference of the exponential function at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``,
+(F2) of docs/theory.md. Unlike the edge sum of the paper's eq. (FVT), this sum contains no division
+by nu and is accurate for narrow polygons. A triangle (a, b, c) of a polyhedron's face contributes
+``det(a, b, c) exp[0, z_a, z_b, z_c]``, where z_p is -2 pi i nu.p, (F3).
 """
 
 from __future__ import annotations
@@ -37,7 +32,7 @@ from polywigner.kernels.outline import (
     power_of_two,
     vertices_for,
 )
-from polywigner.numerics import Number, phases
+from polywigner.numerics import Number, cluster_indices, phases
 from polywigner.numerics.grid_arithmetic import accurate_cross
 from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc, sinc_less_one
 
@@ -51,11 +46,9 @@ class OutlineTables:
 
     frame: Any
     edges: tuple[tuple[float, ...], ...]
-    """Start (x, y) and end (x, y) of each edge, and twice the area of its triangle with the origin.
-    """
+    """Start and end of each edge, and twice the area of its triangle with the origin."""
     following: tuple[int, ...] = ()
-    """Index of the next edge along the ring, for each edge. A vertex has the index of the edge that
-    starts at the vertex."""
+    """Index of the next edge along the ring, for each edge."""
 
 
 def outline_tables(
@@ -78,8 +71,8 @@ def outline_tables(
 class LinearFrame:
     """Coordinates of a source, for Fourier transforms only.
 
-    A frequency nu has the components ``rows nu`` in the frame. The position x' in the frame
-    satisfies nu'.x' = nu.(x - centre) for all frequencies nu with the components nu'.
+    A frequency nu has the components nu' = ``rows nu`` in the frame. A position x has coordinates
+    x' with nu'.x' = nu.(x - centre).
     """
 
     centre: tuple[Any, ...]
@@ -93,9 +86,8 @@ class LinearFrame:
 def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the real part and minus the imaginary part of a Fourier transform, (F2), (F3).
 
-    Each row of the tables represents a triangle or a tetrahedron with one vertex at the origin. The
-    row contains the other vertices and their determinant, which is twice the signed area or six
-    times the signed volume.
+    Each row contains the vertices of a triangle or tetrahedron except the origin, and their
+    determinant.
     """
 
     def term(*row: Any) -> Values:
@@ -103,17 +95,10 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
         cosine, sine = simplex_plane_wave(ops, *corners)
         return cosine * row[-1], sine * row[-1]
 
-    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=_is_short(nu))
+    # Unrolled code for the tetrahedra of a cube takes 3 s to compile and runs at half the speed.
+    is_plane = len(nu) == 2
+    total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=is_plane)
     return total
-
-
-def _is_short(nu: Values) -> bool:
-    """Return whether a sum over edges is unrolled in compiled code.
-
-    The sum over the tetrahedra of a cube is not unrolled, because its code would take 3 s to
-    compile and run at half the speed.
-    """
-    return len(nu) < 3
 
 
 def _corners(row: Values, dimension: int) -> list[Values]:
@@ -134,10 +119,9 @@ def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
 
 @dataclass(frozen=True)
 class SolidTables:
-    """Tetrahedra of a polyhedron in its frame.
+    """Tetrahedra of a polyhedron in its frame, with one vertex at the origin.
 
-    Each row of ``edges`` contains three vertices of a tetrahedron and six times its signed volume.
-    The fourth vertex is the origin.
+    Each row of ``edges`` contains the other vertices and six times the signed volume.
     """
 
     frame: LinearFrame
@@ -154,7 +138,7 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """Return the tetrahedra of a polyhedron, which are the same for both precisions."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    # The fans divide opposite faces of a thin body into the same triangles, so that rounding errors
+    # Fans divide opposite faces of a thin body into the same triangles, so that rounding errors
     # cancel.
     fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
     corners = inner[np.array(fans, np.intp)]
@@ -167,14 +151,12 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
     """Return the centre of a polyhedron's bounding box, and its axes in units of powers of two.
 
-    Long or flat bodies have their principal axes, with a separate unit for each axis. All other
-    bodies have the user's axes and a single unit. The bounding box is parallel to these axes,
-    because the centre of another box could lie many thicknesses away from a flat body.
+    Long or flat bodies have their principal axes, with a separate unit for each axis.
     """
     mean = body.vertices.mean(axis=0)
     # By default NumPy would allocate a square matrix with one row for each vertex.
     _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
-    # The axes form a right-handed system, so that volumes keep their sign.
+    # Right-handed axes keep the sign of volumes.
     principal = principal * np.sign(np.linalg.det(principal))
     axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T
@@ -190,7 +172,6 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the correctly rounded determinant of each row of three vertices."""
     integers, exponent = whole_numbers(corners)
     exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
@@ -200,43 +181,36 @@ def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 BODY = Kernel("fourier of a body", 3, solid_tables, enter_frequency, fan_sum, leave_wave)
 
 
-# Rounding errors of the waves change F by _ULP * perimeter/(2 pi |nu|). Formula (F4) is not used if
-# this error exceeds _LOSS times the area.
+# Rounding errors of the waves change F by _ULP * perimeter/(2 pi |nu|). (F4) is not used if this
+# error exceeds _LOSS times the area.
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Largest slenderness of an outline for which F is computed from the axes of a grid. The slenderness
-# is the perimeter, times the largest distance from the centre, divided by the area. At this limit,
-# rounding errors of the vertices change F by 1e-14 of the area.
+# Largest slenderness of an outline for (F4): perimeter × largest distance from the centre / area.
+# At this limit, rounding errors of the vertices change F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# If |q| is below _NEAR, sinc(q) is a series of _TERMS terms, whose first omitted term is
-# 0.31^12/13! = 1e-16. For larger |q|, sin(pi q) is computed from sines and cosines along both axes,
-# which is accurate to an ulp.
+# Below _NEAR, sinc(q) is a series of _TERMS terms, whose first omitted term is 0.31^12/13! = 1e-16.
 _NEAR, _TERMS = 0.1, 5
 # Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
-# Largest number of multiplications, and smallest number of rows, of a single matrix product. BLAS
-# divides larger products among threads, which takes up to a hundred times as long on a busy
-# machine. Several smaller products cost only a tenth more than one large product.
+# Size of a matrix product that BLAS does not divide among threads, and smallest number of rows.
+# Threads take up to a hundred times as long on a busy machine; smaller products cost a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
-# Largest number of edges whose waves are in memory at the same time. They take about 40 MB for 512
-# x 512 points.
+# Largest number of edges whose waves are in memory, about 40 MB for 512 x 512 points.
 _MOST_EDGES = 1024
-# Largest difference in the frame between edge vectors that are treated as equal. Edges of congruent
-# elements differ by rounding errors. Each vector is replaced by the mean vector, which changes F by
-# no more than the rounding errors.
+# Difference in the frame below which edge vectors are treated as equal, because edges of congruent
+# elements differ by rounding errors.
 _EQUAL = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Parallel edges of equal length. Each edge has the vector (ex, ey) or its negative."""
+    """Parallel edges of equal length, with the vector (ex, ey) or its negative."""
 
     ex: float
     ey: float
     midpoints: npt.NDArray[np.float64]
-    """Midpoint of each edge, shape (n, 2)."""
     weights: npt.NDArray[np.complex128]
-    """Field on the element of each edge, shape (n,). The sign is reversed if the edge has the
-    vector -(ex, ey)."""
+    """Field on the element of each edge, with the opposite sign for the vector -(ex, ey). Shape
+    (n,)."""
 
     @property
     def is_straight(self) -> bool:
@@ -258,28 +232,12 @@ def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) ->
     weights = signs * np.asarray(field, np.complex128)
     vectors *= signs[:, None]
     families = []
-    for members in _clusters(vectors):
+    number = cluster_indices(vectors, _EQUAL)
+    for members in np.split(np.argsort(number), np.cumsum(np.bincount(number))[:-1]):
         ex, ey = vectors[members].mean(axis=0).tolist()
         for block in (members[k : k + _MOST_EDGES] for k in range(0, len(members), _MOST_EDGES)):
             families.append(Family(ex, ey, midpoints[block], weights[block]))
     return tuple(families)
-
-
-def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
-    """Return groups of indices of vectors that are equal up to rounding errors."""
-    clusters: list[list[int]] = []
-    # ``near`` contains groups of vectors whose x components differ by at most _EQUAL.
-    near: list[list[int]] = []
-    for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
-        near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
-        for cluster in near:
-            if abs(vectors[k, 1] - vectors[cluster[0], 1]) <= _EQUAL:
-                cluster.append(k)
-                break
-        else:
-            near.append([k])
-            clusters.append(near[-1])
-    return clusters
 
 
 @dataclass(frozen=True)
@@ -302,7 +260,7 @@ class GridTables:
 
     @property
     def floor(self) -> float:
-        """Smallest frequency in the frame at which formula (F4) is accurate."""
+        """Smallest frequency in the frame at which (F4) is accurate."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
 
 
@@ -321,8 +279,8 @@ class OutlineSum:
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
     """Return the edges of an outline for the Fourier transform on grids of frequencies.
 
-    ``field`` is the field on the element of each edge. The result is None for slender outlines, and
-    for rotated frames, in which a grid of frequencies is not aligned with the axes.
+    ``field`` is the field on the element of each edge. The result is None for slender outlines and
+    rotated frames.
     """
     if tables.frame.axes is None:
         return None
@@ -338,9 +296,8 @@ class _FamilyTerm:
     """Contribution of a family of edges to the Fourier transform on a grid of frequencies, (F4).
 
     The contribution is pi (nu x e) sinc(nu.e), where e is the vector of the edges, times the sum of
-    the waves at all midpoints. This sum is a matrix product, with cosine and sine parts in separate
-    columns. ``x`` and ``y`` contain the frequencies along each axis in the frame, and the phase of
-    the centre in cycles.
+    the waves at all midpoints, which is a matrix product. ``x`` and ``y`` contain the frequencies
+    along each axis in the frame, and the phase of the centre in cycles.
     """
 
     def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:
@@ -352,8 +309,7 @@ class _FamilyTerm:
         real, imag = family.weights.real, family.weights.imag
         cos_x, sin_x = cos_x * real + sin_x * imag, sin_x * real - cos_x * imag
         self.is_straight = family.is_straight
-        # For edges parallel to an axis, the factor of the waves is a function of nu_x times a
-        # function of nu_y.
+        # For edges parallel to an axis, the factor is a product of functions of nu_x and nu_y.
         if self.is_straight:
             along_x = family.ey == 0.0
             factor_x = -family.ex * math.pi * sinc(ops, nu_x * family.ex) if along_x else nu_x
@@ -362,7 +318,7 @@ class _FamilyTerm:
             cos_y, sin_y = cos_y * factor_y[:, None], sin_y * factor_y[:, None]
         self.left = np.concatenate([cos_x, sin_x], axis=1)
         self.right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
-        # For oblique edges, nu.e and cross(nu, e) are functions of nu_x plus functions of nu_y, and
+        # For oblique edges, nu.e and cross(nu, e) are sums of functions of nu_x and nu_y, and
         # sin(pi nu.e) is a matrix product.
         self.q = nu_x * family.ex, nu_y * family.ey
         self.c = nu_x * family.ey, nu_y * family.ex
@@ -371,7 +327,6 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return the cosine and sine parts of the contribution for a range of rows of the grid."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -396,7 +351,6 @@ class _FamilyTerm:
         return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
-        """Return pi sinc(q), which is sin(pi q)/q."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
             return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
@@ -413,8 +367,7 @@ def fourier_on_grid(
 ) -> tuple[Array, Array, Array]:
     """Return the Fourier transform on a grid of frequencies, and a mask of inaccurate values.
 
-    Formula (F4) is inaccurate if the frequency is below `GridTables.floor`. The operations ``ops``
-    must be in float64.
+    (F4) is inaccurate below `GridTables.floor`. The operations ``ops`` must be in float64.
     """
     x, y = (
         (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))
@@ -446,7 +399,6 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
-    """Combine the contributions of all families parallel to an axis into one matrix product."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)
@@ -455,7 +407,6 @@ def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
-    """Yield groups of families whose waves fit into memory together."""
     batch: list[Family] = []
     for family in families:
         if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:

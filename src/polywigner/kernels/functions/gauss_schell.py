@@ -1,10 +1,9 @@
-"""Integrals of Gaussian waves over polygons and intervals, for W in partly coherent light.
+"""Integrals of Gaussian waves over polygons and intervals, for W in partially coherent light.
 
-The Wigner function W is the sum of an integral over each edge, (I5) of docs/theory.md, whose
-symbols this module uses. Lengths are in units of the coherence width. Each integral runs along a
-path in the complex plane. With 10 to 36 nodes its error is below 1e-12 of the square of the largest
-lag. For complex weights, cancellation costs as many ulps as the ratio of the coherence width to the
-largest lag. For real weights there is no cancellation.
+W is the sum of an integral over each edge, (I5) of docs/theory.md. Lengths are in coherence widths.
+Each integral runs along a path in the complex plane. With 10 to 36 nodes its error is below 1e-12
+of the square of the largest lag. For complex weights, cancellation costs as many ulps as the ratio
+of the coherence width to the largest lag.
 """
 
 from __future__ import annotations
@@ -18,35 +17,34 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.numerics import Number
-from polywigner.numerics.phases import cos_sin_cycles
+from polywigner.numerics.phases import cos_sin_cycles, one_less_exp
 
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Shape of the arc of integration in the complex plane, (I5): smallest parameter c, and largest
-# ratio of the height of the arc to its length.
+# Shape of the arc of integration, (I5): smallest parameter c, and largest ratio of height to
+# length.
 _SPREAD, _LIFT = 10.0, 0.6
-# Number of quadrature nodes on an arc, which depends on its length c |x_end - x_start|, multiplied
-# by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision.
-# They are relative to the squared length of random edges, and to the length of random intervals.
+# Numbers of quadrature nodes on an arc, by its length c |x_end - x_start|, multiplied by beta_s/8
+# if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single precision, relative to
+# the squared length of random edges or the length of random intervals.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# If the frequency beta_s along the edge exceeds _STEEP and the phase along the edge exceeds _LONG,
-# the wave is integrated along paths of steepest descent, with the number of nodes in _OF_DESCENTS.
+# Frequency beta_s and phase along the edge from which the paths are steepest descents, and numbers
+# of nodes of such paths.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges whose distance
-# exceeds _FAR, f is as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
+# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On more distant edges, f is
+# as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
 _FAR, _SMOOTH = 8.7, 3.0
-# If |Re Z| is below _SMALL, the difference exp(-beta^2/2) - |g| is computed from a series of _TERMS
-# terms. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
-# precision.
+# If |Re Z| is below _SMALL, exp(-beta^2/2) - |g| is a series of _TERMS terms. The first omitted
+# term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# Smallest arguments of the exponential function in double and single precision. Smaller arguments
-# would give subnormal numbers, which slow down the processor.
+# Smallest exponents in double and single precision. Subnormal numbers would slow down the
+# processor.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# Smallest divisors in double and single precision. The squares of these numbers are normal.
+# Smallest divisors in double and single precision, whose squares are normal numbers.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 
@@ -92,18 +90,14 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
     everywhere = rate == rate
     rule = arc.rule(everywhere)
     real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
-    # The term ``undefined`` is NaN if an argument is NaN, and 0 otherwise.
+    # ``undefined`` is NaN if an argument is NaN, and 0 otherwise.
     undefined = 0.0 * (start + rate)
     return real + undefined, imag + undefined
 
 
 @lru_cache(maxsize=4)
 def _arc_rules(sizes: tuple[int, ...]) -> Rules:
-    """Return quadrature rules for arcs in the complex plane.
-
-    A row contains a node, its weight, 1 - node^2, and the derivative of 1 - node^2 times the
-    weight.
-    """
+    """Return rows (node t, weight, 1 - t^2, weight times the derivative of 1 - t^2) for arcs."""
     rules = []
     for size in sizes:
         t, weight = np.polynomial.legendre.leggauss(size)
@@ -119,10 +113,7 @@ def _descent_rules(size: int) -> Rules:
 
 
 class _Arc:
-    """Paths of integration in the complex plane between both ends of an edge.
-
-    One path is an arc, and the other path consists of the steepest descents from both ends.
-    """
+    """Arc, or steepest descents, between both ends of an edge in the complex plane."""
 
     def __init__(self, ops: Any, start: Any, end: Any, size: Any, rate: Any) -> None:
         self.ops, self.ends = ops, (start, end)
@@ -148,12 +139,7 @@ class _Arc:
     def integral(
         self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
     ) -> Values:
-        """Return the complex integral of ``value(ops, p, r, *wave)`` from one end to the other.
-
-        The position in the complex plane is p + i r. The integral uses one of the rules of
-        ``sizes``. It uses steepest descents if the edge ``is_near`` and the frequency along the
-        edge is high. The first number of ``wave`` is the frequency beta_s along the edge.
-        """
+        """Return the complex integral of ``value(ops, p, r, *wave)`` at positions p + i r."""
         ops = self.ops
 
         def of_arc(t: Any, weight: Any, rise: Any, slope: Any, *samples: Any) -> Values:
@@ -176,7 +162,6 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
-    """Return a quadrature node on an arc in the complex plane, and its step of integration."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -186,7 +171,6 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return a quadrature node on a path of steepest descent, and its step of integration."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
@@ -201,14 +185,15 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
     cosine, sine = cos_sin_cycles(ops, 0.5 * cycles)
     x, y = -(energy + exponent), _TURN * cycles
     x = ops.select(abs(x) < _TINY[ops.double], _TINY[ops.double], x)
-    difference = ops.select(abs(x) < _SMALL, decay * _one_less_exp(ops, x), decay - size)
+    is_small = abs(x) < _SMALL
+    series = one_less_exp(ops, ops.select(is_small, x, 0.0), _TERMS[ops.double])
+    difference = ops.select(is_small, decay * series, decay - size)
     real, imag = ops.fma(2.0 * size * sine, sine, difference), 2.0 * size * sine * cosine
     scale = 1.0 / ops.fma(x, x, y * y)
     return ops.fma(real, x, imag * y) * scale, ops.fma(imag, x, -(real * y)) * scale
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
-    """Return the integrand of :func:`wave_over_interval` at the complex position p + i r."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
@@ -217,12 +202,3 @@ def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
 
 def _times(a: Any, b: Any) -> Values:
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
-
-
-def _one_less_exp(ops: Any, x: Any) -> Number:
-    """Return 1 - exp(-x) for small x without cancellation."""
-    small = ops.select(abs(x) < _SMALL, x, 0.0)
-    series: Any = 0.0
-    for k in range(_TERMS[ops.double], 0, -1):
-        series = ops.fma(series, small, -((-1.0) ** k) / math.factorial(k))
-    return series * small

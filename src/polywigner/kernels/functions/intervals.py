@@ -1,11 +1,8 @@
-"""Closed-form transforms of slits, which are intervals on a line.
+"""Closed-form transforms of slits, which are intervals on a line, (S1) to (S3) of docs/theory.md.
 
-The lag slice and the position slice of two intervals are intervals as well. Every transform is
-therefore a sum of means of plane waves over intervals (docs/theory.md, (S1) to (S3)).
-
-For each pair of slits, only the distance of the centres depends on the position x or the lag xi.
-The distance is computed without rounding. The length of the overlap is therefore accurate to an
-ulp, even for slits that are much narrower than their distance.
+Lag slices and position slices of two intervals are intervals as well. The distance of the centres
+is computed without rounding, so overlaps are accurate to an ulp even for slits much narrower than
+their distance.
 """
 
 from __future__ import annotations
@@ -14,7 +11,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -43,12 +40,9 @@ Interval = tuple[Fraction, Fraction, Waves]
 
 
 def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> Pair:
-    """Return the field in an interval, without the carrier wave.
-
-    The interval includes its start but not its end.
-    """
+    """Return the field in an interval that includes its start but not its end."""
     inside = ops.select((x >= begin) & (x < end), 1.0, 0.0)
-    # Comparisons with NaN are false. Without the second term, the field at NaN would be 0.
+    # Comparisons with NaN are false, so ``inside`` alone would be 0 at NaN.
     return Pair(*field_of(ops, waves, (x,))).scaled(inside) + Pair(x - x, x - x)
 
 
@@ -56,19 +50,14 @@ def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> 
 class SlitFrame:
     """Normalised coordinates on a line.
 
-    A position x has the coordinate (x - centre)/scale, and a frequency nu becomes scale nu. The
-    scale is a power of two.
+    A position x has the coordinate (x - centre)/measure, and a frequency nu becomes measure nu. The
+    unit of length ``measure`` is a power of two.
     """
 
     centre: tuple[float]
-    scale: float
+    measure: float
     carrier: tuple[float] = (0.0,)
-    """Frequency of the carrier wave, in the user's unit. The stored fields are relative to this
-    wave."""
-
-    @property
-    def measure(self) -> float:
-        return self.scale
+    """Frequency of the carrier, in the user's unit. Stored fields are relative to the carrier."""
 
     def position(self, ops: Any, x: Any) -> tuple[Any]:
         total, low = self.exact_position(x)
@@ -77,20 +66,20 @@ class SlitFrame:
     def exact_position(self, x: Any) -> Doubled:
         """Return the coordinate of a position in the frame as the sum of two floats."""
         total, low = phases.difference(x, self.centre[0])
-        return total * (1 / self.scale), low * (1 / self.scale)
+        return total * (1 / self.measure), low * (1 / self.measure)
 
     def vector(self, ops: Any, xi: Any) -> tuple[Any]:
-        return (xi * (1 / self.scale),)
+        return (xi * (1 / self.measure),)
 
     def frequency(self, ops: Any, nu: Any) -> tuple[Any]:
-        return (nu * self.scale,)
+        return (nu * self.measure,)
 
     def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
         """Return a spatial frequency minus the carrier frequency, in the frame."""
         return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
 
     def exact_frequency(self, nu: float) -> tuple[float]:
-        return (nu * self.scale,)
+        return (nu * self.measure,)
 
 
 @dataclass(frozen=True)
@@ -99,26 +88,23 @@ class SlitTables:
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """Intervals over which transforms are summed. For the Fourier transform, an entry contains the
-    start and the length of an interval, each as two floats. For other transforms it is an
-    `Interval`."""
+    """`Interval` of each slit, or its start and length as two floats each for the Fourier
+    transform."""
 
 
 @dataclass(frozen=True)
 class PairTables:
-    """Pairs of slits, with one row of numbers for each pair.
+    """Pairs of slits and of their plane waves, with one row of numbers for each pair.
 
-    A row contains the distance of the centres at x = 0 or xi = 0, both half-lengths, the mean of
-    the centres, and the complex product of the first field and the conjugate of the second field.
-    The distance and the mean are sums of two floats. If fields are sums of plane waves, each pair
-    of waves has a separate row with two more numbers: the shift to subtract from the frequency, and
-    the frequency of the product along 4x or xi.
+    A row contains the distance of the centres at x = 0 or xi = 0 as two floats, both half-lengths,
+    the mean of the centres as two floats, the complex product of one field and the conjugate of the
+    other, the shift to subtract from the frequency, and the frequency of the product along 4x or
+    xi.
     """
 
     frame: SlitFrame
     edges: tuple[tuple[float, ...], ...]
     coherence_width: float = math.inf
-    """Coherence width in the frame; infinite for coherent light."""
 
     @property
     def terms(self) -> int:
@@ -132,7 +118,7 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
     low, high = normal_form(source).bounds
     (carrier,) = carrier_of((element.illumination for element in elements), 1)
     frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low), (carrier,))
-    centre, scale = Fraction(frame.centre[0]), Fraction(frame.scale)
+    centre, scale = Fraction(frame.centre[0]), Fraction(frame.measure)
     intervals = []
     for element in elements:
         waves = tuple(
@@ -147,27 +133,14 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
 
 
 @lru_cache(maxsize=256)
-def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Return the pairs of slits that contribute to the Wigner function.
+def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTables:
+    """Return the pairs of slits that contribute to the Wigner or the ambiguity function.
 
-    At the position x, the lag slice of the slits I_k and I_l is the intersection of 2(I_k - x) and
-    2(x - I_l). The slits in reverse order give the mirror image with the conjugate field, so each
-    pair is stored only once.
+    The lag slice (``of_lags``) of the slits I_k and I_l at x is the intersection of 2(I_k - x) and
+    2(x - I_l). The reversed pair contributes the complex conjugate, so each pair is stored once.
+    The position slice at xi is the intersection of I_k - xi/2 and I_l + xi/2.
     """
-    return _pair_tables(source, double, of_lags=True)
 
-
-@lru_cache(maxsize=256)
-def position_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """Return the pairs of slits that contribute to the ambiguity function.
-
-    At the lag xi, the position slice of the slits I_k and I_l is the intersection of I_k - xi/2 and
-    I_l + xi/2.
-    """
-    return _pair_tables(source, double, of_lags=False)
-
-
-def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTables:
     def paired(items: Iterable[Any]) -> Iterable[tuple[Any, Any]]:
         return combinations_with_replacement(items, 2) if of_lags else product(items, repeat=2)
 
@@ -179,29 +152,20 @@ def _pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTabl
         gap, mean, scale = (2 * total, apart, 2) if of_lags else (apart, total / 2, 1)
         halves = float(scale * (end - begin) / 2), float(scale * (end2 - begin2) / 2)
         row = (*doubled(gap, double), *halves, *doubled(mean, double))
-        # In the lag slice of a single slit, the pairs of waves (v, w) and (w, v) have conjugate
-        # fields. Only one of them is stored, with a factor of 2.
+        # In the lag slice of one slit, the pairs of waves (v, w) and (w, v) have conjugate fields.
         for v, w in paired(waves) if k == m else product(waves, waves2):
             twice = 2.0 if of_lags and not (k == m and v is w) else 1.0
             mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
             (a,), (b,) = v.frequency, w.frequency
             wave = ((a + b) / 2, (a - b) / 4) if of_lags else (a - b, (a + b) / 2)
             rows.append((*row, mutual.real, mutual.imag, *wave))
-    if not any(any(row[-2:]) for row in rows):
-        rows = [row[:-2] for row in rows]
     return PairTables(tables.frame, tuple(rows))
 
 
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the length of the overlap of two intervals, and the offset of the overlap's centre.
-
-    The intervals have the half-lengths ``half`` and ``other``. The distance of their centres is
-    ``gap + gap_low - shift``. The offset is relative to the mean of both centres. If the shorter
-    interval lies inside the longer interval, the overlap has the centre of the shorter interval.
-    Otherwise the offset is constant.
-    """
+    """Return the length of an overlap, and its centre minus the mean of both interval centres."""
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
@@ -212,18 +176,13 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
-    """Return the real and the imaginary part of a transform, summed over all pairs of slits."""
-
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
-        imag: Any, *wave: Any,
+        imag: Any, detuning: Any, rate: Any,
     ) -> Values:  # fmt: skip
         length, offset = _overlap(ops, shift, gap, gap_low, half, other)
-        detuned, mutual, width = nu, Pair(real, imag), tables.coherence_width
-        if wave:
-            detuning, rate = wave
-            detuned = (nu[0], nu[1] - detuning)
-            mutual = mutual * unit_wave(ops, rate * (shift[0] + shift[1]))
+        detuned, width = (nu[0], nu[1] - detuning), tables.coherence_width
+        mutual = Pair(real, imag) * unit_wave(ops, rate * (shift[0] + shift[1]))
         frequency = detuned[0] + detuned[1]
         if width < math.inf:
             scale = 1.0 / width
@@ -241,18 +200,12 @@ def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
     return total
 
 
-# Largest difference of two frequencies that are treated as equal, in cycles per unit of the frame,
-# or relative to the largest frequency.
-_EQUAL = 1e-14
-
-
 @dataclass(frozen=True, eq=False)
 class LineField:
     """A field on the interval from -half to half, as a sum of plane waves."""
 
     half: float
     waves: Waves
-    """Plane waves, each with one frequency component."""
 
     @property
     def pairs(self) -> int:
@@ -269,19 +222,14 @@ class LineField:
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
         length = 2.0 * self.half
-        real: Any = 0.0
-        imag: Any = 0.0
+        total = Pair(0.0, 0.0)
         for wave in self.waves:
-            transform = sinc(ops, length * (nu - wave.frequency[0]))
-            real = ops.fma(transform, wave.amplitude.real, real)
-            imag = ops.fma(transform, wave.amplitude.imag, imag)
-        return Pair(real, imag).scaled(length)
+            amplitude = Pair(wave.amplitude.real, wave.amplitude.imag)
+            total = total + amplitude.scaled(sinc(ops, length * (nu - wave.frequency[0])))
+        return total.scaled(length)
 
     def field(self, ops: Any, x: Any) -> Pair:
-        """Return the field of the interval at a position.
-
-        The interval includes its lower end but not its upper end.
-        """
+        """Return the field at a position. The interval includes only its lower end."""
         return _field_between(ops, -self.half, self.half, self.waves, x)
 
 
@@ -295,17 +243,6 @@ def _over_pairs(
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
     """Return the sum over pairs of waves, (I4), or (I6) for a finite coherence width."""
-    largest = max(abs(rate) for pair in pairs for _, (rate,) in pair.terms)
-    tolerance = _EQUAL * max(1.0, largest)
-    waves: dict[int, Pair] = {}
-
-    def wave(rate: float) -> Pair:
-        number = round(abs(rate) / tolerance)
-        if number not in waves:
-            waves[number] = unit_wave(ops, abs(rate) * position)
-        value = waves[number]
-        return value if rate >= 0.0 else value.conjugate()
-
     total = Pair(0.0, 0.0)
     for pair in pairs:
         nu = frequency - pair.shift[0]
@@ -314,19 +251,8 @@ def _over_pairs(
             transform = wave_over_interval(ops, -half, half, nu * width)[0] * width
         else:
             transform = sinc(ops, length * nu) * length
-        parts = (wave(rate) * Pair(a.real, a.imag) for a, (rate,) in pair.terms)
-        total = total + reduce(Pair.__add__, parts).scaled(transform)
+        total = total + Pair(*pair.amplitude(ops, (position,))).scaled(transform)
     return total
-
-
-def _four_times(ops: Any, frame: SlitFrame, x: Any) -> Values:
-    """Return four times the position in the frame, as the sum of two floats.
-
-    If the position x changes by dx, the copies of two slits in the lag slice move towards each
-    other by 4 dx.
-    """
-    total, low = frame.exact_position(x)
-    return phases.halves(ops, (4.0 * total, 4.0 * low))
 
 
 def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
@@ -342,7 +268,6 @@ def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
 
 @lru_cache(maxsize=256)
 def _segment_tables(source: Slits, double: bool) -> SlitTables:
-    """Return the start and the length of each slit, each as the sum of two floats."""
     tables = _slit_tables(source)
     rows = ((*doubled(a, double), *doubled(b - a, double)) for a, b, _ in tables.edges)
     return SlitTables(tables.frame, tuple(rows))
@@ -355,8 +280,6 @@ def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
 
 
 def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
-    """Return the real part and minus the imaginary part of the Fourier transform, (S1)."""
-
     def term(begin: Any, begin_low: Any, length: Any, length_low: Any) -> Values:
         total, low = phases.dot(ops, (nu,), ((length, length_low),))
         wave = phases.mean_plane_wave(ops, 0.0, total + low)
@@ -369,33 +292,26 @@ def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
 
 
 def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
-    return (*_four_times(ops, frame, x), *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
+    total, low = frame.exact_position(x)
+    # If x changes by dx, the two copies of a slit approach each other by 4 dx.
+    shift = phases.halves(ops, (4.0 * total, 4.0 * low))
+    return (*shift, *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
 
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
-    """Return the arguments of the ambiguity function in the frame.
-
-    The arguments are the phase of the centre and the carrier wave in cycles, and upsilon and xi,
-    each as the sum of two floats.
-    """
+    """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
-    return (cycles, *shift, *_lag(ops, frame, xi))
-
-
-def _lag(ops: Any, frame: SlitFrame, xi: Any) -> Values:
-    return phases.halves(ops, (*frame.vector(ops, xi), 0.0))
+    return (cycles, *shift, *phases.halves(ops, (*frame.vector(ops, xi), 0.0)))
 
 
 def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
-    """Return the real part and minus the imaginary part of the ambiguity function."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
 def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
-    """Return the Wigner function, which is real because the field on the lag slice is Hermitian."""
     return _sum(ops, tables, (x, x_low), nu)[:1]
 
 
@@ -408,7 +324,14 @@ AUTOCORRELATION = Kernel(
     _both_ends,
     product_of_both,
 )
-WIGNER = Kernel("wigner of slits", 1, lag_pairs, _enter_wigner, _wigner, leave_real)
+WIGNER = Kernel(
+    "wigner of slits", 1, partial(pair_tables, of_lags=True), _enter_wigner, _wigner, leave_real
+)
 AMBIGUITY = Kernel(
-    "ambiguity of slits", 1, position_pairs, _enter_ambiguity, _ambiguity, leave_wave
+    "ambiguity of slits",
+    1,
+    partial(pair_tables, of_lags=False),
+    _enter_ambiguity,
+    _ambiguity,
+    leave_wave,
 )

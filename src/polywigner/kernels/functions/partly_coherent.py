@@ -1,17 +1,17 @@
-"""Kernels of the Wigner function in partly coherent light.
+"""Kernels of the Wigner function in partially coherent light, (I5) of docs/theory.md.
 
-The Wigner function is an integral over lags xi, and the integrand contains the degree of coherence
-exp(-xi^2/(2 width^2)) as a factor. Edges are cut, and pairs of waves are formed, as for coherent
-light. Only the contribution of a part of an edge differs (docs/theory.md, (I5)).
+The integrand of W contains the degree of coherence exp(-xi^2/(2 width^2)) at the lag xi. Only the
+contribution of a part of an edge differs from coherent light.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from polywigner.geometry import Wavefront
 from polywigner.kernels.functions import intervals, plane, separable
@@ -21,51 +21,19 @@ from polywigner.kernels.functions.intervals import PairTables
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline import Frame, Matrix, Tables, determinant
+from polywigner.kernels.outline import Tables, determinant
 from polywigner.numerics.phases import Pair
-
-
-def coherence_of(frame: Frame, width: float) -> Matrix:
-    """Return the matrix that converts lags in the frame to units of the coherence width."""
-    (xx, xy), (yx, yy) = frame.inverse_transpose
-    return ((xx / width, yx / width), (xy / width, yy / width))
 
 
 @lru_cache(maxsize=256)
 def _tables_of(source: Wavefront, double: bool) -> Tables:
     tables = plane.tables_of(source.source, double)
-    coherence = coherence_of(tables.frame, source.coherence_width)
-    return replace(tables, coherence=coherence)
-
-
-def term_of_lags(
-    ops: Any, coherence: Matrix, nu: Sequence[Any], midpoint: Values, vector: Values
-) -> Values:
-    """Return the contribution of a part of an edge to the Wigner function.
-
-    The part has the specified midpoint and vector, which are lags in the frame. The frequency
-    ``nu`` is also in the frame. The result is a tuple of the real and the imaginary part.
-    """
-    (xx, xy), (yx, yy) = coherence
-    size = determinant(coherence)
-    (x, y), (dx, dy) = midpoint, vector
-    ux, uy = ops.fma(xx, dx, xy * dy), ops.fma(yx, dx, yy * dy)
-    square = ops.fma(ux, ux, uy * uy)
-    is_part = square > 0.0
-    length = ops.sqrt(ops.select(is_part, square, 1.0))
-    inverse = 1.0 / length
-    half = ops.select(is_part, 0.5 * length, 0.0)
-    ux, uy = ux * inverse, uy * inverse
-    foot = ops.fma(xx, x, xy * y) * ux + ops.fma(yx, x, yy * y) * uy
-    distance = ops.fma(x, dy, -(y * dx)) * (size * inverse)
-    along = ops.fma(nu[0], dx, nu[1] * dy) * inverse
-    across = nu[0] * (yy * uy + xy * ux) - nu[1] * (yx * uy + xx * ux)
-    real, imag = wave_over_edge(ops, foot - half, foot + half, distance, along, across * (1 / size))
-    return real * (1 / size), imag * (1 / size)
+    coherence = np.transpose(tables.frame.inverse_transpose) / source.coherence_width
+    return replace(tables, coherence=coherence.tolist())
 
 
 class _LagTerms(EdgeTerms):
-    """Contributions of parts of edges to W in partly coherent light, (I5)."""
+    """Contributions of parts of edges to W in partially coherent light, (I5)."""
 
     values, by_part = 2, True
 
@@ -73,13 +41,27 @@ class _LagTerms(EdgeTerms):
         self.ops, self.coherence, self.nu = ops, tables.coherence, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        term = Pair(*term_of_lags(self.ops, self.coherence, self.nu, (x, y), (dx, dy)))
-        term = term * Pair(real, imag)
+        ops, nu = self.ops, self.nu
+        (xx, xy), (yx, yy) = self.coherence
+        size = determinant(self.coherence)
+        ux, uy = ops.fma(xx, dx, xy * dy), ops.fma(yx, dx, yy * dy)
+        square = ops.fma(ux, ux, uy * uy)
+        is_part = square > 0.0
+        length = ops.sqrt(ops.select(is_part, square, 1.0))
+        inverse = 1.0 / length
+        half = ops.select(is_part, 0.5 * length, 0.0)
+        ux, uy = ux * inverse, uy * inverse
+        foot = ops.fma(xx, x, xy * y) * ux + ops.fma(yx, x, yy * y) * uy
+        distance = ops.fma(x, dy, -(y * dx)) * (size * inverse)
+        along = ops.fma(nu[0], dx, nu[1] * dy) * inverse
+        across = nu[0] * (yy * uy + xy * ux) - nu[1] * (yx * uy + xx * ux)
+        ends = foot - half, foot + half
+        wave = Pair(*wave_over_edge(ops, *ends, distance, along, across * (1 / size)))
+        term = wave.scaled(1 / size) * Pair(real, imag)
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        # The edges of the other copy are mirror images of these edges. Their contributions are the
-        # complex conjugates.
+        # The mirrored edges of the other copy contribute the complex conjugate.
         return 2.0 * sums[0], 2.0 * sums[1]
 
 
@@ -93,8 +75,8 @@ WIGNER = replace(
 
 @lru_cache(maxsize=256)
 def _pairs_of(source: Wavefront, double: bool) -> PairTables:
-    pairs = intervals.lag_pairs(source.source, double)
-    return replace(pairs, coherence_width=source.coherence_width / pairs.frame.scale)
+    pairs = intervals.pair_tables(source.source, double, of_lags=True)
+    return replace(pairs, coherence_width=source.coherence_width / pairs.frame.measure)
 
 
 WIGNER_OF_SLITS = replace(

@@ -20,7 +20,7 @@ from polywigner.kernels.functions.fourier import (
     grid_tables,
     outline_tables,
 )
-from polywigner.kernels.functions.slices import AMBIGUITY_SUM, WIGNER_SUM
+from polywigner.kernels.functions.slices import AMBIGUITY_SUM, AREA_SUM, WIGNER_SUM
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline import Tables, build_tables, enter_position_and_frequency, frame_of
 from polywigner.kernels.wave_pairs import field_of
@@ -32,18 +32,12 @@ from polywigner.source.normal_form import normal_form
 
 @lru_cache(maxsize=256)
 def tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return the edges, weights and fields of an aperture or array, from a cache if possible.
-
-    ``double`` is true for kernels in float64, and false for kernels in float32.
-    """
+    """Return the edges, weights and fields of an aperture or array, from the cache if possible."""
     return new_tables_of(source, double)
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return the tables of :func:`tables_of` without the cache.
-
-    The cache may contain the tables of an equal source whose rings start at other vertices.
-    """
+    """Return uncached tables, because a cached equal source may start its rings elsewhere."""
     return build_tables(normal_form(source), double=double)
 
 
@@ -59,10 +53,7 @@ def new_outline_of(aperture: Aperture) -> OutlineTables:
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """Return the edges of a source for Fourier transforms on grids of frequencies.
-
-    The result is None if an element has a pose.
-    """
+    """Return the edges for Fourier transforms on grids, or None if an element has a pose."""
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))
@@ -80,7 +71,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of a plane with a pose, whose matrix is treated as exact."""
+    """Return the frame of a plane with a pose. The arithmetic is exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -102,7 +93,7 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return the phase of the centre and the carrier wave, and upsilon and xi in the frame."""
+    """Return the phase of centre and carrier in cycles, and upsilon and xi in the frame."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
     cycles, *inner = enter_frequency(ops, frame, *upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, *xi)
@@ -110,7 +101,7 @@ def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return the phase of the carrier wave, and the points x + xi/2 and x - xi/2 in the frame."""
+    """Return the carrier phase in cycles, and the points x + xi/2 and x - xi/2 in the frame."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
     cycles = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
@@ -120,7 +111,7 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return the autocorrelation, which is the product of the fields at both ends of the lag."""
+    """Return the autocorrelation, the product of the fields at both ends of the lag."""
     product = Pair(*sums[:2]) * Pair(*sums[2:]).conjugate()
     if not any(frame.carrier):
         return product.real, product.imag
@@ -128,13 +119,11 @@ def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values
 
 
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the real and the imaginary part of the field at a point, without the carrier wave.
+    """Return the real and imaginary part of the field at a point, without the carrier.
 
-    The field is the sum over all elements that contain the point, each with its weight and its
-    plane waves. It is computed from the edges that cross the horizontal line to the right of the
-    point. An upward edge adds the weight of its element, and a downward edge subtracts it. An edge
-    includes its lower end but not its upper end. Each point on a common edge of two polygons
-    therefore belongs to exactly one polygon.
+    Edges that cross the horizontal ray to the right of the point add or subtract the weight of
+    their element. An edge includes its lower end but not its upper end, so a point on a common edge
+    of two polygons belongs to exactly one polygon.
     """
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
@@ -149,16 +138,13 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
         rows = tables.edges[tables.names[:, 3] == group].tolist()
         weight = Pair(*ops.sum_over(rows, term, 2, like=x))
         total = total + (weight * Pair(*field_of(ops, waves, (x, y))))
-    # Comparisons with NaN are false. Without the term ``undefined``, the field at NaN would be 0.
+    # Comparisons with NaN are false, so the winding number alone would be 0 at NaN.
     undefined = (x - x) + (y - y)
     return total.real + undefined, total.imag + undefined
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return a function for the second step of a kernel that evaluates the field at two points.
-
-    The points are both ends of a lag, and ``field(ops, tables, x, y)`` computes the field.
-    """
+    """Return an edge sum that evaluates ``field(ops, tables, x, y)`` at both ends of a lag."""
     return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[:2]),
         *field(ops, tables, *ends[2:]),
@@ -186,3 +172,12 @@ FOURIER = Kernel(
 )
 FOURIER_PLACED = Kernel("fourier in space", 3, _placed_tables, enter_frequency, fan_sum, leave_wave)
 AMBIGUITY = Kernel("ambiguity", 2, tables_of, _enter_shift, AMBIGUITY_SUM, leave_wave)
+LAG_MARGINAL = Kernel(
+    "lag_marginal",
+    2,
+    tables_of,
+    lambda ops, frame, *xi: frame.vector(ops, *xi),
+    AREA_SUM,
+    leave_real,
+)
+"""Area of the position slice, which is the lag marginal of a uniform aperture."""

@@ -1,9 +1,8 @@
 """Kernels for rectangles whose field u(x, y) is a product f(x) g(y) along the sides.
 
-All transforms are products of two transforms in one dimension, each of which is a sum over pairs of
-plane waves (docs/theory.md, (I4)). For example, a field with a Taylor taper along both axes
-consists of 49 waves with 1,225 pairs, but of only 7 waves with 28 pairs along each axis. Whether a
-field is a product is determined from its waves.
+All transforms are products of two transforms in one dimension, each a sum over pairs of plane
+waves, (I4) of docs/theory.md. For example, a Taylor taper along both axes consists of 49 waves with
+1,225 pairs, but of only 7 waves with 28 pairs along each axis.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from polywigner.geometry import Aperture
@@ -24,27 +22,20 @@ from polywigner.kernels.functions.intervals import LineField
 from polywigner.kernels.kernel import Kernel, Values, leave_wave
 from polywigner.kernels.outline import Frame, frame_along, power_of_two
 from polywigner.kernels.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
-from polywigner.numerics import Floats, Number, phases
+from polywigner.numerics import Floats, Indices, Number, cluster_indices, phases
 from polywigner.numerics.phases import Pair
 from polywigner.source.lattices import column_and_row
 
-# An outline is treated as a rectangle if its corners deviate from an exact rectangle by less than a
-# limit. The limit is _ROUNDING times the shorter side, or _ROUNDINGS times the rounding error of
-# the largest coordinate, because the rotation of a point has five roundings along each axis. The
-# limit is at most _SHAPELESS times the shorter side, because the shape of a strip with a width of a
-# few ulps is undefined.
+# Deviation of the corners from an exact rectangle below which an outline is treated as a rectangle:
+# _ROUNDING times the shorter side, or _ROUNDINGS rounding errors of the largest coordinate (five
+# for each rotated coordinate), but at most _SHAPELESS times the shorter side.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the corners of a rectangular aperture and their rounding error.
-
-    The result is None for other apertures. The corners are in counter-clockwise order and start
-    with a longer side. Additional vertices may lie on the sides. The rounding error is the largest
-    distance between the corners and the corners of an exact rectangle.
-    """
+    """Return the counter-clockwise corners of a rectangle, longer side first, and their error."""
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings
@@ -61,15 +52,13 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     return (corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)), allowed
 
 
-# Largest deviation of amplitudes from a product of two profiles, relative to the largest amplitude,
-# and largest difference of two frequencies that are treated as equal, in cycles per side or
-# relative to the largest frequency. Such deviations change W by less than 1e-13 of the energy.
+# Deviations of amplitudes from a product of profiles, relative to the largest amplitude, and of
+# equal frequencies, in cycles per side or relative to the largest frequency. Such deviations change
+# W by less than 1e-13 of the energy.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Largest increase of the limit of frequencies due to rounding, in cycles per side. Both limits are
-# increased, because frequencies may be rotated and amplitudes contain phases relative to the
-# origin.
+# Largest rounding error of frequencies [cycles per side] that is added to the limit.
 _LARGEST_ROUNDING = 1e-6
-# Cost of a pair of waves, relative to the cost of cutting an edge by another edge.
+# Cost of a pair of waves in edge pairs.
 _CLIPS_PER_PAIR = 0.5
 
 
@@ -80,9 +69,8 @@ class SeparableTables:
     frame: Frame
     fields: tuple[LineField, LineField]
     coherence_widths: tuple[float, float] = (math.inf, math.inf)
-    """Coherence width along each axis, in units of the frame along this axis."""
+    """Coherence width along each axis, in units of the frame."""
     terms: ClassVar[int] = 1
-    """Number of terms for the choice of the engine. It is 1, because there is no sum over edges."""
 
     @property
     def clips(self) -> int:
@@ -108,7 +96,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     a, b, c, d = corners
     (length, width), direction = (high - low).tolist(), (1.0, 0.0)
     is_rotated = bool((b - a).all())
-    # The direction of the first axis is the mean direction of both longer sides.
+    # The first axis has the mean direction of both longer sides.
     if is_rotated:
         length, width = float(np.hypot(*(b - a))), float(np.hypot(*(d - a)))
         along = (b - a) + (c - d)
@@ -116,9 +104,9 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     sizes = power_of_two(length), power_of_two(width)
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
-    # The rounding error of frequencies is some ulps of the largest frequency. For a rotated
-    # rectangle it includes the error of the rotation angle, which is the rounding error of the
-    # corners divided by the length of the rectangle.
+    # Frequencies have a rounding error of some ulps. For a rotated rectangle the error of the
+    # rotation angle is added, which is the rounding error of the corners divided by the length of
+    # the rectangle.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
@@ -136,10 +124,7 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
 def _profiles(
     waves: Waves, frequency_rounding: tuple[float, float], phase_rounding: float
 ) -> tuple[Waves, Waves] | None:
-    """Return the waves along both axes whose products are the waves of a field.
-
-    The result is None if the field is not a product.
-    """
+    """Return the waves along both axes whose products are the waves of a field, or None."""
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
     (rates_x, i), (rates_y, j) = (
@@ -160,21 +145,13 @@ def _profiles(
     return along_x, along_y
 
 
-def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
-    """Return the values that differ by more than rounding errors, in ascending order.
-
-    The second result is the index in this list for each input value.
-    """
-    order = np.argsort(values)
+def _distinct(values: Floats, rounding: float) -> tuple[Floats, Indices]:
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
-    number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
-    index = np.empty(len(values), np.intp)
-    index[order] = number
+    index = cluster_indices(values[:, None], tolerance)
     return np.bincount(index, values) / np.bincount(index), index
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and the frequency minus the carrier frequency."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
@@ -200,7 +177,7 @@ def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[An
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the real and the imaginary part of the field at a point, without the carrier wave.
+    """Return the real and imaginary part of the field at a point, without the carrier.
 
     The rectangle includes its lower end along each axis, but not its upper end.
     """

@@ -1,15 +1,8 @@
-"""Wigner and ambiguity functions W and A as sums over the edges of slices (Stokes' theorem).
+"""Wigner and ambiguity functions as sums over the edges of slices, (W1), (W2) and (A1).
 
-A slice is the intersection of two copies of the source, and its boundary consists of cut edges of
-both copies. The sums are (W1), (W2) and (A1) of docs/theory.md. For W they extend over the edges of
-one copy only, because the edges of the other copy are mirror images. If the field on an element
-consists of several plane waves, or elements have different fields, W and A are sums over pairs of
-waves. Each pair contributes the sum of a uniform source at a shifted frequency, times an amplitude
-that depends only on position or lag, (I2), (I3). Each edge is cut only once for all pairs.
-
-The NumPy code lists parts of edges that run from a crossing to the end of the edge. The weights of
-the parts add up to the weight of the slice along the edge. Compiled code loops over edges and their
-cuts.
+A slice is the intersection of two copies of the source. For fields of several plane waves, each
+pair of waves contributes the sum of a uniform source at a shifted frequency, times an amplitude
+that depends only on position or lag, (I2) and (I3). Edges are clipped once for all pairs.
 """
 
 from __future__ import annotations
@@ -24,7 +17,13 @@ from numpy.typing import NDArray
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, Cuts, Edge, View
 from polywigner.kernels.cut.pair_grid import PairGrid, cut_edges, rows_at
 from polywigner.kernels.cut.winding import PairClipper, Pass, pairs_of
-from polywigner.kernels.functions.edge_terms import EdgeTerms, ambiguity_terms, scaled, wigner_terms
+from polywigner.kernels.functions.edge_terms import (
+    AreaTerms,
+    EdgeTerms,
+    ambiguity_terms,
+    scaled,
+    wigner_terms,
+)
 from polywigner.kernels.outline import Tables
 from polywigner.kernels.wave_pairs import (
     WavePair,
@@ -38,49 +37,48 @@ from polywigner.numerics.phases import Pair
 Values = tuple[Any, ...]
 Array = NDArray[Any]
 Views = tuple[tuple[View, float], ...]
-"""Pairs of a view and a side. A point p of an edge is the point ``scale (p + side T)`` of the
-slice, where T is the offset between the two copies of the outline."""
+"""Pairs of a view and a side. A point p of an edge is the point ``scale (p + side T)`` of the slice
+at the offset T."""
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
-"""Group of the elements whose edges are cut, group of elements of the other copy, views of the
-edges, and pairs of waves."""
+"""Group whose edges are clipped, group of the other copy, views of the edges, and pairs of waves.
+Group whose edges are clipped, group of the other copy, views of the edges, and pairs of waves."""
 
-# Largest product of the numbers of samples and edges, and of edge parts and frequencies, that NumPy
-# computes together. The arrays take about 2 MB.
+# Numbers of (sample, edge) pairs and of (edge part, frequency) pairs per block on NumPy. The arrays
+# take about 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which the lists of pairs of edges are optimised in NumPy code.
+# Number of samples for which the edge pairs are optimised on NumPy.
 _SAMPLES = 1 << 9
-# Largest number of pairs of waves that are constants in compiled code. The compilation takes 20 ms
-# for each pair. More pairs are read from a table.
+# Number of wave pairs up to which compiled code contains the pairs as constants. Compilation takes
+# 20 ms per pair.
 MOST_PAIRS_AS_CODE = 16
-# Number of columns in the table of pairs of waves. A row contains the amplitude, the shift and the
-# rate of a pair, padded to a multiple of four numbers.
+# Columns of a table of wave pairs: amplitude, shift and rate, padded to a multiple of four.
 _ROW = 8
 
 
 @dataclass(frozen=True, eq=False)
 class SliceSum:
-    """Second step of a kernel of W or A: a sum over the edges of a slice."""
+    """Sum over the edges of a slice, the second step of a kernel of W or A."""
 
     views: tuple[View, ...]
-    """Views of the edges that are cut: one view for W, and two views for A."""
+    """Views of the clipped edges: one view for W, two views for A."""
     scale: float
-    """Ratio of the offset T between the two copies of the outline to the position or lag. It is 2
-    for W and 1 for A. A point p of an edge corresponds to the point ``scale (p + side T)`` of the
-    slice."""
+    """Ratio of the offset T to the position or lag: 2 for W, 1 for A."""
     position: slice
     """Indices of the position or lag among the arguments in the frame."""
     frequency: slice
     pairings: Callable[[Tables], Sequence[Pairing]]
     terms: Callable[[Any, Tables, Values, bool, bool], EdgeTerms]
     """Function (ops, tables, frequency, is_even, is_real) that returns the terms of a pair of
-    waves. ``is_even`` states whether weights are real and both elements have the same field.
-    ``is_real`` states whether only the real part is needed."""
+    waves.
+
+    ``is_even`` specifies real weights and equal fields, and ``is_real`` that only the real part is
+    required.
+    """
     values: int
     """Number of results: 1 for a real sum, or 2 for the real part and minus the imaginary part."""
     arguments: slice | None = None
-    """Indices of the position or lag among the user's arguments. None if frequencies at one
-    position cannot share a slice.
-    """
+    """Indices of the position or lag among the caller's arguments. None if frequencies cannot share
+    a slice."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         if ops.target == "numpy":
@@ -90,8 +88,7 @@ class SliceSum:
             if is_plain and np.shape(position[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
                 return self._as_waves(self._sums(ops, tables, position, nu))
             return self._in_blocks(ops, tables, inner)
-        # Dr.Jit cannot differentiate nested loops, so the loop over edges is unrolled if
-        # derivatives are required.
+        # Dr.Jit cannot differentiate nested loops, so gradients need an unrolled loop over edges.
         if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
             offset = (self.scale * c for c in inner[self.position])
             return self._summed(Clipper(ops, tables, *offset), inner)
@@ -100,15 +97,12 @@ class SliceSum:
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """Return the sums from lists of pairs of edges.
-
-        If ``pairs`` is None, the lists of ``tables`` are used.
-        """
+        """Return the sums from edge pairs. ``pairs`` defaults to the edge pairs of ``tables``."""
         tx, ty = (self.scale * c for c in inner[self.position])
         return self._summed(PairClipper(ops, tables, tx, ty, self.views, inner, pairs), inner)
 
     def passes(self, tables: Tables) -> list[Pass]:
-        """Return the keys of all lists of pairs of edges from which the sums are computed."""
+        """Return the keys of all edge pairs that the sums need."""
         fields = range(len(tables.groups))
         views = {view.point: view for view in reversed(self.views)}.values()
         return [(view, field, other) for view in views for field in fields for other in fields]
@@ -139,11 +133,6 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sum over edges for each pair of waves.
-
-        There is one pass over the edges for each pair of groups. If there are many pairs of waves,
-        compiled code loops over a table of pairs for each part of an edge.
-        """
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
@@ -161,7 +150,6 @@ class SliceSum:
                 yield run.value(sums, position)[:count]
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
-        """Return the sums for NumPy arguments that broadcast, computed in blocks of samples."""
         arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
@@ -176,16 +164,15 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Return the sums for all pairs of a position and a frequency.
+        """Return the sums for all pairs of a position and a frequency, one row per position.
 
-        The slice at each position is computed only once. The result has one row for each position.
+        The slice at each position is computed only once.
         """
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
         if nu[0].shape != nu[1].shape:
             nu = np.broadcast_arrays(*nu)
-        # Temporary arrays have one entry for each pair of a position and a frequency, so blocks
-        # with many frequencies contain fewer positions.
+        # Temporary arrays have one entry per (position, frequency) pair.
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
         for k in range(0, len(position[0]), step):
@@ -197,15 +184,11 @@ class SliceSum:
         return self._as_waves(results)
 
     def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
-        """Return the sums at n positions, each with one or several frequencies.
-
-        Frequencies of shape (n,) give sums of shape (n,). Frequencies of shape (1, m) or (n, m)
-        give sums of shape (n, m).
-        """
+        """Return the sums at n positions, for frequencies of shape (n,), (1, m) or (n, m)."""
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # The initial value of the sums is NaN if an argument is infinite or NaN, and 0 otherwise.
+        # Infinite and NaN arguments must give NaN: x - x is NaN for these values, and 0 otherwise.
         totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
         for pairs, is_even, owner, part in self.parts(tables, position):
             for pair in pairs:
@@ -228,10 +211,10 @@ class SliceSum:
     def parts(
         self, tables: Tables, position: Sequence[Array]
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
-        """Yield each pair of waves, whether its terms are even, and the parts of edges, (K1).
+        """Yield pairs of waves, whether terms are even, position indices, and parts of edges, (K1).
 
-        A part runs from a crossing to the end of an edge. It has the index of its position, its
-        centre and its vector in the slice, and its complex weight, all in double precision.
+        A part is (centre x, centre y, vector x, vector y, real weight, imaginary weight) in the
+        slice.
         """
         t = np.empty(len(position[0]), np.complex128)
         t.real, t.imag = position
@@ -248,7 +231,7 @@ class SliceSum:
             centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
             centre += (self.scale * side) * offset.take(owner)
             imag: Any = 0.0
-            # The complex weights of edges of the copy AHEAD are conjugated.
+            # The edges of the copy AHEAD have conjugated weights.
             if weight.dtype.kind == "c":
                 weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
             part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
@@ -258,17 +241,17 @@ class SliceSum:
         for group, other, views, pairs in self.pairings(tables):
             is_even = other == group and not tables.phased
             for view, side in views:
-                grid = pairs_of(tables, (view, group, other), True, _SAMPLES).on_host
+                key = view, group, other
+                grid = pairs_of(tables, key, True, _SAMPLES, is_compiled=False).on_host
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
         """Return the parts of edges of the slices at all positions, for compiled code.
 
         The results are the index of the first part of each position, a table of the parts, and
-        whether all weights are real. If all weights are 1 or -1 and no frequency is shifted, a row
-        contains the centre and the vector of a part. A part with a weight of -1 is then stored
-        reversed, because terms change their sign with the vector. Otherwise a row also contains the
-        complex weight and the frequency shift.
+        whether all weights are real. A row contains centre and vector if all weights are 1 or -1
+        and no frequency is shifted; a part with a weight of -1 is then reversed. Otherwise a row
+        also contains the complex weight and the frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
@@ -301,7 +284,6 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
-    """Return the sums over the parts of edges at each position, one column for each frequency."""
     rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
@@ -315,7 +297,6 @@ def _row_sums(
 
 
 def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
-    """Return a sum over edges, multiplied by the amplitude of its pair of waves."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(scaled(real, value) for value in total)
@@ -332,7 +313,6 @@ def _sum_of_rows(
     position: Values,
     count: int,
 ) -> Values:
-    """Return the sums over all pairs of waves of two groups, computed in a loop over the pairs."""
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
@@ -351,7 +331,7 @@ def _sum_of_rows(
 
 
 class TermSum:
-    """The sum over edges for a pair of waves, in compiled code."""
+    """Sum over edges for a pair of waves, in compiled code."""
 
     def __init__(
         self, clipper: Clipper, terms: EdgeTerms, views: Views, pair: WavePair, scale: float
@@ -364,7 +344,7 @@ class TermSum:
             self.moved = {side: scaled(scale * side, cycles) for side in (-0.5, 0.5)}
 
     def terms(self, edge: Edge, cuts: Cuts) -> Values:
-        """Return the contributions of an edge, which are sums over its parts in all views."""
+        """Return the contribution of an edge: the sum over its parts in all views."""
         ops, function, scale = self.ops, self.function, self.scale
         if function.by_part:
             return self._part_terms(edge, cuts)
@@ -405,13 +385,13 @@ class TermSum:
         return total
 
     def value(self, sums: Sequence[Any], position: Values) -> Values:
-        """Return the contribution of the pair of waves to the result, from the sums over edges."""
+        """Return the contribution of the pair of waves from the sums over edges."""
         amplitude = self.pair.amplitude(self.ops, position)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
 
 class PartSum:
-    """The sum over a list of parts of edges, in compiled code."""
+    """Sum over a list of parts of edges, in compiled code."""
 
     def __init__(
         self, terms: Any, nu: Values, is_plain: bool, is_real: bool, as_waves: Any
@@ -421,18 +401,17 @@ class PartSum:
         self.values = self.terms.values
 
     def term(self, *row: Any) -> Values:
-        """Return the contribution of a part of an edge, from the entries of its row."""
+        """Return the contribution of one row of the list."""
         if self.is_plain:
             values: Values = self.terms.of_part(*row, 1.0, 0.0)
             return values
         (nu_x, nu_y), (shift_x, shift_y) = self.nu, row[6:]
-        # The row of a part may contain a frequency shift.
         terms = self._at((nu_x - shift_x, nu_y - shift_y))
         total: Values = terms.total(terms.of_part(*row[:5], 0.0 if self.is_real else row[5]))
         return total
 
     def total(self, sums: Values) -> Values:
-        """Return the results of the kernel's second step from the sums over all parts."""
+        """Return the values of the slice sum from the sums over all rows."""
         values: Values = self._as_waves(self.terms.total(sums) if self.is_plain else sums)
         return values
 
@@ -454,8 +433,8 @@ def mean_pairings(tables: Tables) -> list[Pairing]:
 def difference_pairings(tables: Tables) -> list[Pairing]:
     """Return the pairs of waves that contribute to the ambiguity function.
 
-    In the product of two fields, the field on the cut edges is the first factor for the view
-    BEHIND, and the second factor for the view AHEAD.
+    The field on the clipped edges is the first factor of the product for the view BEHIND, and the
+    second factor for the view AHEAD.
     """
     pairings: list[Pairing] = []
     for k, field in enumerate(tables.groups):
@@ -487,4 +466,13 @@ AMBIGUITY_SUM = SliceSum(
     terms=ambiguity_terms,
     values=2,
     arguments=slice(2, 4),
+)
+# The terms of an area need no frequency. The lag stands for the frequency.
+AREA_SUM = replace(
+    AMBIGUITY_SUM,
+    position=slice(0, 2),
+    frequency=slice(0, 2),
+    terms=AreaTerms,
+    values=1,
+    arguments=None,
 )

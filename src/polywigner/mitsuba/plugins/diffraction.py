@@ -1,9 +1,7 @@
-"""Shadows with diffraction in scenes: the estimator ``exact`` with ``diffraction``. Source: (SB3).
+"""Field of a source behind obstacles, with diffraction by their edges. Source: (SB3).
 
-The source is represented by radiating points. The field at an illuminated point is the sum of two
-parts: the waves of the radiating points that no obstacle hides, and the boundary waves from the
-obstacles' edges. One compiled loop reads the edges from tables. Lengths are in wavelengths, in the
-source's frame.
+The field is the sum of the waves of the visible radiating points and of the boundary waves of the
+edges. Lengths are in wavelengths, in the source's frame.
 """
 
 from __future__ import annotations
@@ -42,42 +40,49 @@ from polywigner.mitsuba.scenes import surfaces
 from polywigner.numerics.jets import Jet, flattened, rebuilt
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation import equivalent_points, shadows
-from polywigner.propagation.source_nodes import SourceNodes, all_points, nodes_for
+from polywigner.propagation.source_nodes import (
+    EDGE_AMPLITUDE,
+    SourceNodes,
+    all_points,
+    nodes_for,
+)
 
 Floats = NDArray[np.float64]
+Values = tuple[Drjit, ...]
 Point = tuple[Drjit, Drjit, Drjit]
 Field = tuple[Drjit, Drjit]
 """Real and imaginary part of a field."""
+NodeWave = Callable[[Drjit], Values]
+"""Wave of a node at a point, for the number of the node."""
 
-# Allowed error of |F|^2 relative to its peak. Diffraction by one edge at a time is less accurate.
+# Allowed error of |F|^2 relative to its peak; the error of single diffraction is larger.
 _ERROR = 3e-4
-# Largest number of radiating points; for each sample, one ray per point is tested for obstacles.
+# Largest number of radiating points; each sample traces one ray per point.
 _MOST_POINTS = 1024
-# Quadrature rule along edges. Measured relative errors for random edges: mostly 5e-7, at most 9e-6.
+# Quadrature rule along edges; its relative error is at most 9e-6 for random edges.
 _RULE = edge_waves.EdgeRule.of(2.0, 16, 2)
-# Edges are omitted if their wave adds less than this fraction of the free peak to |U|^2. Fields
-# below _WEAK times the peak count as equal to _WEAK times the peak.
+# Smallest contribution of an edge to |U|^2, and smallest |U| of the free field that enters this
+# test, as fractions of the peak values without obstacles.
 _FAINT, _WEAK = 5e-5, 0.1
-# Largest number of faces times points of the source with a silhouette for each point if their
-# silhouettes differ, and largest number of faces times nodes with a silhouette for each node.
+# Largest faces × radiating points and largest faces × nodes with one silhouette per point or node.
 _FEW_FACES, _MOST_FACES = 1 << 15, 1 << 17
-# Waves behind a surface are omitted if the surface transmits less than this fraction.
+# Smallest amplitude transmission of a surface; smaller values count as zero.
 _OPAQUE = 2e-3
-# Illuminated points are shifted by this fraction of their distance, so that none of them lies on
-# the boundary of a shadow after rounding to single precision.
+# Shift of illuminated points as a fraction of their distance. It keeps points off the boundaries of
+# shadows after rounding to single precision.
 _ASIDE = 1e-6
-# Points behind a surface by less than the first fraction of their distance count as points on the
-# surface. Rays end before a surface by the second fraction of their length. Both exceed the
-# rounding error of single precision, the second one also for rays at grazing angles.
+# Tolerance of positions on a surface as a fraction of their distance, and distance between the end
+# of a ray and a surface as a fraction of the ray's length. Both exceed the rounding error of single
+# precision, also at grazing incidence.
 _ENDS, _SHORT = 1e-5, 4e-5
-# Allowed relative error of fields in scalar variants.
+# Relative tolerance of fields in scalar variants.
 _HOST_ERROR = 1e-4
 
 _log = logging.getLogger("polywigner.mitsuba")
 
 
 class _Edge(NamedTuple):
-    """An edge, and its shortest path from the centre of the source to a point."""
+    """Edge with the shortest path from the source's centre over the edge to a point."""
 
     row: Drjit
     """Row of the edge in ``EdgeTables.edges``."""
@@ -87,7 +92,7 @@ class _Edge(NamedTuple):
 
 
 class Shadows:
-    """The field of a source behind obstacles, for the arrays of one variant."""
+    """Field of a source behind obstacles, for one variant of Mitsuba."""
 
     def __init__(
         self,
@@ -123,7 +128,7 @@ class Shadows:
         near = np.abs(nodes.origins).max(axis=0) + AWAY
         self._near = [opaque(m, value) for value in (near / scale).tolist()]
         self._is_oblique = any(point.field for point in points)
-        # the waves of a small source have no pattern at edges but their obliquity
+        # A single node has no interference pattern, only its obliquity factor.
         self._is_single = self._is_oblique and len(nodes.positions) == 1
         self._is_blocked = len(tables.triangles) > 0
         if self._jit:
@@ -135,10 +140,7 @@ class Shadows:
             )
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
-        """Return |U|^2 at a point in front of the source.
-
-        Close to the source, ``free`` computes it without shadows.
-        """
+        """Return |U|^2 at a point in front of the source; ``free`` computes it near the source."""
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
         if not self._jit:
@@ -146,16 +148,14 @@ class Shadows:
         return dr.if_stmt((point,), far, self.intensity, free, mode="symbolic")
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 at a point in front, in units of the scene, for a source with |u|^2 = 1."""
+        """Return |U|^2 at a point in scene units, for a source with |u|^2 = 1."""
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
-            # The point moves in front of its surface by more than rounding errors.
+            # Rounding must not place the point behind its own surface.
             change, free, _ = self._on_host(
                 positions=(1.0 - _ENDS) * np.array([at]), engine="numpy"
             )
             return float(np.abs(free + change)[0] ** 2)
-        # The point is shifted off the boundaries of shadows and their corners by more than rounding
-        # errors.
         away = self._ops.sqrt(sum(c * c for c in at))
         x, y, z = (c + _ASIDE * u * away for c, u in zip(at, shadows.ASIDE.tolist(), strict=True))
         real, imag = self._field((x, y, z))
@@ -169,17 +169,19 @@ class Shadows:
             name: ops.on_device(table.astype(np.float32))
             for name, table in zip(names, every, strict=True)
         }
-        counts = len(nodes.positions), len(tables.groups)
+        counts = len(nodes.positions), len(tables.groups), len(nodes.points)
         self._counts = [m.UInt32(dr.opaque(m.UInt32, count)) for count in counts]
+        self._few_nodes = len(nodes.positions) if nodes.is_reduced else 0
         self._inverse_peak = opaque(m, 1.0 / nodes.peak)
-        self._has_edges = len(tables.edges) > 0  # A body around the source has no rim.
+        self._has_edges = len(tables.edges) > 0  # A body around the source has no silhouette.
 
     def _field(self, at: Point) -> Field:
         m, ops = self._m, self._ops
+        wave_of = self._waves_of_nodes(at)
 
         def add_node(number: Drjit, real: Drjit, imag: Drjit, *free: Drjit) -> tuple[Drjit, ...]:
             row = ops.gather(self._tables["nodes"], number)
-            parts = self._node_wave(row, at)
+            parts = wave_of(number)
             hidden = self._hidden(row, self._path(row, at)[0])
             return (
                 real + dr.select(hidden, 0.0, parts[0]),
@@ -193,7 +195,7 @@ class Shadows:
         if not self._has_edges:
             return field
         level = ops.sqrt((real * real + imag * imag) * dot(at, at)) * self._inverse_peak
-        # Square of the smallest amplitude of an edge wave, relative to the largest free field.
+        # Square of the smallest relative amplitude of an edge wave.
         faint = (_FAINT / ops.maximum(level, _WEAK)) ** 2
 
         def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
@@ -203,14 +205,16 @@ class Shadows:
             def add_edge(number: Drjit, real: Drjit, imag: Drjit) -> Field:
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
-                detour, _, foot = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
+                detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
+                # The wave of an end is EDGE_AMPLITUDE/sqrt(excess) of the wave of a long edge.
+                least = faint * detour * ops.maximum(excess * EDGE_AMPLITUDE**-2, 1.0)
                 edge = _Edge(row, detour, foot)
 
                 def add_waves(real: Drjit, imag: Drjit) -> Field:
-                    change = self._edge_change(edge, at) * weight
+                    change = self._edge_change(edge, at, wave_of) * weight
                     return real + change.real, imag + change.imag
 
-                return self._if(row[18] > faint * detour, add_waves, (real, imag))
+                return self._if(row[18] > least, add_waves, (real, imag))
 
             first, end = m.UInt32(group[7]), m.UInt32(group[8])
             end = dr.select(weight.norm() > _OPAQUE**2, end, first)
@@ -218,11 +222,14 @@ class Shadows:
 
         return ops.fold(0, self._counts[1], field, add_group)
 
-    def _node_wave(self, node: Drjit, at: Point) -> tuple[Drjit, ...]:
-        """Return the wave of a node at a point, and its part from dipoles, if any."""
-        m, ops = self._m, self._ops
+    def _waves_of_nodes(self, at: Point) -> NodeWave:
+        """Return a function that returns the wave of a node at a point, given the node's index.
 
-        def add_point(number: Drjit, *sums: Drjit) -> tuple[Drjit, ...]:
+        The wave has a real and an imaginary part, followed by those of its dipoles, if any.
+        """
+        m, ops, count = self._m, self._ops, self._few_nodes
+
+        def radiated(number: Drjit) -> tuple[Values, Values]:
             row = ops.gather(self._tables["points"], number)
             ahead, turns = self._path(row, at)
             wave = equivalent_points.wave_ahead(ops, ahead, row[3:5], row[5:7], turns)
@@ -230,22 +237,39 @@ class Shadows:
             if self._is_oblique:
                 dipole = equivalent_points.spherical_wave(ops, ahead, turns) * Pair(*row[3:5])
                 parts += [dipole.real, dipole.imag]
-            return tuple(a + b for a, b in zip(sums, parts, strict=True))
+            return tuple(parts), row[8 : 8 + count]
 
-        span = m.UInt32(node[2]), m.UInt32(node[3])
-        return ops.fold(*span, (m.Float(0.0),) * (4 if self._is_oblique else 2), add_point)
+        if not count:
+            return lambda number: radiated(number)[0]
+        width = 4 if self._is_oblique else 2
 
-    def _edge_change(self, edge: _Edge, at: Point) -> Pair:
+        def add_point(number: Drjit, *sums: Drjit) -> Values:
+            parts, fractions = radiated(number)
+            products = (part * fraction for fraction in fractions for part in parts)
+            return tuple(a + b for a, b in zip(sums, products, strict=True))
+
+        sums = ops.fold(0, self._counts[2], (m.Float(0.0),) * (width * count), add_point)
+        waves = [sums[start : start + width] for start in range(0, len(sums), width)]
+
+        def wave_of(number: Drjit) -> Values:
+            chosen = waves[0]
+            for k, wave in enumerate(waves[1:], 1):
+                chosen = tuple(map(partial(dr.select, number == k), wave, chosen))
+            return chosen
+
+        return wave_of
+
+    def _edge_change(self, edge: _Edge, at: Point, wave_of: NodeWave) -> Pair:
         """Return the change of the field that an edge causes.
 
-        Close to the boundary of the shadow, the boundary waves of the nodes have the weights of the
-        nodes' waves at the point. Farther away, they have the weights at the edge.
+        The weights of the boundary waves are the nodes' waves at the point near a shadow boundary,
+        and the nodes' waves at the edge elsewhere.
         """
         m, row = self._m, edge.row
         span = m.UInt32(row[10]), m.UInt32(row[11])
 
         def near(real: Drjit, imag: Drjit) -> Field:
-            return self._summed(span, self._change_at, edge, at, (real, imag))
+            return self._summed(span, partial(self._change_at, wave_of), edge, at, (real, imag))
 
         def far(real: Drjit, imag: Drjit) -> Field:
             by_centre = edge.detour > row[17]
@@ -265,8 +289,6 @@ class Shadows:
         at: Point,
         start: Field,
     ) -> Field:
-        """Return ``start`` plus the changes of the waves of a range of nodes by an edge."""
-
         def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
             change = change_of(number, edge, at)
             return real + change.real, imag + change.imag
@@ -274,12 +296,12 @@ class Shadows:
         total: Field = self._ops.fold(*span, start, add)
         return total
 
-    def _change_at(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
+    def _change_at(self, wave_of: NodeWave, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change that an edge causes to the wave of a node at the point."""
         ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
-        parts = self._node_wave(node, at)
-        wave = Pair(*parts[:2])
+        real, imag, *dipole = wave_of(number)
+        wave = Pair(real, imag)
         if not self._is_oblique:
             boundary = Pair(
                 *edge_waves.edge_wave(
@@ -291,11 +313,11 @@ class Shadows:
             ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
         )
         # The factor (SB5) is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
-        bend = (Pair(*parts[2:]) * rate).scaled(0.25 / math.pi**2)
+        bend = (Pair(*dipole) * rate).scaled(0.25 / math.pi**2)
         return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
-        """Return the change that an edge causes to the wave of a node at the edge."""
+        """Return the change of a node's wave by an edge, with the wave at the edge as weight."""
         ops, row = self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
         source, start, end, blocked = self._boundary(node, number, edge, at)
@@ -319,7 +341,7 @@ class Shadows:
         return wave * weight * boundary.scaled(-0.5 / math.pi) + bend
 
     def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
-        """Return the wave of a node at an edge, and its part from dipoles without obliquity."""
+        """Return the wave of a node at an edge, and its dipole contribution without obliquity."""
         m, row = self._m, edge.row
         along = edge.foot * row[15]
         interval = m.UInt32(dr.minimum(along, row[15] - 1.0))
@@ -332,7 +354,7 @@ class Shadows:
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
     ) -> tuple[Point, Point, Point, Any]:
-        """Return a node, both ends of an edge, and whether a surface lies behind the edge."""
+        """Return a node, the ends of an edge, and whether a surface blocks the boundary wave."""
         m, ops, row = self._m, self._ops, edge.row
         step = m.UInt32(row[13])
         ends = ops.gather(self._tables["ends"], m.UInt32(row[12]) + number * step)
@@ -344,11 +366,10 @@ class Shadows:
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
-        """Return ``compute(*state)`` where the condition is true, and the state elsewhere."""
         return dr.if_stmt(state, condition, compute, lambda *state: state, mode="symbolic")
 
     def _transmission(self, group: Drjit, at: Point) -> Pair:
-        """Return the amplitude of the waves of a group at a point, relative to free propagation."""
+        """Return the complex amplitude transmission from a group of edges to a point."""
         m, ops = self._m, self._ops
         free = m.Float(1.0), m.Float(0.0)
         if not self._is_blocked:
@@ -362,7 +383,6 @@ class Shadows:
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
             sign = dr.select(total < 0.0, -1.0, 1.0)
-            # The point lies clearly behind the plane of the triangle.
             hit = (row[9] * sign > 0.0) & ((total - row[9]) * sign > margin)
             for share in shares:
                 hit &= share * sign >= 0.0
@@ -385,10 +405,7 @@ class Shadows:
         return Pair(*self._if(dot(group[3:6], at) + group[6] < 0.0, behind, free))
 
     def _path(self, row: Drjit, at: Point) -> tuple[Point, Drjit]:
-        """Return the vector from a radiating point to ``at``, and its excess of cycles.
-
-        The excess is the length of the vector less the distance of ``at`` from the origin.
-        """
+        """Return the vector from a radiating point to ``at``, and its length minus |at|."""
         ops, (x, y, z) = self._ops, at
         a, b = row[:2]
         ahead = x - a, y - b, z
@@ -397,7 +414,6 @@ class Shadows:
         return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
-        """Return whether an obstacle lies between a point of the source and the end of a vector."""
         m = self._m
         path = m.Vector3f(*ahead)
         part = self._start / path.z
@@ -408,15 +424,12 @@ class Shadows:
         return self._obstacles.ray_test(ray)
 
     def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
-        """Return ``compute(*arguments)`` where the condition is true, and zero elsewhere."""
         zeros = (self._m.Float(0.0),) * 2
         return dr.if_stmt(arguments, condition, compute, lambda *_: zeros, mode="symbolic")
 
     def _when_jets(
         self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
     ) -> tuple[Jet, Jet]:
-        """Return :meth:`_when` of jets, whose values and derivatives are passed separately."""
-
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
@@ -427,7 +440,7 @@ class Shadows:
 
 
 def _obliquity(ops: Any, ahead: Point) -> Pair:
-    """Return the factor of the wave of a dipole along z over a spherical wave."""
+    """Return the ratio of the wave of a dipole along z to a spherical wave."""
     inverse = 1.0 / ops.sqrt(dot(ahead, ahead))
     return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 
@@ -435,7 +448,7 @@ def _obliquity(ops: Any, ahead: Point) -> Pair:
 def _nodes_and_silhouettes(
     obstacles: Obstacles, points: Sequence[equivalent_points.RadiatingPoint]
 ) -> tuple[SourceNodes, list[Silhouette]]:
-    """Return the nodes of a source, and one silhouette for all nodes or one for each node."""
+    """Return the nodes of a source, and one silhouette in total or one per node."""
     every = all_points(points)
     central = surfaces.before_plane(obstacles.silhouette(every.centre))
     nodes = nodes_for(points, central.edges)
@@ -450,7 +463,6 @@ def _nodes_and_silhouettes(
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
-    """Return a scene that contains the triangles of all bodies, without lights."""
     counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     vertices = np.concatenate([body.vertices for body in bodies])
     faces = np.concatenate([body.triangles + n for body, n in zip(bodies, counts, strict=False)])
@@ -460,7 +472,7 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
 
 
 def cast_shadows(scene: mi.Scene) -> None:
-    """Pass the surfaces of a scene to its sources and receivers with diffraction."""
+    """Set the obstacles of all sources and receivers with diffraction in a scene."""
     plugins = [
         p for p in (*surfaces.sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")
     ]
@@ -497,7 +509,6 @@ def scene_known(scene: mi.Scene) -> Iterator[None]:
     scenes = [
         (sensor, "scene", scene) for sensor in scene.sensors() if surfaces.is_receiver(sensor)
     ]
-    # The process crashes if a scene is freed while Dr.Jit records a kernel, so garbage collection
-    # is off.
+    # Freeing a scene while Dr.Jit records a kernel crashes the process.
     with without_collection(), changed([(ExactEstimator, "scene_is_known", True), *scenes]):
         yield

@@ -1,22 +1,15 @@
-"""The emitter inside a ``wigner`` shape, which radiates the Wigner radiance of a source.
+"""The shape ``wigner``, whose emitter radiates the Wigner radiance of a source.
 
-In the source's frame, the radiance L at the point x and in the direction s is
+The radiance L at the point x in the direction s, in the source's frame, is
 
     L(x, s) = (power/N) W(x, s_par/lambda)/lambda^2 h(theta),    N = int g |F|^2 dOmega/lambda^2
 
-for directions s on the +z side of the source, and zero for other directions. W is the Wigner
-function of the source field u, F is the Fourier transform of u, g is the obliquity factor, theta is
-the polar angle of s, and h = g/cos(theta). N is the power that the unscaled field radiates. It is
-computed by NumPy or, if derivatives are enabled, by Dr.Jit as a sum over directions.
+for directions on the +z side of the source. W is the Wigner function of the source field u, F the
+Fourier transform of u, g the obliquity factor, theta the polar angle of s, and h = g/cos(theta). N
+is the power that the unscaled field radiates.
 
-The kernel of :func:`polywigner.wigner` is traced into Mitsuba's render kernel. If the waves of a
-source have different factors h, the product h W is replaced by a sum of terms; see `emissions`.
-
-Positions are relative to the centre of the source. Illuminated points are transformed to the
-source's frame before directions are computed. Therefore the pattern of an aperture of some
-millimetres is correct even a hundred metres from the origin of the scene, where single precision
-resolves only hundredths of a millimetre. For the same reason, the texture coordinates of the mesh
-contain positions relative to the centre.
+Positions, including texture coordinates, are relative to the centre of the source, because single
+precision does not resolve small apertures far from the origin of the scene.
 """
 
 from __future__ import annotations
@@ -65,19 +58,14 @@ ESTIMATORS: dict[str, type[WignerEstimator | ExactEstimator]] = {
     "exact": ExactEstimator,
 }
 
-# Finite number that replaces an infinite probability density. The square of this number and its
-# products with radiances are finite in float32.
-_OVERWHELMING = 1e12
+# Finite stand-in for an infinite probability density [1/sr]; its square is finite in float32.
+_INFINITE_DENSITY = 1e12
 
 
 class WignerEmitter(VariantPlugin):
-    """Emitter of a ``wigner`` shape.
-
-    The emitter is not a registered plugin, because the shape creates it.
-    """
+    """Emitter of a ``wigner`` shape, which creates it."""
 
     get_shape: Callable[[], Any]
-    """Method of Mitsuba's base class."""
     is_wigner = True
 
     def __init__(self, spec: SourceParameters, id: str = "") -> None:
@@ -86,18 +74,17 @@ class WignerEmitter(VariantPlugin):
         props.set_id(id)
         self.base.__init__(self, props)
         self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-        self.wavelength = self._adjustable(spec.wavelength)
-        self.power = self._adjustable(spec.power)
+        self.wavelength = self.adjustable(spec.wavelength)
+        self.power = self.adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # The value is opaque to Dr.Jit, because Dr.Jit cannot record loops over a single sample
-        # that contain literals.
+        # Dr.Jit cannot record loops over a single sample that contain literals.
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
         self._update()
 
-    def _adjustable(self, value: float) -> Drjit:
-        """Return a number that users can change through Mitsuba's ``traverse``."""
+    def adjustable(self, value: float) -> Drjit:
+        """Return a parameter that does not recompile kernels when its value changes."""
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
@@ -108,9 +95,7 @@ class WignerEmitter(VariantPlugin):
         self._is_constant = self.estimator.is_constant or depends_on_wavelength(
             spec.source, spec.obliquity
         )
-        """Whether the wavelength is a constant of the kernel."""
-
-    # ---- parameters ----------------------------------------------------------------------
+        """Whether the kernel is compiled for a fixed wavelength."""
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         """Register wavelength in m, power in W, rigid pose, vertices and weights as parameters."""
@@ -119,9 +104,8 @@ class WignerEmitter(VariantPlugin):
             "wavelength", self.wavelength, constant if self._is_constant else differentiable
         )
         callback.put("power", self.power, differentiable)
-        # Only the integrator `direct` returns complete gradients with respect to the pose. With
-        # other integrators, samples do not move with the aperture, and the derivative of the cosine
-        # at the receiver is missing (docs/gradients.md).
+        # Only the integrator `direct` returns complete gradients with respect to the pose
+        # (docs/gradients.md).
         callback.put("to_world", self.to_world, differentiable)
         if self._traced.vertices is not None:
             callback.put("vertices", self._traced.vertices, differentiable)
@@ -137,12 +121,11 @@ class WignerEmitter(VariantPlugin):
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
-            # The arrays of the user are kept, because their derivatives are enabled.
+            # The user's arrays carry the derivatives.
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
-            if shape is not None:  # The mesh must cover the region that radiates.
+            if shape is not None:
                 cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
-        if "wavelength" in keys and self._is_constant:
-            traced = self._traced
+        elif "wavelength" in keys and self._is_constant:
             self._set_source(self.spec, wavelength)
             self._traced = traced
         self._update()
@@ -161,8 +144,7 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        # The parameters are made opaque to Dr.Jit, because the render kernel is recompiled for each
-        # new literal.
+        # Each new literal value would recompile the render kernel.
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
         self.frame = Frame(self.m, self.to_world, self.spec.centre)
@@ -171,7 +153,7 @@ class WignerEmitter(VariantPlugin):
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
     def stand_at(self, reach: float) -> None:
-        """Set the largest coordinate of the source and of the surfaces that touch it."""
+        """Set the largest coordinate of the source and of adjacent surfaces."""
         self._reach = opaque(self.m, reach)
 
     def has_gradients(self) -> bool:
@@ -179,7 +161,6 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
-        """Return the radiated power N of the unscaled field, with derivatives."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -198,42 +179,33 @@ class WignerEmitter(VariantPlugin):
         total = dr.sum(value * inverse * inverse * z * solid_angle * weight)
         return self.spec.norm * (total / dr.detach(total))
 
-    # ---- the radiance --------------------------------------------------------------------
-
     def wave(self, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return the wavelength and the tilt of a sample.
-
-        The sample starts at the position x on the source and ends at the point or direction
-        ``end``.
-        """
+        """Return the wave of a sample from the position ``x`` to the point or direction ``end``."""
         return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, end)
 
     def _value(self, number: Drjit) -> Drjit:
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return the radiance L at positions x along unit vectors in the source's frame."""
+        """Return the radiance at positions along unit vectors in the source's frame."""
         traced = self._traced.wigner if self._is_traced() else None
         scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
-    def watts_per_norm(self) -> Drjit:
+    def power_scale(self) -> Drjit:
         """Return the ratio of the specified radiated power to the power of the unscaled field."""
         return self._value(self.power) / self._norm
 
     def _is_traced(self) -> bool:
-        """Return whether the radiance has derivatives with respect to vertices or weights."""
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
-        if not self.spec.visible:  # `hide_emitters` clears this flag.
+        if not self.spec.visible:
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
         direction = self.frame.to_own(along)
         value = self.radiance(si.uv, direction, self.wave(si.uv, direction))
         return self.polariser.sent(value, direction, self.frame, active, along)
-
-    # ---- sampling for receivers ----------------------------------------------------------
 
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: Drjit = True
@@ -249,8 +221,7 @@ class WignerEmitter(VariantPlugin):
         ds.d = -self.frame.to_scene(direction)
         ds.dist = distance
         ds.pdf = self._density(direction.z, distance)
-        # The field already includes the effect of obstacles, so the shadow ray ends before it can
-        # hit an obstacle.
+        # The estimator accounts for obstacles, so the shadow ray must not meet them.
         if self.spec.diffraction:
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
@@ -273,16 +244,14 @@ class WignerEmitter(VariantPlugin):
         return self.polariser.sent(value, direction, self.frame, active)
 
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
-        """Return the density of samples per solid angle.
+        """Return the probability density of samples per solid angle.
 
-        Integrators weight a sample by this density and by the density of BSDF samples. The density
-        is practically infinite for sources without a surface, which no ray hits, and for the
-        estimator ``exact``, whose field must not be counted twice. The flag ``delta`` of Mitsuba is
-        not used, because the integrator ``direct`` renders lights with this flag too bright if it
-        takes several samples of lights. The radiance is visible in mirrors in any case.
+        Sources that rays cannot hit, and the estimator ``exact``, have a practically infinite
+        density instead of the flag ``delta``, for which Mitsuba's ``direct`` is too bright with
+        several emitter samples.
         """
         front = cosine > 0.0
-        density = self.m.Float(_OVERWHELMING)
+        density = self.m.Float(_INFINITE_DENSITY)
         per_area = self.estimator.density
         if per_area is not None and self.spec.visible:
             density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
@@ -293,9 +262,6 @@ class WignerEmitter(VariantPlugin):
         r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
-
-
-# ---- the mesh -----------------------------------------------------------------------------------
 
 
 def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
@@ -328,7 +294,6 @@ def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
-    """Convert positions relative to the source's centre to points of the scene, shape (n, 3)."""
     result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
     return result
 
@@ -338,8 +303,8 @@ def checked_parameters(
 ) -> SourceParameters:
     """Check the parameters of a source or receiver, from Mitsuba or from Python.
 
-    The variant of Mitsuba determines the default polarisation; ``variant`` is None for entries that
-    any variant may load.
+    ``variant`` determines the default polarisation. It is None for entries that any variant may
+    load.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)
@@ -347,7 +312,6 @@ def checked_parameters(
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Create the mesh for the parameters of a ``wigner`` shape."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
     points, triangles = triangulate(spec.outline)
@@ -359,7 +323,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     name, sizes = props.id() or EMITTER, (len(points), len(triangles))
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
     cover(mesh, spec.pose, spec)
-    if not spec.visible:  # All vertices coincide, so no ray hits the triangles.
+    if not spec.visible:  # Rays cannot hit triangles of zero area.
         set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh
 

@@ -1,11 +1,8 @@
-"""The estimator ``exact``, which evaluates the exact field of a source in a render kernel, (B3).
+"""The estimator ``exact``, which evaluates the field of a source in render kernels, (B3) and (B8).
 
-The boundary integrals of :func:`polywigner.amplitude` are evaluated in single precision, in a loop
-over panels, which are pieces of edges. The number of quadrature nodes depends on the panel and on
-the illuminated point. At distances of three wavelengths or more, a sum over equivalent point
-sources, (B8), replaces the integrals if the sum is faster.
-
-Lengths are in wavelengths, relative to the centre of the source.
+Boundary integrals are evaluated in single precision, and replaced by a sum over equivalent point
+sources at distances of three wavelengths or more if the sum is faster. Lengths are in wavelengths,
+relative to the centre of the source.
 """
 
 from __future__ import annotations
@@ -13,8 +10,8 @@ from __future__ import annotations
 import math
 import operator
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial, reduce
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -31,9 +28,9 @@ from polywigner.mitsuba.plugins.mixtures import SceneSource
 from polywigner.mitsuba.plugins.samplers import cells_with_field, opaque, times_stokes
 from polywigner.mitsuba.plugins.source_parameters import SourceParameters
 from polywigner.numerics import Complex, Floats, phases
-from polywigner.numerics.phases import Pair, cos_sin_cycles
+from polywigner.numerics.phases import Pair
 from polywigner.propagation.boundary import Radiator, boundary_tables, panels_in, radiator_of
-from polywigner.propagation.equivalent_points import equivalent_grid
+from polywigner.propagation.equivalent_points import equivalent_grid, wave_ahead
 from polywigner.source.normal_form import SourceElement, normal_form
 from polywigner.source.obliquities import CONDITIONS, Obliquity
 from polywigner.transforms.wavefronts import principal_axes
@@ -43,96 +40,30 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
 
-# Largest number of equivalent points on the shorter side of their grid. The kernel contains
-# separate code for each of these points, which is twice as fast as a loop, but takes 5 ms per point
-# to compile.
+# Largest number of equivalent points on the shorter side of their grid. Each point adds code to the
+# kernel, which takes 5 ms to compile.
 _MOST_POINTS = 64
-# Number of equivalent points whose computation takes as long as one panel
-# (benchmarks/render_exact.py).
-_POINTS_PER_PANEL = 33
+# Cost of a panel relative to an equivalent point (benchmarks/render_exact.py).
+_POINTS_PER_PANEL = 25
 
 AWAY = 3.0
-"""Smallest distance in wavelengths at which equivalent points may represent a source.
+"""Smallest distance of equivalent points in wavelengths, from the bounding box of a source.
 
-The distance is measured from the bounding box of the source.
-
-For squares, an L shape, chevrons, tapers and arrays of up to 10 wavelengths, the measured error of
-|U|^2 is 7e-5 of its peak beyond this distance, and 1e-3 at a third of this distance.
+The measured error of |U|^2 is 7e-5 of its peak beyond this distance, for sources of up to 10
+wavelengths.
 """
-# Allowed error of the far-field pattern |F|^2 relative to its peak. It is about a seventh of the
-# specified error 1e-4 of |U|^2.
+# Tolerance of the far-field pattern |F|^2 relative to its peak.
 _ERROR = 1.5e-5
-# Imaginary parts of weights are rounding errors below this fraction of the largest weight.
-_ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class EquivalentSources:
-    """Grid of equivalent point sources in the plane of a source."""
-
-    half: tuple[float, ...]
-    """Half the width and half the height of the source's bounding box in wavelengths."""
-    along: tuple[float, ...]
-    """Positions of the points on a grid line, relative to half the length of the line."""
-    lines: tuple[tuple[float, ...], ...]
-    """Lines of the grid, with the positions of the lines and the weights of the points.
-
-    Each line consists of its position, followed by the weights of its points. A point has a weight
-    for the field, a weight for the normal derivative, or both, depending on the boundary condition.
-    A weight is one real number, or two numbers for its real and imaginary part.
-    """
-    is_real: bool
-    has_field: bool
-    is_swapped: bool
-    """Whether the lines of the grid are parallel to x instead of y."""
-
-    def field(self, ops: Any, half: Any, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the field at a point, without the phase of its distance from the centre."""
-        distance = ops.sqrt(x * x + (y * y + z * z))
-        length = half[0] if self.is_swapped else half[1]
-        aside, along = (y, x) if self.is_swapped else (x, y)
-        nodes = [length * position for position in self.along]
-        points = [(along - node, node * (node - 2.0 * along)) for node in nodes]
-
-        def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
-            step = len(weights) // len(points)
-            across = aside - at
-            foot2, shift = across * across + z * z, at * (at - 2.0 * aside)
-            total = Pair(0.0, 0.0)
-            for k, (offset, point_shift) in enumerate(points):
-                radius = ops.sqrt(offset * offset + foot2)
-                # One division is enough for both 1/radius and 1/(radius + distance).
-                sum_ = radius + distance
-                quotient = 1.0 / (radius * sum_)
-                inverse = sum_ * quotient
-                wave = Pair(*cos_sin_cycles(ops, (shift + point_shift) * (radius * quotient)))
-                values = weights[k * step : (k + 1) * step]
-                total = total + self._sent(z * inverse, inverse, wave.scaled(inverse), values)
-            return total.real, total.imag
-
-        real, imag = ops.sum_over(self.lines, line, 2, like=x, unroll=False)
-        return real, imag
-
-    def _sent(self, cosine: Drjit, inverse: Drjit, wave: Pair, weights: tuple[Drjit, ...]) -> Pair:
-        """Return the wave that one point radiates, including the near-field term 1/(k r)."""
-        step = 1 if self.is_real else 2
-        total = Pair(0.0, 0.0)
-        for k in range(0, len(weights), step):
-            part = wave
-            if self.has_field and k == 0:
-                near = inverse * (1 / (2 * math.pi))
-                part = Pair(wave.real - wave.imag * near, wave.imag + wave.real * near)
-                part = part.scaled(cosine)
-            is_real = self.is_real
-            part = part.scaled(weights[k]) if is_real else part * Pair(*weights[k : k + 2])
-            total = part if k == 0 else total + part
-        return total
-
-
-def equivalent_sources(
+def field_of_points(
     source: SceneSource, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
-) -> EquivalentSources | None:
-    """Return equivalent points of a source, or None if a sum over ``panels`` panels is faster."""
+) -> tuple[Floats, Callable[..., tuple[Drjit, Drjit]]] | None:
+    """Return half the sides of a source in wavelengths, and the field of equivalent points.
+
+    The field is a function of operations, half the sides, and a point. It omits the phase of the
+    distance from the centre. The result is None if a sum over panels is faster.
+    """
 
     def pays(counts: Sequence[int]) -> bool:
         return min(counts) <= _MOST_POINTS and math.prod(counts) <= _POINTS_PER_PANEL * panels
@@ -140,23 +71,38 @@ def equivalent_sources(
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
     if grid is None:
         return None
-    # The lines of the grid are parallel to the shorter side, because the length of the code is
-    # proportional to the number of points on a line.
-    half, nodes, table = grid.half, grid.nodes, np.stack(grid.weights, axis=-1)
-    is_swapped = len(nodes[0]) < len(nodes[1])
-    across, along = (1, 0) if is_swapped else (0, 1)
-    table = np.swapaxes(table, 0, 1) if is_swapped else table
-    is_real = bool(np.abs(table.imag).max() < _ROUNDING * np.abs(table).max())
-    parts = table.real if is_real else np.stack([table.real, table.imag], axis=-1)
-    rows = np.column_stack([half[across] * nodes[across], parts.reshape(len(parts), -1)])
-    return EquivalentSources(
-        tuple(half.tolist()),
-        tuple(nodes[along].tolist()),
-        tuple(map(tuple, rows.tolist())),
-        is_real,
-        bool(condition.field),
-        is_swapped,
-    )
+    # Code size is proportional to the number of points on a line, so lines follow the shorter side.
+    is_swapped = len(grid.nodes[0]) < len(grid.nodes[1])
+    (half, _), (positions, nodes) = grid.half, grid.nodes
+    table = np.stack(grid.weights, axis=-1)
+    if is_swapped:
+        (_, half), (nodes, positions), table = grid.half, grid.nodes, np.swapaxes(table, 0, 1)
+    parts = np.stack([table.real, table.imag], axis=-1)
+    lines = np.column_stack([half * positions, parts.reshape(len(parts), -1)]).tolist()
+    has_field, none = bool(condition.field), (0.0, 0.0)
+
+    def field(ops: Any, half: Sequence[Drjit], x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
+        distance = ops.sqrt(x * x + (y * y + z * z))
+        length, aside, along = (half[0], y, x) if is_swapped else (half[1], x, y)
+
+        def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
+            step = len(weights) // len(nodes)
+            total = Pair(0.0, 0.0)
+            for k, node in enumerate(length * position for position in nodes.tolist()):
+                ahead = aside - at, along - node, z
+                radius = ops.sqrt(sum(c * c for c in ahead))
+                excess = at * (at - 2.0 * aside) + node * (node - 2.0 * along)
+                of_node = weights[k * step : (k + 1) * step]
+                of_field = of_node[:2] if has_field else none
+                of_slope = of_node[-2:] if step > 2 * has_field else none
+                turns = excess / (radius + distance)
+                total = total + wave_ahead(ops, ahead, of_field, of_slope, turns)
+            return total.real, total.imag
+
+        real, imag = ops.sum_over(lines, line, 2, like=x, unroll=False)
+        return real, imag
+
+    return grid.half, field
 
 
 FIXED = (
@@ -164,23 +110,21 @@ FIXED = (
     "reflectances, but derivatives with respect to a position, an outline, weights or the "
     'wavelength are enabled; use the estimator "wigner"'
 )
-# Largest number of panels. The computation of each panel takes some 50 ns per sample on one core.
+# Largest number of panels; each panel takes 50 ns per sample on one core.
 _MOST_PANELS = 8192
-# Natural logarithm of one over the allowed relative error of a panel's integral, which is a third
-# of the specified error 1e-4 of |U|^2. The measured error of |U|^2 is 3e-5 of its peak.
+# Negative natural logarithm of the relative tolerance of a panel integral.
 _DIGITS = math.log(3e4)
-# Largest length of a panel in wavelengths. Panels that are twice as long as the distance of the
-# illuminated point are the fastest. Closer points require graded quadrature rules.
+# Largest length of a panel [wavelengths], chosen for speed.
 _LONGEST = 12.0
 
 
 class ExactEstimator:
-    """Estimator that computes irradiance and ray weights from the exact field U of a source."""
+    """Estimator of irradiance and ray weights from the exact field of a source."""
 
     needs_distance = True
     is_constant = True
     density: None = None
-    """Density of positions, which is None because the entire source illuminates each point."""
+    """None, because the entire source illuminates each point."""
     scene_is_known: ClassVar[bool] = False
     """Whether the scene that is being rendered has been passed to the plugins."""
 
@@ -188,7 +132,7 @@ class ExactEstimator:
         self._m, self._unit = m, spec.scene_unit
         source = spec.at_origin
         self.draw = cells_with_field(m, source, self._unit).sample
-        """Function that returns a position with the density |u|^2, at which a shadow ray starts."""
+        """Sampler of positions with the density |u|^2, where shadow rays end."""
         self._fields = [
             (ExactField(m, field, wavelength, spec.obliquity), stokes)
             for field, stokes in spec.fields_of(source)
@@ -197,7 +141,7 @@ class ExactEstimator:
         self._diffracts = spec.diffraction
         self._shadows: Shadows | None = None
         self.shadows_key = ""
-        """Digest of the scene whose shadows `set_shadows` has set; empty before its first call."""
+        """Digest of the scene for which shadows are set; empty if there is none."""
 
     @staticmethod
     def check(spec: SourceParameters) -> None:
@@ -233,20 +177,16 @@ class ExactEstimator:
         point = light.frame.to_own(it.p - light.frame.origin)
         front = point.z > 0.0
         value = self.intensity(self._m.Point3f(point.x, point.y, dr.select(front, point.z, 1.0)))
-        return dr.select(front, value * light.watts_per_norm(), 0.0)
+        return dr.select(front, value * light.power_scale(), 0.0)
 
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight of a ray of a receiver, where U is the field at the end of the ray.
-
-        The weight is ``lambda^2 r^2 |U|^2/N``, where r is the length of the ray, and N the power of
-        the unscaled source field.
-        """
+        """Return the weight of a ray, lambda^2 r^2 |U|^2/N with the field U at its end."""
         return self._scale * (distance * distance) * self.intensity(point)
 
     def set_shadows(self, key: str, shadows: Shadows | None) -> None:
-        """Set the shadows of a scene with the digest ``key``, or None without obstacles."""
+        """Set the shadows of a scene, or None if the scene has no obstacles."""
         self.shadows_key, self._shadows = key, shadows
 
     def intensity(self, point: mi.Point3f) -> Drjit:
@@ -259,8 +199,7 @@ class ExactEstimator:
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # This is a warning and not an error, because Dr.Jit also traces the sources of scenes
-            # that are not being rendered.
+            # Dr.Jit also traces sources of scenes that are not rendered, so this is not an error.
             warnings.warn(
                 f"{message}. The light of this source is NaN", RuntimeWarning, stacklevel=2
             )
@@ -278,8 +217,7 @@ class ExactField:
     def __init__(self, m: Any, source: SceneSource, wavelength: float, obliquity: str) -> None:
         source, condition = plane_waves_of(source), CONDITIONS[obliquity]
         self._m, self._jit = m, dr.is_jit_v(m.Float)
-        # Scalar variants compute one sample at a time. NumPy then evaluates all panels and nodes of
-        # this sample together.
+        # Scalar variants compute one sample at a time, so NumPy evaluates all nodes together.
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations()
         radiator = radiator_of(source)
         self._tables = boundary_tables(
@@ -288,16 +226,16 @@ class ExactField:
         self._centre = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = opaque(m, 1 / wavelength)
         panels = len(self._tables.edges)
-        self._points = equivalent_sources(source, radiator, wavelength, condition, panels)
+        self._points = field_of_points(source, radiator, wavelength, condition, panels)
         if self._points is not None:
-            self._half = [opaque(m, half) for half in self._points.half]
+            self._half = [opaque(m, half) for half in self._points[0].tolist()]
 
     def intensity(self, point: mi.Point3f, unit: float) -> Drjit:
-        """Return the exact irradiance |U|^2 at a point in front of a source with |u|^2 = 1.
+        """Return the exact irradiance |U|^2 at a point, for a source with |u|^2 = 1.
 
-        The coordinates of ``point`` are in units of ``unit`` metres.
+        Coordinates are in units of ``unit`` metres.
         """
-        # Dr.Jit would return zero derivatives of nested loops without an error.
+        # Dr.Jit silently returns zero derivatives of nested loops.
         if self._jit and dr.grad_enabled(point):
             raise SceneError(FIXED)
         x, y, z = (c * (unit * self._inverse) for c in (point.x, point.y, point.z))
@@ -313,16 +251,14 @@ class ExactField:
             return self._near(x, y, z)
         half_x, half_y = self._half
         away = (z > AWAY) | (abs(x) > half_x + AWAY) | (abs(y) > half_y + AWAY)
-        points = partial(self._points.field, self._ops, self._half)
+        points = partial(self._points[1], self._ops, self._half)
         if self._jit:
             return dr.if_stmt((x, y, z), away, points, self._near, mode="symbolic")
         return (points if away[0] else self._near)(x, y, z)
 
     def _near(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the field at a point by boundary integrals along the edges of the source."""
-        # Each coordinate, and the distance from the centre, is represented by the sum of two
-        # floats.
-        if self._jit:  # The distance is computed in float64 and split into two floats.
+        # Each coordinate and the distance are sums of two floats.
+        if self._jit:
             m = self._m
             wide = ops_for(m.Float64)
             point = tuple((m.Float64(value), 0.0) for value in (x, y, z))
@@ -338,20 +274,16 @@ class ExactField:
         return real, imag
 
 
-# ---- curved waves as sums of plane waves ---------------------------------------------------------
-
-# Allowed error of the sum of plane waves that represents a curved wave, relative to the modulus of
-# the curved wave.
+# Tolerance of a curved wave as a sum of plane waves, relative to its modulus.
 _CURVED_ERROR = 1e-5
-# Largest sum of the moduli of all plane waves. The rounding error of the field is 6e-8 times this
-# sum.
+# Largest sum of the moduli of plane waves; the rounding error is 6e-8 times this sum.
 _LARGEST_SUM = 30.0
-# Periods of the sum of plane waves that are tried in turn, relative to the size of an element.
-# Shorter periods require more waves, and longer periods result in larger amplitudes.
+# Trial periods of the sum of plane waves, relative to the size of an element. Short periods need
+# more waves, and long periods larger amplitudes.
 _PERIODS = (1.2, 1.5, 2.0, 3.0)
-# Singular values are rounding errors below this fraction of the largest singular value.
-_SINGULAR = 1e-9
-# Largest number of plane waves along an axis.
+# Relative cutoff of singular values.
+_CUTOFF = 1e-9
+# Largest number of plane waves per axis.
 _MOST_WAVES = 64
 
 
@@ -367,10 +299,7 @@ def plane_waves_of(source: SceneSource) -> SceneSource:
 
 
 def _curved(element: SourceElement, wave: Wavefront) -> SourceElement:
-    """Multiply the field of an element by a curved wave.
-
-    The curved wave is the product of two waves, one along each of its principal axes.
-    """
+    """Multiply an element by a curved wave, the product of one wave along each principal axis."""
     curvatures, axes = principal_axes(wave.curvature)
     corners = (np.concatenate(element.rings) - wave.centre) @ axes
     amplitudes, frequencies = element.amplitudes, element.frequencies
@@ -383,7 +312,7 @@ def _curved(element: SourceElement, wave: Wavefront) -> SourceElement:
 
 
 def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
-    """Return plane waves whose sum approximates the chirp ``exp(i pi q y^2)`` on an interval."""
+    """Approximate exp(i pi q y^2) on an interval by a sum of plane waves."""
     centre, size = (low + high) / 2, high - low
     cycles = abs(q) * size * size
     waves: tuple[Complex, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
@@ -391,8 +320,6 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
         count = 8 * math.ceil(min(cycles, _MOST_WAVES) + 20)
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
-        # The frequencies of the plane waves cover a range of 1/size times the number of cycles of
-        # the chirp.
         fits = (
             _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
@@ -406,18 +333,14 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
             '"wigner"'
         )
     amplitudes, frequencies = waves
-    # With the centre m of the interval, q y^2 = q (y - m)^2 + 2 q m (y - m) + q m^2.
     shifted = frequencies + q * centre
     phase = q * centre * centre / 2 - shifted * centre
     return amplitudes * np.exp(2j * math.pi * phase), shifted
 
 
 def _fit(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
-    """Fit plane waves with given frequencies to ``values`` at the positions y.
-
-    The result is None if the error of the fit or the amplitudes of the waves are too large.
-    """
+    """Fit plane waves to values at positions y; return None if the fit is inaccurate."""
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
-    fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_SINGULAR)[0], np.complex128)
+    fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_CUTOFF)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR
     return (fit, frequencies) if fits and np.abs(fit).sum() <= _LARGEST_SUM else None

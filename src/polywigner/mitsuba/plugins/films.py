@@ -1,4 +1,4 @@
-"""Films and their strips, samples and seeds of renders, image files, and Mitsuba's log."""
+"""Films, samples and seeds of renders, OpenEXR files, and Mitsuba's log."""
 
 from __future__ import annotations
 
@@ -20,18 +20,16 @@ from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
 
-# Beginnings of messages of Mitsuba that are not shown. Colour films are intended in variants with a
-# single channel.
+# Messages of Mitsuba that are not shown to users.
 _EXPECTED = ("Monochrome mode enabled",)
 _DATE = len("2000-01-01 00:00:00 ")
 
 
 @contextmanager
 def to_list() -> Iterator[list[str]]:
-    """Collect Mitsuba's log messages in a list within a ``with`` block."""
+    """Collect Mitsuba's log messages in a list."""
     messages: list[str] = []
-    # The messages are written to a file, because Mitsuba's threads must not call Python code.
-    # Appenders to files also omit progress bars.
+    # Mitsuba's threads must not call Python code, so messages pass through a file.
     with temporary_folder() as folder:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
@@ -39,7 +37,7 @@ def to_list() -> Iterator[list[str]]:
             with silent(appender):
                 yield messages
         finally:
-            del appender  # This closes the file.
+            del appender  # Closes the file.
             lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
             texts = (line[_DATE:].strip() for line in lines)
             messages += [t for t in texts if t and not any(known in t for known in _EXPECTED)]
@@ -47,7 +45,7 @@ def to_list() -> Iterator[list[str]]:
 
 @contextmanager
 def silent(*appenders: mi.Appender) -> Iterator[None]:
-    """Send Mitsuba's log only to the given appenders within a ``with`` block."""
+    """Send Mitsuba's log to the given appenders only."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -63,10 +61,10 @@ def silent(*appenders: mi.Appender) -> Iterator[None]:
 
 @contextmanager
 def threads_for_openexr() -> Iterator[None]:
-    """Ensure that Dr.Jit's thread pool has a second thread within a ``with`` block.
+    """Ensure that Dr.Jit's thread pool has at least two threads.
 
-    Mitsuba reads and writes OpenEXR files, such as textures, in the threads of this pool. Reading
-    and writing would never finish if the calling thread were the only thread.
+    Mitsuba reads and writes OpenEXR files in this pool, and deadlocks if the calling thread is its
+    only thread.
     """
     before = dr.thread_count()
     if before < 2:
@@ -85,33 +83,26 @@ def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
-    """Write an image to an OpenEXR file with 32-bit floats; negative values are preserved."""
-    # Mitsuba does not apply gamma correction to arrays of floats.
+    """Write an image to an OpenEXR file in single precision."""
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     with kernel_threads(), threads_for_openexr():
         bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
 
 
-# Largest number of samples per film pixel. Mitsuba adds samples in float32. For equal samples, the
-# measured error of their mean was 0.4 % for 2^20 samples and 6 % for 2^24 samples.
-_IN_PIXEL = 1 << 12
+# Largest number of samples per film pixel. Mitsuba sums in float32, with an error of 0.4 % for 2^20
+# samples.
+_MOST_PER_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
-    """Return the factor by which the film of a receiver is refined along each axis; 1 for cameras.
-
-    The film of a receiver is refined to limit the number of samples per film pixel.
-    """
-    doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
+    """Return the refinement factor of a film, which limits samples per pixel; 1 for cameras."""
+    doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
 
 
 @contextmanager
 def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
-    """Set attributes of objects within a ``with`` block.
-
-    Each of ``changes`` consists of an object, the name of an attribute and its new value.
-    """
+    """Set attributes within a ``with`` block; a change is an object, a name and a value."""
     before = [getattr(target, name) for target, name, _ in changes]
     try:
         for target, name, value in changes:
@@ -131,14 +122,14 @@ def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
 
 @contextmanager
 def refined(camera: mi.Sensor, factor: int) -> Iterator[None]:
-    """Multiply the numbers of rows and columns of a film within a ``with`` block."""
+    """Refine a film by a factor within a ``with`` block."""
     finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
     with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
         yield
 
 
 def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
-    """Convert the image of a refined film to the image of the original film."""
+    """Average the pixels of a refined film to the original resolution."""
     rows, columns, channels = image.shape
     shape = (rows // factor, factor, columns // factor, factor, channels)
     return np.asarray(image.reshape(shape).mean(axis=(1, 3)))
@@ -146,7 +137,7 @@ def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
 
 @contextmanager
 def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
-    """Use a smaller crop window within a ``with`` block."""
+    """Crop a film within a ``with`` block."""
     film = camera.film()
     (width, _), (x, y) = film.crop_size(), film.crop_offset()
     window = [width if columns is None else columns, rows]
@@ -156,7 +147,6 @@ def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) 
 
 @contextmanager
 def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
-    """Set the size and the crop window of a film within a ``with`` block."""
     before, after = film_sizes(camera), [[int(n) for n in pair] for pair in sizes]
     if before == after:
         yield
@@ -169,36 +159,33 @@ def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
         mi.traverse(camera).update(dict(zip(names, before, strict=True)))
 
 
-# Number of samples that compiled variants process together. Mitsuba stores about 100 bytes per
-# sample.
+# Number of samples per launch; Mitsuba stores about 100 bytes per sample.
 WAVEFRONT = 2**24
 
-# Largest number of strips, and smallest number of rows of a strip, in scalar variants. Scalar
-# variants do not store samples, so strips are used only to report progress. Their threads render
-# squares of 32 x 32 pixels.
+# Largest number of strips and smallest number of rows per strip in scalar variants, where strips
+# serve only to report progress.
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
 
 CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
-"""Sensors whose film can be rendered in parts."""
+"""Sensors whose films can be cropped."""
 
 
 @dataclass(frozen=True)
 class Tiling:
-    """Division of a film into strips of complete rows, and of the samples into passes.
+    """Division of a film into strips of rows, and of samples into passes.
 
-    The division depends only on the scene, the variant and the number of samples. Therefore the
-    image does not depend on the processes that render its strips.
+    The division is independent of the processes that render the strips, so images are reproducible.
     """
 
     width: int
     height: int
     rows: int
-    """Number of rows of a strip. The last strip may have fewer rows."""
+    """Number of rows per strip; the last strip may be shorter."""
     samples: int
     """Number of samples per pixel."""
     passes: int
-    """Number of passes of each strip."""
+    """Number of passes per strip."""
 
     @property
     def strips(self) -> int:
@@ -206,7 +193,7 @@ class Tiling:
 
     @property
     def steps(self) -> int:
-        """Total number of passes of all strips, which is the number of steps of a progress bar."""
+        """Total number of passes."""
         return self.strips * self.passes
 
 
@@ -225,8 +212,6 @@ def tiling_of(camera: mi.Sensor, samples: int) -> Tiling:
     return Tiling(width, height, rows, samples, math.ceil(samples / longest))
 
 
-# Largest number of samples per pixel. Noise decreases only with the square root of the number of
-# samples.
 _LARGEST_SPP = 2**30
 
 
@@ -243,27 +228,32 @@ def check_seed(seed: int) -> int:
 
 
 def seed_of(seed: int, *part: int) -> int:
-    """Return a 32-bit seed for a part of a render.
-
-    The seed of the entire render, ``seed``, may have any size.
-    """
+    """Return a 32-bit seed for a part of a render; ``seed`` may have any size."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
 def accepted_samples(sampler: mi.Sampler, count: int) -> int:
-    """Return the number of samples per pixel to which a sampler rounds ``count`` up.
-
-    Samplers log a warning in each render with a number that they round.
-    """
+    """Return the number of samples to which a sampler rounds ``count`` up."""
     probe = sampler.fork()
     with silent():
         probe.set_sample_count(count)
     return int(probe.sample_count())
 
 
+def checked_finite(values: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
+    """Return results of a render; raise SceneError unless all are finite."""
+    bad = int(np.count_nonzero(~np.isfinite(values)))
+    if bad:
+        raise SceneError(
+            f"{bad} of {values.size} {name} are NaN or infinite; check the frequency, the powers "
+            "and the radiances of the scene, and their units"
+        )
+    return values
+
+
 @contextmanager
 def rendering_errors(integrator: str) -> Iterator[None]:
-    """Convert errors within a ``with`` block to a SceneError with the cause that Dr.Jit reports."""
+    """Convert errors of Mitsuba and Dr.Jit to a SceneError with their cause."""
     try:
         yield
     except (RuntimeError, AssertionError) as error:
@@ -271,17 +261,16 @@ def rendering_errors(integrator: str) -> Iterator[None]:
         raise SceneError(f"the integrator {integrator} cannot render the scene: {cause}") from error
 
 
-# Number that represents a ``max_depth`` of -1 (paths of any length) in Mitsuba.
+# Mitsuba's value of ``max_depth`` for paths of any length.
 _ENDLESS = 2**32 - 1
 
 
 def depths_of(integrator: mi.Integrator) -> dict[str, int]:
-    """Return the parameters ``max_depth`` and ``rr_depth`` of an integrator.
-
-    A ``max_depth`` of -1 means paths of any length.
-    """
+    """Return ``max_depth`` (-1 without limit) and ``rr_depth`` of an integrator."""
+    if integrator.class_name() == "DirectIntegrator":
+        return {"max_depth": 2}
     depths: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
-    # Integrators written in C++ report these values only as text.
+    # C++ integrators expose these values only as text.
     values = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
     depths.update((name, int(value)) for name, value in values)
     depths.update((name, int(getattr(integrator, name, value))) for name, value in depths.items())

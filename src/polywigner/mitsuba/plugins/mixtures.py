@@ -46,10 +46,9 @@ def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
 def emissions(
     source: SceneSource, wavelength: float, obliquity: str
 ) -> list[tuple[SceneSource, Forms]]:
-    """Return the terms of the radiance of a source, each a source and an obliquity factor h.
+    """Return the sources and obliquity factors of the terms of a source's radiance.
 
-    The sum of h W over all terms is the radiance times the square of the wavelength, where W is the
-    Wigner function of the term's source.
+    The sum of h W over all terms is the radiance times the square of the wavelength.
     """
     check_slopes(source, obliquity)
     terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)
@@ -60,12 +59,10 @@ def emissions(
     return terms
 
 
-# Relative error of the mean power of the waves of a partially coherent or broadband source. The
-# power is an integral over spatial lags. The integrand is the correlation of the field times a
-# function that oscillates and decays. The measured error is at most 2e-5 for two slits and squares
-# of 0.5 to 100 wavelengths, with coherence widths of 0.3 to 30 wavelengths.
+# Relative tolerance of the power of partially coherent and broadband sources; the measured error is
+# at most 2e-5.
 _POWER_ERROR = 1e-5
-# Largest spatial lag in the integral of the mean power, in wavelengths.
+# Largest spatial lag in the power integral [wavelengths].
 _LONGEST_LAG = 4.0
 
 
@@ -94,20 +91,18 @@ class Mixture:
     def parts(
         self, source: SceneSource, wavelength: float, error: float = 1e-7
     ) -> Iterator[tuple[SceneSource, float, float]]:
-        """Yield coherent sources that represent the mixture.
+        """Yield coherent sources, their wavelengths in m and their weights.
 
-        Each item consists of a coherent source, its wavelength in m and its weight. The weighted
-        mean of their irradiances is the irradiance of the mixture, with an error of ``error`` times
-        the largest irradiance.
+        The weighted mean of their irradiances is the irradiance of the mixture, with an error of
+        ``error`` times the largest irradiance.
         """
         return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
-        """Return waves whose weighted mean power is the power of the mixture.
+        """Return waves whose weighted mean power is the power of the mixture, shape (n, 4).
 
-        Each of the n waves is a row of four numbers. The numbers are the shift of the inverse
-        wavelength in 1/m, the spatial frequencies of the tilts along x and y in 1/m, and the
-        weight.
+        A row contains the shift of the inverse wavelength and the tilts along x and y, in 1/m, and
+        the weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
         wave = self._applied_to(source)
@@ -122,7 +117,7 @@ class Mixture:
         )
 
     def power(self, source: Any, wavelength: float, obliquity: str) -> float:
-        """Return the radiated power of a source with this coherence width and bandwidth, in W."""
+        """Return the radiated power of a source in W."""
         if self.is_plain:
             return powers_of(source, wavelength, obliquity)[0]
         total = 0.0
@@ -163,8 +158,7 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# The result is cached, because the norm of a source is required when a scene entry is created, when
-# the scene is loaded, and after each change of a parameter.
+# A source needs its norm when its entry is created, at loading, and after each change.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -175,9 +169,8 @@ def norm_of(
 ) -> float:
     """Return the power of the unscaled field of a source in W, with |u|^2 in W/m^2.
 
-    With the normalisation "radiated", this is the power radiated through the hemisphere in front of
-    the source, averaged over the waves of the mixture. It depends on the obliquity. With
-    "aperture", it is the integral of |u|^2. Raises SceneError for a source that radiates no power.
+    It is the mean power radiated into the hemisphere in front ("radiated"), or the integral of
+    |u|^2 ("aperture"). Raises SceneError if it is zero.
     """
     if normalise == "aperture":
         return _energy(flat_source(source))
@@ -188,7 +181,7 @@ def norm_of(
 
 
 def _energy(source: Aperture | Array) -> float:
-    """Return the integral of |u|^2 over a source in m^2; raise SceneError if it is zero."""
+    """Return the integral of |u|^2 in m^2; raise SceneError if it is zero."""
     energy = energy_of(source)
     if not energy > 0:
         raise SceneError(
@@ -199,19 +192,12 @@ def _energy(source: Aperture | Array) -> float:
 
 
 def support_of(source: Any, obliquity: str) -> Aperture:
-    """Return the region in the plane of a source where its Wigner function is not zero."""
+    """Return the region of the source plane where the Wigner function is not zero."""
     if not isinstance(flat_source(source), Aperture | Array):
         raise unsuitable_source(source)
     try:
         check_slopes(source, obliquity)
-        return _support(flat_source(source))
+        _energy(flat_source(source))  # Raises SceneError for a source without a field.
+        return mutual_support(flat_source(source))
     except PolywignerError as error:
         raise SceneError(str(error)) from None
-
-
-# The result is cached, because the region is required when a scene entry is created and when the
-# scene is loaded.
-@lru_cache(maxsize=16)
-def _support(source: Aperture | Array) -> Aperture:
-    _energy(source)  # This call raises SceneError for a source without a field.
-    return mutual_support(source)

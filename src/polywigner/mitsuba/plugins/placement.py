@@ -26,41 +26,32 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.scenes.reflectors import Mirror
 
 
-# Relative rounding error of parameters in single precision.
+# Relative tolerance of frequencies, for parameters in single precision.
 _ROUNDING = 1e-6
-# Factors that convert the coordinates x and y of a source to the coordinates of its mirror image.
+# Factors of x and y in a mirror image.
 _MIRROR = np.array([-1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedSource(SourceParameters):
-    """Source or receiver with its pose in the scene.
-
-    The translation of ``pose`` is in metres.
-    """
+    """Source or receiver in a scene, with the translation of its pose in metres."""
 
     name: str = ""
     medium: Any = None
-    """Mitsuba medium (fog) around the receiver, or None without fog."""
+    """Medium (fog) around the receiver, or None."""
     reach: float = 0.0
-    """Largest coordinate of the source and of the flat surfaces that touch it, in m.
-
-    This coordinate determines the height at which rays start and end; see the module `surfaces`.
+    """Largest coordinate of the source and of adjacent flat surfaces in m, which limits rounding.
     """
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources, each with a Stokes vector.
-
-        The Stokes vector of the light is the sum of the Stokes vectors of all scalar sources,
-        weighted by their irradiances |U|^2.
-        """
+        """Scalar sources with Stokes vectors, as in :meth:`fields_of`."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Return the mirror image of the source in the plane ``normal . p = offset``, in m."""
+        """Return the mirror image in the plane ``normal . p = offset``, with the offset in m."""
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
@@ -68,7 +59,7 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return the image of the source after several mirrors, in the order of reflection."""
+        """Return the mirror image after reflections by several mirrors in turn."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
@@ -80,7 +71,7 @@ class PlacedSource(SourceParameters):
         return result
 
     def touching(self, scene: mi.Scene) -> PlacedSource:
-        """Return a copy whose ``reach`` includes the surfaces of a scene that touch the source."""
+        """Return a copy with the ``reach`` in a scene."""
         return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
@@ -95,13 +86,13 @@ class PlacedSource(SourceParameters):
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Return the direction cosines along x and y from the source's centre to a point in m."""
+        """Return the direction cosines along x and y from the centre to a point."""
         away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
 
     def pose_of(self, other: PlacedSource) -> Floats:
-        """Return the pose of another source in the frame of this source, translation in m."""
+        """Return the pose of another source relative to this source, in m."""
         result = np.eye(4)
         result[:3, :3] = self.pose[:3, :3].T @ other.pose[:3, :3]
         result[:3, 3] = self.pose[:3, :3].T @ (other.pose[:3, 3] - self.pose[:3, 3])
@@ -109,8 +100,6 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
-    """Return the mirror image of a source, with the field u(-x, y)."""
-
     def image(element: SourceElement) -> SourceElement:
         outline: Any = element.outline
         polygons = shapely.transform(outline.polygons, lambda points: points * _MIRROR)
@@ -131,13 +120,13 @@ def _mirrored(source: SceneSource) -> SceneSource:
 
 
 def placed_emitter(emitter: Any, number: int) -> PlacedSource:
-    """Return a ``wigner`` emitter with its pose; ``number`` replaces a missing id in its name."""
+    """Return an emitter with its pose; ``number`` replaces a missing id."""
     name = emitter.get_shape().id() or f"emitter {number}"
     return replace(_placed(emitter, name), power=_single(emitter.power, emitter.spec.power))
 
 
 def placed_receiver(sensor: Any, number: int) -> PlacedSource:
-    """Return a ``wigner_receiver`` with its pose; ``number`` replaces a missing id in its name."""
+    """Return a receiver with its pose; ``number`` replaces a missing id."""
     placed = _placed(sensor, sensor.id() or f"receiver {number}")
     return replace(placed, medium=sensor.get_medium())
 
@@ -178,7 +167,7 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
 
 
 def _single(value: Any, known: float) -> float:
-    """Return a parameter in double precision, which is ``known`` unless a user has changed it."""
+    """Return a parameter in double precision, ``known`` unless a user has changed it."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
 
@@ -199,16 +188,16 @@ def check_obliquity(link: str, first: str, second: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """The parts of an emitter and of a receiver that are in front of each other's planes."""
+    """Parts of an emitter and a receiver in front of each other's planes."""
 
     emitter: PlacedSource
     receiver: PlacedSource
     fraction: float
-    """Product of the fractions of the integral of |u|^2 in both parts; 1 for complete sources."""
+    """Product of the fractions of |u|^2 in both parts."""
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts of two sources that face each other, or None if no parts do."""
+    """Return the parts of two sources that face each other, or None."""
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)
@@ -228,7 +217,6 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 
 def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
-    """Return the part of a source where ``normal . x > least``, in the coordinates of its plane."""
     form = normal_form(source).in_plane
     parts = [_cut(element.outline, normal, least) for element in form.elements]
     pairs = list(zip(form.elements, parts, strict=True))
@@ -239,7 +227,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part of an outline where ``normal . x > least``."""
+    """Return the part of an outline with ``normal . x > least``, or None."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

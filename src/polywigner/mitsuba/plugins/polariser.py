@@ -1,12 +1,8 @@
 """Polarisation of sources and receivers in Mitsuba's polarised variants.
 
-Mitsuba describes light that travels along d by four Stokes parameters, which refer to the axes b =
-stokes_basis(d) and d x b. A source emits a column vector of Stokes parameters, and a receiver
-weights the parameters by a row vector. Polarisations in this package refer to the axes of Ludwig's
-third definition. This module converts between both kinds of axes.
-
-The default polarisation of a source or receiver is along its y axis. Unpolarised sources and
-receivers treat all polarisations equally; see :func:`spectrum` in the module `samplers`.
+Mitsuba's Stokes parameters of light along d refer to the axes b = stokes_basis(d) and d x b, and
+polarisations in this package to the axes of Ludwig's third definition. A source emits a column of
+Stokes parameters, and a receiver weights Stokes parameters by a row.
 """
 
 from __future__ import annotations
@@ -40,18 +36,17 @@ if TYPE_CHECKING:
 _FULL = "_polarized"
 
 DEFAULT_POLARISATION = "y"
-"""Default polarisation of sources and receivers, along their y axes."""
 
 
 def is_polarised(variant: str | None = None) -> bool:
-    """Return whether a variant, by default the current variant, supports polarised light."""
+    """Return whether a variant, by default the current one, is polarised."""
     return (variant or mi.variant() or "").endswith(_FULL)
 
 
 def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceParameters:
-    """Add the default polarisation to parameters that do not specify a polarisation.
+    """Add the default polarisation to parameters without a polarisation.
 
-    Raises SceneError if the parameters specify a polarisation in an unpolarised variant.
+    Raises SceneError for a polarisation in an unpolarised variant.
     """
     if is_polarised(variant):
         if spec.states_polarisation:
@@ -69,21 +64,10 @@ def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceP
 def polarisation_summary(
     ends: Sequence[PlacedSource], interferes: bool, requested: Complex | None = None
 ) -> str:
-    """Describe the polarisations of a result in a sentence.
+    """Describe the polarisations of emitters and receivers in a sentence.
 
-    Parameters
-    ----------
-    ends : sequence of PlacedSource
-        Emitters and receivers.
-    interferes : bool
-        Whether amplitudes are added instead of powers.
-    requested : complex array, shape (2,), optional
-        Jones vector of emitters and receivers whose polarisation the scene does not specify.
-        Default: along their y axes.
-
-    Returns
-    -------
-    str
+    ``requested`` is the Jones vector where the scene specifies no polarisation, and ``interferes``
+    is true if amplitudes are added instead of powers.
     """
     if not is_polarised():
         if requested is not None:
@@ -99,7 +83,7 @@ def polarisation_summary(
     return "; ".join(f"{name}: {', '.join(names)}" for name, names in groups.items())
 
 
-# Number of channels at the end of an image that contain four Stokes parameters of three colours.
+# Channels of four Stokes parameters in three colours, at the end of an image.
 _CHANNELS = 12
 
 
@@ -137,7 +121,7 @@ def stokes_of(image: npt.ArrayLike) -> Floats:
 
 
 class Polariser:
-    """Converter from scalar values of a source or receiver to polarised spectra of one variant."""
+    """Converter from scalar values of a source or receiver to polarised spectra."""
 
     def __init__(self, m: Any, polarisation: Complex | None) -> None:
         self._m, self._is_plain = m, polarisation is None
@@ -148,7 +132,7 @@ class Polariser:
     def sent(
         self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
-        """Return the Stokes vector of the radiance that leaves a source, as a column."""
+        """Return the Stokes vector of the emitted radiance as a column."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
@@ -158,7 +142,7 @@ class Polariser:
         return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
     def received(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
-        """Return half the row vector by which a receiver weights Stokes parameters."""
+        """Return half the row by which a receiver weights Stokes parameters."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
@@ -168,14 +152,13 @@ class Polariser:
 
     def _stokes(self, value: Drjit, active: Drjit) -> list[Drjit]:
         value = dr.select(active, value, 0.0)
-        # Without a common Stokes vector, ``value`` has four components.
+        # Sources with several polarisations have four components per value.
         if self._stokes_vector is None:
             return [value[k] for k in range(4)]
         return [value * number for number in self._stokes_vector]
 
 
 def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
-    """Return a Mueller matrix of the variant ``m`` from its nonzero entries."""
     matrix = dr.zeros(m.Spectrum)
     for index, value in entries.items():
         matrix[index] = m.UnpolarizedSpectrum(value)
@@ -183,14 +166,14 @@ def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
 
 
 _End = tuple[Frame, Drjit]
-"""End of a path: frame of the antenna, and direction of the path in the scene."""
+"""Frame of an antenna, and direction of the path in the scene."""
 
 
 def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
     """Convert the Mueller matrix of a path from Mitsuba's axes to Ludwig's axes.
 
-    The path starts at the antenna of a source (``leaves``) and ends at the antenna of a receiver
-    (``arrives``). ``leaves`` is None for unpolarised light, which does not depend on the axes.
+    ``leaves`` is the end at the source, or None for unpolarised light, and ``arrives`` the end at
+    the receiver.
     """
     ends = []
     for end, sign in ((arrives, -1.0), (leaves, 1.0)):
@@ -207,7 +190,7 @@ def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) 
 def axis_rotation(
     m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f
 ) -> tuple[Drjit, Drjit]:
-    """Return cosine and sine of twice the angle from Ludwig's x axis to Mitsuba's first axis."""
+    """Return cosine and sine of twice the angle from Ludwig's to Mitsuba's first axis."""
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)
     x, y = (dr.dot(basis, frame.to_scene(m.Vector3f(*axis))) for axis in axes)

@@ -1,21 +1,17 @@
-"""The ``wigner_receiver`` sensor, which measures the power that a coherent aperture receives.
+"""The sensor ``wigner_receiver``, which measures the power that a coherent aperture receives.
 
-In the receiver's frame, the radiance L at the points x of the receiver and from the directions s
-contributes the power
+The radiance L at the point x from the direction s, in the receiver's frame, contributes the power
 
     P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
 
-where W is the Wigner function of the field u that the receiver would transmit, g is the obliquity
-factor, and N is the power that this field would radiate, or the integral of |u|^2. By reciprocity,
-the same power is also an integral over points y of surfaces at the distance r from x,
+where W is the Wigner function of the field u that the receiver would transmit, g the obliquity
+factor, and N the power that this field would radiate, or the integral of |u|^2. By reciprocity, the
+same power is an integral over surface points y at the distance r from x,
 
     P = (lambda^2/N) int r^2 |U(y)|^2 L ds                                   (estimator ``exact``)
 
-averaged over points x with the density |u|^2, where U is the field that the receiver would transmit
-to y. The weight of rays that hit no surface is the far-field pattern. The limits of both estimators
-are described in docs/received_power.md.
-
-Positions are relative to the centre of the receiver; see the module `emitter`.
+averaged over x with the density |u|^2, where U is the field that the receiver would transmit to y.
+Positions are relative to the centre of the receiver, as in the module `emitter`.
 """
 
 from __future__ import annotations
@@ -69,7 +65,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         length, is_null = dr.select(is_hit, surface.t, far), False
         bsdf = surface.shape.bsdf() if dr.is_jit_v(m.Float) or is_hit else None
         if bsdf is not None:
-            kind = bsdf.flags() & int(mi.BSDFFlags.All)  # BSDFs with masks have more flags.
+            kind = bsdf.flags() & int(mi.BSDFFlags.All)
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
         step = length + _step(m, start + direction * length)
         length = dr.select(is_null, step, length)
@@ -83,7 +79,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
 
 
 def _step(m: Any, point: mi.Point3f) -> Drjit:
-    """Return the distance from a surface at which Mitsuba starts a ray."""
+    """Return the distance between a surface and the start of a ray that Mitsuba spawns there."""
     return (1.0 + largest(point)) * float(m.math.RayEpsilon)
 
 
@@ -112,13 +108,12 @@ def _root(value: Drjit) -> Drjit:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
-# Cosine that represents the horizon. Its square is a normal number in float32.
+# Smallest cosine of a direction; its square is a normal number in float32.
 _GRAZING = 1e-9
-# Distance of a point that represents a direction, relative to the larger of R^2/wavelength and R,
-# where R is the largest coordinate of the receiver.
+# Distance of points that stand for directions, in units of max(R^2/wavelength, R) for a receiver of
+# radius R.
 _FAR = 1e4
-# Largest number of surfaces that the start of a ray may pass, for receivers with diffraction. Half
-# of the rays pass each surface.
+# Largest number of surfaces between a receiver with diffraction and the start of a ray.
 _MOST_PASSED = 4
 
 
@@ -126,9 +121,7 @@ class WignerReceiver(VariantPlugin):
     """Sensor whose film contains received power in W (docs/received_power.md)."""
 
     film: Callable[[], Any]
-    """Method of Mitsuba's base class."""
     sample_wavelengths: Callable[..., Any]
-    """Method of Mitsuba's base class."""
     is_wigner_receiver = True
 
     def __init__(self, spec: SourceParameters, props: mi.Properties) -> None:
@@ -136,8 +129,8 @@ class WignerReceiver(VariantPlugin):
         self.base.__init__(self, props)
         self.m_needs_sample_3 = True
         self.spec = spec
-        self.scene: Any = None  # `scene_known` sets it during renders.
-        self.fineness = 1  # Factor by which the film is refined along each axis.
+        self.scene: Any = None  # Set by `scene_known` during renders.
+        self.fineness = 1
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
         self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
@@ -155,14 +148,8 @@ class WignerReceiver(VariantPlugin):
         self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
     def stand_at(self, reach: float) -> None:
-        """Set the largest coordinate of the receiver and of the flat surfaces that touch it.
-
-        This coordinate determines the height at which rays start in front of the receiver, which
-        may lie on a surface.
-        """
+        """Set the largest coordinate of the receiver and of adjacent surfaces."""
         self._lift = opaque(self.m, ROUNDING * reach)
-
-    # ---- parameters ----------------------------------------------------------------------
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         """Register the film, the sampler and the rigid pose as parameters."""
@@ -175,8 +162,6 @@ class WignerReceiver(VariantPlugin):
         if "to_world" in keys:
             self.spec = replace(self.spec, pose=rigid_pose(matrix_of(self.to_world)))
             self._set_pose()
-
-    # ---- rays ----------------------------------------------------------------------------
 
     def sample_ray_differential(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
@@ -194,16 +179,16 @@ class WignerReceiver(VariantPlugin):
     def spectral_weight(
         self, colours: Drjit, weight: Drjit, angles: mi.Point2f, active: Drjit = True
     ) -> Drjit:
-        """Return the weight of a ray as a spectrum that includes the receiver's polarisation."""
+        """Return the spectral weight of a ray, including polarisation."""
         direction = direction_of(self.m, angles)
         return colours * self.polariser.received(weight, direction, self._frame, active)
 
     def ray_along(
         self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """Return a ray, its weight, and its weight as a spectrum.
+        """Return a ray, its weight, and its spectral weight.
 
-        The product of the weight, a radiance and a solid angle is a power in W.
+        The weight times a radiance and a solid angle is a power in W.
         """
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
@@ -226,7 +211,7 @@ class WignerReceiver(VariantPlugin):
         return ray, weight, colours
 
     def _film_angles(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Map a film sample to angles (alpha, psi); return the solid angle of its pixel as well."""
+        """Map a film sample to angles (alpha, psi) and the solid angle of its pixel."""
         film, fine = self.film(), self.fineness
         width, height = (int(n) // fine for n in film.size())
         if width * height == 1:
@@ -241,20 +226,16 @@ class WignerReceiver(VariantPlugin):
 
     @property
     def lift(self) -> mi.Vector3f:
-        """Vector from a point on the receiver to the start of a ray in front of it."""
+        """Vector from the receiver to the start of a ray in front of it."""
         return self._frame.axes[2] * self._lift
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Move the start of a ray behind a random number of the surfaces on its path.
-
-        Radiation from behind a surface reaches the receiver by diffraction at the edges of the
-        surface. The function returns a factor by which the weight of the ray must be multiplied.
-        """
+        """Move a ray behind a random number of surfaces; return a factor of its weight."""
         scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
-            # Only rays that have not passed a surface receive radiation from the sky.
+            # Sky radiation reaches only rays that pass no surface.
             if number:
                 weight = dr.select(going & (is_met ^ self.m.Bool(True)), 0.0, weight)
             if number == _MOST_PASSED:
@@ -278,9 +259,9 @@ class WignerReceiver(VariantPlugin):
     def _end(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
-        """Return the point where a ray hits a surface, or a far point, and its distance."""
+        """Return the end point of a ray on a surface or far away, and the length of the ray."""
         distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
-        if self.spec.diffraction:  # With diffraction, rays may start behind surfaces.
+        if self.spec.diffraction:
             end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
             point = self.m.Point3f(end)
             return point, dr.norm(point - self.m.Point3f(x.x, x.y, 0.0))
@@ -289,7 +270,6 @@ class WignerReceiver(VariantPlugin):
 
 
 def _check_film(values: dict[str, Any]) -> None:
-    """Raise SceneError if the sensor has no film, or a film without a box filter."""
     objects = (value for value in values.values() if isinstance(value, mi.Object))
     films = [
         value for value in objects if hasattr(value, "rfilter") and hasattr(value, "crop_size")
@@ -309,7 +289,6 @@ def _check_film(values: dict[str, Any]) -> None:
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Sensor:
-    """Create the sensor for the parameters of a ``wigner_receiver``."""
     values = values_of(props)
     spec = checked_parameters(values, RECEIVER, variant)
     _check_film(values)
@@ -416,7 +395,6 @@ def receiver(
 
 
 def film_of(width: int, height: int) -> dict[str, Any]:
-    """Return the dictionary entry of a film for a receiver."""
     return {
         "type": "hdrfilm",
         "width": width,
@@ -428,7 +406,6 @@ def film_of(width: int, height: int) -> dict[str, Any]:
 
 
 def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the dictionary entry of a film, from such an entry or from numbers of pixels."""
     if isinstance(film, Mapping):
         return dict(film)
     pixels = np.array((1, 1) if film is None else film)

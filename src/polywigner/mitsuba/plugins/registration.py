@@ -1,8 +1,4 @@
-"""Registration of plugins, of their errors, and of sources in memory.
-
-The methods of a plugin are in a class at module level, such as ``WignerEmitter``. Mitsuba has a
-different base class for each variant. `variant_class` combines this base class with the methods.
-"""
+"""Registration of plugins, of their errors, and of sources in memory."""
 
 from __future__ import annotations
 
@@ -28,18 +24,17 @@ from polywigner.source.source_files import source_json
 Logic = TypeVar("Logic")
 _Build = Callable[[str, mi.Properties], mi.Object]
 
-# Mitsuba converts an exception of a plugin to a RuntimeError whose text contains a traceback. The
-# scene loader finds the original exception in this list. The list has several entries, because
-# loaders may run in parallel.
+# Mitsuba converts exceptions of plugins to text. The scene loader finds the original exception
+# here, also if several loaders run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
-# Each kernel of Mitsuba contains all emitters and shapes in memory. Unfinished objects of another
-# thread would cause wrong values without an error.
+# Mitsuba's kernels contain all emitters and shapes in memory, including unfinished objects of other
+# threads.
 _scene_lock = threading.RLock()
 _plugins: dict[tuple[str, str], _Build] = {}
 
 
 class VariantPlugin:
-    """Base class for the methods of a plugin. `variant_class` sets its attributes."""
+    """Base class of plugins; `variant_class` sets its attributes."""
 
     m: Any
     """Mitsuba module of the variant."""
@@ -51,23 +46,10 @@ class VariantPlugin:
 
 @cache
 def variant_class(logic: type[Logic], base: str | type, variant: str) -> type[Logic]:
-    """Return the class of a plugin for one variant.
+    """Return the class of a plugin for one variant of Mitsuba.
 
-    Every call with the same arguments returns the same class. The methods are copied, because a
+    ``base`` is Mitsuba's base class or its name. The methods of ``logic`` are copied, because a
     Python class cannot inherit from both a class of Mitsuba and another class.
-
-    Parameters
-    ----------
-    logic : type
-        Subclass of `VariantPlugin` that contains the methods.
-    base : str or type
-        Name of Mitsuba's base class, such as "Emitter", or a class of the variant.
-    variant : str
-        Name of the variant.
-
-    Returns
-    -------
-    type
     """
     m = getattr(mi, variant)
     parent: type = getattr(m, base) if isinstance(base, str) else base
@@ -106,10 +88,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin to the plugins that :func:`register` registers.
-
-    The plugin is created by ``build``, a function of the variant and of Mitsuba's properties.
-    """
+    """Add a plugin that :func:`register` registers, created by ``build(variant, props)``."""
     _plugins[kind, name] = build
 
 
@@ -121,15 +100,14 @@ def register() -> None:
 
 
 def original_error(error: BaseException) -> PolywignerError | None:
-    """Return the error of this package that caused an error of Mitsuba's scene loader, or None."""
+    """Return the error of this package behind an error of Mitsuba, or None."""
     text = str(error)
     return next((cause for cause in reversed(_recent_errors) if str(cause) in text), None)
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
-    # In every variant, Mitsuba looks up the kind of a plugin in scalar_rgb. Without registration
-    # for scalar_rgb, Mitsuba would treat two equal shapes as one shared object and fail to load
-    # them.
+    # Mitsuba looks up the kind of every plugin in scalar_rgb, and fails to load two equal shapes
+    # without it.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
@@ -142,13 +120,12 @@ def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
             return build(variant, props)
     except PolywignerError as error:
         _recent_errors.append(error)
-        # The traceback is removed, because Mitsuba prints it before the message, and the traceback
-        # does not help users.
+        # Mitsuba would print the traceback before the message.
         raise error.with_traceback(None) from None
 
 
 def nested_properties(name: str, props: mi.Properties) -> mi.Properties:
-    """Return the properties of a plugin, with the id and the nested objects of ``props``."""
+    """Return new properties with the id and the nested objects of ``props``."""
     inner = mi.Properties(name)
     inner.set_id(props.id())
     for key, value in dict(props.objects()).items():
@@ -160,9 +137,8 @@ def set_mesh(mesh: mi.Mesh, **values: Any) -> None:
     """Set parameters of a mesh, such as ``faces`` and ``vertex_positions``, to NumPy arrays."""
     params = mi.traverse(mesh)
     for name, value in values.items():
-        # Values are passed as lists in all variants, because Dr.Jit does not copy NumPy arrays.
-        # With NumPy arrays, kernels would depend on the memory alignment, and the process would
-        # crash if a scene were freed while Dr.Jit records a kernel.
+        # Lists are copied. With NumPy memory, kernels would depend on its alignment, and freeing a
+        # scene while a kernel is recorded would crash the process.
         params[name] = value.ravel().tolist()
     params.update()
 
@@ -171,7 +147,6 @@ STL = "stl"
 
 
 def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
-    """Return the mesh of an STL file with flat faces, in scene units."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)
@@ -183,7 +158,7 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
             f"expected finite triangles in {path}, got no triangles, NaN or inf; export the file "
             "again"
         )
-    # The triangles of mirrored bodies are reversed, so that all normals point outwards.
+    # A mirrored body needs reversed triangles for outward normals.
     if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
     name, sizes = props.id() or STL, (len(vertices), len(triangles))
@@ -195,16 +170,12 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
 add_plugin("shape", STL, _build_stl)
 
 
-# ---- sources in memory ---------------------------------------------------------------------------
-
 KEY_PREFIX = "memory:"
 
-# Largest number of registered sources. An optimiser may create thousands of apertures, but the key
-# of a source is required only while Mitsuba loads the scene.
+# Largest number of registered sources; keys are needed only until a scene is loaded.
 _CAPACITY = 1024
 
 _sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
-_lock = threading.Lock()
 
 
 def register_source(source: Aperture | Array | Wavefront) -> str:
@@ -229,11 +200,10 @@ def register_source(source: Aperture | Array | Wavefront) -> str:
     if not isinstance(source, Aperture | Array | Wavefront):
         raise unsuitable_source(source)
     key = KEY_PREFIX + hashlib.sha256(source_json(source).encode()).hexdigest()[:24]
-    with _lock:
-        _sources[key] = source
-        _sources.move_to_end(key)
-        while len(_sources) > _CAPACITY:
-            _sources.popitem(last=False)
+    _sources[key] = source
+    _sources.move_to_end(key)
+    while len(_sources) > _CAPACITY:
+        _sources.popitem(last=False)
     return key
 
 
@@ -243,9 +213,7 @@ def is_key(name: str) -> bool:
 
 
 def registered_source(key: str) -> Aperture | Array | Wavefront:
-    """Return the source that belongs to a key; raise SceneError for an unknown key."""
-    with _lock:
-        source = _sources.get(key)
+    source = _sources.get(key)
     if source is None:
         raise SceneError(
             f"there is no source with the key {key!r} in this process; create the scene entry "

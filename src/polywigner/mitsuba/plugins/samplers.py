@@ -1,7 +1,7 @@
-"""Samplers of positions and directions for the arrays of one variant, and the frame of a source.
+"""Samplers of positions and directions on a source, and the frame of a source.
 
-Directions are specified by two coordinates (alpha, psi). Alpha is the direction cosine along x, and
-psi is the angle in rad about the x axis, which is zero along the normal.
+Directions have the coordinates (alpha, psi): alpha is the direction cosine along x, and psi the
+angle in rad about the x axis, zero along the normal.
 """
 
 from __future__ import annotations
@@ -28,24 +28,21 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.mixtures import SceneSource
 
 
-# Largest number of strips across an element, and largest number of pieces of all elements. Elements
-# with a non-uniform field are divided into pieces with a constant weight.
+# Largest number of strips per element and of cells in total, for sampling non-uniform fields.
 _STRIPS, _PIECES = 32, 1 << 16
-# Number of points per lobe in the table of directions. The width of a lobe in direction cosines is
-# wavelength/size.
-_IN_LOBE = 4
+# Points per lobe (wavelength/size) in the table of directions.
+_POINTS_PER_LOBE = 4
+# Smallest and largest number of points along each axis of the table.
 _FEWEST, _MOST = 32, 1024
-# Largest number of samples along each side of a cell in the table of directions. The table contains
-# the mean of the samples, so that beams narrower than a cell are included.
-_MOST_WITHIN = 4
-# Fractions of the samples that are drawn from three densities. The densities are the far-field
-# pattern, for distant surfaces, its square root, for the Wigner function and near surfaces, and a
-# uniform density.
+# Largest number of samples along each side of a cell, whose mean includes narrow beams.
+_MOST_PER_CELL = 4
+# Fractions of samples drawn from the far-field pattern (for distant surfaces), its square root (for
+# the Wigner function and near surfaces), and a uniform density.
 _FRACTIONS = (0.4, 0.4, 0.2)
 
 
 def opaque(m: Any, value: float) -> Drjit:
-    """Return a number whose value is not compiled into kernels, so that kernels can be reused."""
+    """Return a number that Dr.Jit does not compile into kernels as a literal."""
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
@@ -59,7 +56,7 @@ def single(number: Any, name: str) -> float:
 
 def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
     """Return a sampler of positions on a source, with the density |u|^2, in scene units."""
-    elements = normal_form(source).in_plane.elements  # Curved waves do not change |u|.
+    elements = normal_form(source).in_plane.elements
     pieces = _PIECES // len(elements)
     tables, weights = [], []
     for element in elements:
@@ -78,31 +75,23 @@ class Positions:
 
     def __init__(self, m: Any, cells: Trapezoids, weights: Floats | None = None) -> None:
         self._m, self._ops = m, ops_for(m.Float)
-        columns = [column.tolist() for column in cells]
-        self._columns = [m.Float(c) for c in columns] if dr.is_jit_v(m.Float) else columns
-        self._count = cells.left.size
+        self._table = self._ops.on_device(cells.rows)
         areas = cells.areas if weights is None else cells.areas * weights
         self._choice = m.DiscreteDistribution((areas / np.max(areas)).tolist())
         self.density = 1.0 / float(cells.areas.sum())
         """Density of uniform samples per area."""
 
     def sample(self, sample: mi.Point2f) -> mi.Point2f:
-        """Map a uniformly distributed point of the unit square to a position."""
-        m, u, index = self._m, sample.x, 0
-        if self._count > 1:
-            index, u = self._choice.sample_reuse(sample.x)
-            # In narrow trapezoids, rounding errors can move the remaining part of the sample out of
-            # [0, 1].
-            u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
-        if dr.is_jit_v(m.Float):
-            row = [dr.gather(m.Float, column, index) for column in self._columns]
-        else:
-            row = [column[index] for column in self._columns]
-        return m.Point2f(*point_in_trapezoid(self._ops, row, u, sample.y))
+        """Map a point of the unit square to a position."""
+        index, u = self._choice.sample_reuse(sample.x)
+        # Rounding can move u out of [0, 1] in narrow trapezoids.
+        u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
+        row = self._ops.gather(self._table, index)
+        return self._m.Point2f(*point_in_trapezoid(self._ops, row, u, sample.y))
 
 
 class Directions:
-    """Sampler of directions (alpha, psi) with a density that is interpolated on a grid."""
+    """Sampler of directions (alpha, psi) with a tabulated density."""
 
     def __init__(self, m: Any, values: Floats, sides: Floats) -> None:
         self._m = m
@@ -112,7 +101,7 @@ class Directions:
         self._inverse_area = 1.0 / float(np.prod(sides))
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Map uniform points of the unit square to angles; return the angles and their density."""
+        """Map points of the unit square to angles and their density."""
         point, density = self._warp.sample(sample)
         return self._m.Point2f(point * self._size + self._low), density * self._inverse_area
 
@@ -130,34 +119,19 @@ def directions_of(
     bounds: Sequence[float],
     wavelength: float,
 ) -> Directions:
-    """Return a sampler of directions (alpha, psi) for a source.
+    """Return a sampler of directions for a source.
 
-    The density is a mixture of the far-field pattern g |F|^2, its square root and a uniform
+    ``terms`` are the terms of its radiance from `emissions`, and ``bounds`` its bounding box in
+    metres. The density is a mixture of the far-field pattern g |F|^2, its square root and a uniform
     density.
-
-    Parameters
-    ----------
-    m : module
-        Variant of Mitsuba.
-    terms : sequence of (source, Forms)
-        Terms of the radiance of the source, from `emissions`.
-    bounds : sequence of float, shape (4,)
-        Bounding box of the source in metres.
-    wavelength : float
-        Wavelength in metres.
-
-    Returns
-    -------
-    Directions
     """
     low, high = np.reshape(bounds, (2, 2))
-    lobes = _IN_LOBE * (high - low) / wavelength
+    lobes = _POINTS_PER_LOBE * (high - low) / wavelength
     sides = np.array([2.0, math.pi])
-    # The counts are powers of two, because each new size is a literal, for which the render kernel
-    # is recompiled.
+    # Each new table size recompiles the render kernel, so sizes are powers of two.
     needed = 2.0 ** np.ceil(np.log2(lobes * sides))
     counts = np.clip(needed, _FEWEST, _MOST).astype(int)
-    within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_WITHIN))
+    within = int(np.clip(np.ceil((needed / counts).max()), 1, _MOST_PER_CELL))
     pattern = _mean_pattern(terms, wavelength, counts, within)
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
     density = sum(
@@ -172,10 +146,7 @@ def _mean_pattern(
     counts: npt.NDArray[np.int_],
     within: int,
 ) -> Floats:
-    """Return the far-field pattern g |F|^2 on a grid of directions.
-
-    The pattern is averaged over ``within`` x ``within`` points around each node of the grid.
-    """
+    """Return the far-field pattern g |F|^2 on a grid, averaged over each cell."""
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total = np.zeros(1)
@@ -194,7 +165,7 @@ def _mean_pattern(
 
 
 class Frame:
-    """Frame of a source with the origin at its centre, for the arrays of one variant."""
+    """Frame of a source with its origin at the centre."""
 
     def __init__(self, m: Any, to_world: mi.Transform4f, centre: Floats) -> None:
         matrix = to_world.matrix
@@ -203,8 +174,7 @@ class Frame:
         self._m = m
         self.axes = columns[:3]
         self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-        # The frame is made opaque to Dr.Jit, because the render kernel is recompiled for each new
-        # literal.
+        # Each new literal value would recompile the render kernel.
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
@@ -224,10 +194,10 @@ class Frame:
 
 
 def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
-    """Return a spectrum with ``value`` in each channel or at each sampled wavelength."""
+    """Return an unpolarised spectrum of equal values."""
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
 def times_stokes(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
-    """Multiply a value by a Stokes vector; return the value unchanged if ``stokes`` is None."""
+    """Multiply a value by a Stokes vector, if any."""
     return value if stokes is None else m.Vector4f(*stokes) * value

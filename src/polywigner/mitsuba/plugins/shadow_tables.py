@@ -1,4 +1,4 @@
-"""Tables of the nodes of a source and of the edges of its shadows, for kernels of renders.
+"""Tables of source nodes and shadow edges for compiled kernels.
 
 Lengths are in wavelengths, in the source's frame.
 """
@@ -20,81 +20,81 @@ from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNode
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Phase in rad by which the wave of the source at an edge changes between two samples; the error of
-# linear interpolation is below phase^2/24 for uniform sources. Largest number of samples. Smallest
-# size of a source in wavelengths for which this phase is sufficient, because the obliquity also
-# changes along an edge.
+# Phase step between samples along an edge [rad], largest number of samples, and smallest half size
+# of a source for this step [wavelengths]. Linear interpolation is accurate to step^2/24.
 _STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE = (0.0, 0.0, 0.0, 1.0)
-# Largest gap between adjoining edges, as a fraction of the largest coordinate.
+# Largest gap between adjacent edges, as a fraction of the largest coordinate.
 _GAP = 1e-6
-# Direction to which edges are unlikely to be perpendicular.
+# Reference direction, chosen so that edges are unlikely to be perpendicular to it.
 _AXIS = np.array([0.57, 0.31, 0.76])
-# Detour that represents infinity.
+# Finite stand-in for an infinite detour [wavelengths].
 _ALWAYS = 1e30
 
 
 class NodeTables(NamedTuple):
-    """Nodes of a source, and the points that radiate their waves."""
+    """Nodes of a source and their radiating points."""
 
     nodes: Floats
-    """Rows (k + 1, 4) of the nodes, then of the centre: x, y, first and end row of its points."""
+    """Rows (k + 1, 4) of the nodes, then of the centre: x, y, and two zeros."""
     points: Floats
-    """Rows (r, 8) of the radiating points: x, y, z, both weights (4 numbers), and 0."""
+    """Rows (n, 8) of the radiating points: x, y, z, both weights (4 numbers), and 0.
+
+    If there are fewer nodes than points, the fractions of the point that the nodes represent
+    follow, and zeros up to a multiple of four columns.
+    """
 
 
 class EdgeTables(NamedTuple):
-    """Edges of silhouettes in groups, with the surface that blocks the waves of each group."""
+    """Edges of silhouettes, grouped by the surface that blocks their waves."""
 
     groups: Floats
-    """Rows (g, 13) of the groups: midpoint of its edges (3), plane of the face behind the edges
-    (4), and first and end row of its edges, of its blocker's triangles and of its blocker's rim
-    (6).
+    """Rows (g, 13) of the groups.
+
+    Columns 0-2: midpoint of the edges; 3-6: plane of the face behind the edges; 7-8, 9-10 and
+    11-12: first and end row in ``edges``, ``triangles`` and ``rims``.
     """
     edges: Floats
     """Rows (m, 20) of the edges.
 
-    The columns contain the ends of the edge seen from the centre (6), the plane of the face behind
-    the edge (4), the range of the nodes whose waves it diffracts (2), the row in ``ends`` and the
-    step between nodes (2), the row in ``samples`` and the number of intervals (2), the detour up to
-    which the waves of the nodes at the point are used, and the detour from which the centre is the
-    only node (2), the square of the amplitude of its wave over the largest free field, times the
-    square root of the detour (1), and 0.
+    Columns 0-5: ends of the edge seen from the centre; 6-9: plane of the face behind the edge;
+    10-11: first and end node; 12-13: first row in ``ends`` and row step between nodes; 14-15: first
+    row in ``samples`` and number of intervals; 16: largest detour for weights at the point; 17:
+    largest detour for weights of separate nodes; 18: squared relative amplitude of the edge wave
+    times the detour; 19: zero.
     """
     ends: Floats
-    """Rows (e, 8) of edges seen from a node: both ends (6), and two zeros."""
+    """Rows (e, 8) of edges seen from a node: both ends (6) and two zeros."""
     samples: Floats
-    """Rows (s, 6) for each interval of an edge and each node or the centre.
+    """Rows (s, 6), one per interval of an edge and per node or centre.
 
-    The columns contain the wave at both ends of the interval, as real and imaginary parts (4), and
-    the part of dipoles without obliquity at the midpoint (2).
+    Columns 0-3: wave at both ends of the interval (real, imaginary); 4-5: dipole contribution
+    without obliquity at the midpoint.
     """
     triangles: Floats
-    """Rows (t, 10) of the triangles of blockers: normals of the planes through the group's midpoint
-    and each side (9), and the height of the midpoint above the triangle (1).
+    """Rows (t, 10) of the triangles of blocking surfaces.
 
-    The product of a vector from the midpoint with the sum of the normals is the depth of its end
-    below the triangle, plus this height.
+    Columns 0-8: normals of the planes through the group's midpoint and each side; 9: height of the
+    midpoint above the triangle.
     """
     rims: Floats
-    """Rows (m, 6) of the edges of the blockers' rims: both ends (6)."""
+    """Ends (m, 6) of the boundary edges of blocking surfaces."""
 
 
 def node_tables(nodes: SourceNodes) -> NodeTables:
     """Return the nodes of a source, with the points that contribute to their waves."""
+    positions = np.concatenate([nodes.positions, nodes.centre[None]])
     points = np.array([[*point.row, 0.0] for point in nodes.points])
-    owner, which = np.nonzero(nodes.fractions)
-    rows = points[which]
-    rows[:, 3:] *= nodes.fractions[owner, which][:, None]
-    ends = np.cumsum(np.bincount(owner))
-    table = np.column_stack([nodes.positions[:, :2], np.append(0, ends[:-1]), ends])
-    return NodeTables(np.concatenate([table, [[*nodes.centre[:2], 0, 0]]]), rows)
+    if nodes.is_reduced:
+        points = np.column_stack([points, nodes.fractions.T])
+        points = np.pad(points, ((0, 0), (0, -points.shape[1] % 4)))
+    return NodeTables(np.pad(positions[:, :2], ((0, 0), (0, 2))), points)
 
 
 def edge_tables(
     obstacles: Obstacles, nodes: SourceNodes, silhouettes: Sequence[Silhouette], margin: float
 ) -> EdgeTables:
-    """Return the edges of silhouettes, as seen from nodes of the source, in groups by blocker.
+    """Return the tables of the edges of silhouettes, seen from the nodes of a source.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def edge_tables(
     silhouettes : sequence of Silhouette
         One for each node, or a single one for all nodes.
     margin : float
-        Points behind a face by less than this fraction of its distance count as points on it.
+        Tolerance of positions on a face, as a fraction of the distance of the edge in front of it.
     """
     blocked = shadows.blocked_edges(obstacles, silhouettes, nodes.centre)
     parts: list[_Edges] = []
@@ -121,8 +121,7 @@ def edge_tables(
     group = np.concatenate(groups)
     planes = edges[:, 6:10]
     planes[group == NO_SURFACE] = _NO_PLANE
-    # Rounding to single precision moves points of a surface behind the surface; they count as in
-    # front.
+    # Rounding to single precision can move points of a surface behind the surface.
     planes[:, 3] += margin * np.linalg.norm(edges[:, 3:6], axis=1) * (group >= 0)
     order = np.argsort(group, kind="stable")
     edges, group = edges[order], group[order]
@@ -145,21 +144,20 @@ def edge_tables(
 
 
 class _Edges(NamedTuple):
-    """Edges that the nodes of a range see in front of the same faces."""
+    """Edges of one range of nodes."""
 
     ends: Floats
-    """(m, v, 6), ends from each node and from the centre, or from a single node."""
+    """Ends (m, v, 6) seen from v nodes."""
     lines: Floats
-    """(m, 6), ends of the line that all pieces of an edge form."""
+    """Ends (m, 6) of the union of all pieces of an edge."""
     pieces: Floats
-    """(m, 6), ends of the line that the pieces in front of one face form."""
+    """Ends (m, 6) of the union of the pieces in front of the same face."""
     planes: Floats
-    """(m, 4), plane of the face behind each edge."""
+    """Planes (m, 4) of the faces behind the edges."""
     span: tuple[int, int]
     """First and end node."""
 
     def rows(self, some: NDArray[np.bool_]) -> _Edges:
-        """Return some edges."""
         return _Edges(
             self.ends[some], self.lines[some], self.pieces[some], self.planes[some], self.span
         )
@@ -167,7 +165,7 @@ class _Edges(NamedTuple):
     def shadow_lines(self, origins: Floats) -> _Edges:
         """Return the shadow lines on the faces behind the edges.
 
-        ``origins`` (k + 1, 3): nodes, and the centre.
+        ``origins`` (k + 1, 3) contains the nodes and the centre.
         """
         is_shared = self.ends.shape[1] == len(origins)
         seen_from = origins if is_shared else origins[slice(*self.span)]
@@ -181,7 +179,7 @@ class _Edges(NamedTuple):
 
 
 def _shadow_lines(origin: Floats, ends: Floats, planes: Floats) -> Floats:
-    """Return the shadow lines (m, 6) of edges (m, 6) on planes (m, 4), as a point sees them."""
+    """Return the shadow lines (m, 6) of edges (m, 6) on planes (m, 4) for a point source."""
     start = np.tile([*origin, *np.zeros(4)], (len(ends), 1))
     return shadows.shadow_lines(np.column_stack([start, ends, planes]))[:, 7:13]
 
@@ -189,9 +187,9 @@ def _shadow_lines(origin: Floats, ends: Floats, planes: Floats) -> Floats:
 def _edges_by_nodes(
     nodes: SourceNodes, silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
 ) -> Iterator[tuple[_Edges, Indices]]:
-    """Yield the edges that all silhouettes have in common, and the other ones of each, by group.
+    """Yield the edges common to all silhouettes, then the remaining edges of each silhouette.
 
-    Pieces of one mesh edge in front of one face are in common if all silhouettes have as many.
+    A mesh edge is common if all silhouettes contain the same number of its pieces per face.
     """
     count = len(silhouettes)
     view, ends, planes, labels = _joined(silhouettes, groups)
@@ -202,7 +200,6 @@ def _edges_by_nodes(
     pieces = np.bincount(key * count + view, minlength=count * (key.max(initial=-1) + 1))
     pieces = pieces.reshape(-1, count)
     is_common = (pieces == pieces[:, :1]).all(axis=1)
-    # number of each piece among the pieces of its key in one silhouette
     first = np.cumsum(pieces.ravel()) - pieces.ravel()
     piece = np.empty(len(key), np.intp)
     piece[order] = np.arange(len(key)) - first[(key * count + view)[order]]
@@ -210,7 +207,7 @@ def _edges_by_nodes(
     rows = rows[is_common[key[rows]]].reshape(-1, count)
     central = np.linalg.norm(nodes.positions - nodes.centre, axis=1).argmin()
     seen_by = [*range(count), central] if count > 1 else [0] * (len(nodes.positions) + 1)
-    # a segment that is not on a mesh edge is a line of its own
+    # Segments that belong to no mesh edge are never joined.
     single = np.where(labels[:, 0] < 0, np.arange(len(key)), -1)
     lines = _hulls(ends, np.column_stack([labels[:, :3], single]))
     pieces_behind = _hulls(ends, np.column_stack([labels[:, :4], single]))
@@ -228,10 +225,10 @@ def _edges_by_nodes(
 def _joined(
     silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
 ) -> tuple[Indices, Floats, Floats, Indices]:
-    """Return all edges, after adjoining pieces of one mesh edge before one face are joined.
+    """Join adjacent pieces of mesh edges in front of the same face.
 
-    The results are numbers of silhouettes (m,), ends (m, 2, 3), planes (m, 4), and labels (m, 5):
-    mesh edge, body, whether the edge has the direction of _AXIS, face behind, and group.
+    Returns indices of silhouettes (m,), ends (m, 2, 3), planes (m, 4), and labels (m, 5): mesh
+    edge, body, direction along _AXIS, face behind the edge, and group.
     """
     view = np.repeat(np.arange(len(silhouettes)), [len(s.edges) for s in silhouettes])
     names = ("edges", "planes", "numbers", "bodies", "behind")
@@ -251,13 +248,13 @@ def _joined(
 
 
 def _positions_along(ends: Floats, side: int) -> Floats:
-    """Return the positions (m,) of the starts (0) or ends (1) of edges (m, 2, 3) on their lines."""
+    """Return the coordinates (m,) of one end (0 or 1) along each edge (m, 2, 3)."""
     along = ends[:, 1] - ends[:, 0]
     return np.asarray((ends[:, side] * along).sum(axis=1) / np.linalg.norm(along, axis=1))
 
 
 def _hulls(ends: Floats, labels: Indices) -> Floats:
-    """Return the ends (m, 6) of the line that all edges (m, 2, 3) of one label form."""
+    """Return, for each edge (m, 2, 3), the ends (m, 6) of the union of edges of its label."""
     _, label = np.unique(labels, axis=0, return_inverse=True)
     label = label.ravel()
     corners = []
@@ -269,7 +266,6 @@ def _hulls(ends: Floats, labels: Indices) -> Floats:
 
 
 def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Floats, Floats]:
-    """Return the tables ``ends``, ``edges`` and ``samples`` of :class:`EdgeTables`."""
     reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
     places = [_places(nodes, reach, edge) for part in parts for edge in part.lines]
     counts = np.array([len(some) for some in places])
@@ -288,7 +284,7 @@ def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Flo
     )
     width = waves.shape[1]
     rows = np.stack([waves[:-1], waves[1:], 0.5 * (dipoles[:-1] + dipoles[1:])], axis=2)
-    # There is no interval between the last sample of an edge and the first sample of the next one.
+    # No interval connects the last sample of an edge to the first sample of the next edge.
     rows = np.delete(rows, firsts[1:] - 1, axis=0)
     samples = rows.reshape(-1, 3).view(np.float64)
     intervals = counts - 1
@@ -303,7 +299,7 @@ def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Flo
 
 
 def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
-    """Return positions (n, 3) on an edge (6,), between which the wave of the source is linear.
+    """Return sample positions (n, 3) on an edge (6,) for linear interpolation of the wave.
 
     ``reach`` is half the size of the source.
     """
@@ -320,7 +316,7 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
 def _pyramids(corners: Floats) -> Floats:
     """Return side normals and heights (t, 10) of pyramids from triangles (t, 3, 3) to the origin.
 
-    Normals are divided by twice the area of the triangle.
+    The normals are divided by twice the area of the triangle.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]

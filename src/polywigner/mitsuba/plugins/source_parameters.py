@@ -1,9 +1,4 @@
-"""Parameters of a source or a receiver in a scene, from XML or from Python.
-
-`SourceParameters` contains the checked parameters of a ``wigner`` shape or of a ``wigner_receiver``
-sensor, in SI units. `read_parameters` reads them from Mitsuba's properties or from a dictionary
-entry. `scene_entry` creates such an entry from the arguments of a Python call.
-"""
+"""Parameters of sources and receivers in a scene, read from XML or from Python."""
 
 from __future__ import annotations
 
@@ -58,14 +53,10 @@ from polywigner.source.polarisation import (
 from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
 EMITTER, RECEIVER = "wigner", "wigner_receiver"
-"""Names of the shape and of the sensor."""
 ESTIMATORS = ("wigner", "exact")
 RECEIVER_ESTIMATOR = "exact"
 UNPOLARISED = "unpolarised"
 """Value of ``polarisation`` for unpolarised light and for receivers of all polarisations."""
-
-
-# ---- checked parameters --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +67,7 @@ class SourceParameters:
     """Coherent source: an Aperture, an Array, or a Wavefront with a curved wave."""
     wavelength: float
     norm: float
-    """Power of the unscaled field with |u|^2 in W/m^2, in W, as defined by ``normalise``."""
+    """Power in W of the unscaled field, with |u|^2 in W/m^2."""
     pose: Floats
     """Read-only pose, shape (4, 4). The translation is in scene units."""
     obliquity: str
@@ -86,13 +77,11 @@ class SourceParameters:
     support: Aperture
     """Region of the source plane where the Wigner function is not zero, in m."""
     mixture: Mixture
-    """Coherence width and bandwidth of the source."""
     normalise: str = NORMALISATIONS[0]
-    """Definition of ``norm``: "radiated" power, or the integral of |u|^2 over the "aperture"."""
+    """Definition of ``norm``, "radiated" or "aperture"."""
     power: float = 1.0
-    """Radiated power in W. It is 1 for receivers, which do not radiate."""
+    """Radiated power in W; 1 for receivers."""
     diffraction: bool = False
-    """Whether shadows of surfaces in the scene are computed with diffraction."""
     visible: bool = True
     """Whether rays can hit the surface of the source."""
     noise: Mapping[str, float | None] = field(default_factory=dict)
@@ -100,15 +89,14 @@ class SourceParameters:
     polarisation: Complex | None = None
     """Unit Jones vector along the source's x and y axes, or None for unpolarised light.
 
-    The Jones vector has the shape (2,). For n elements with different polarisations, there is one
-    vector for each element, shape (n, 2).
+    The shape is (2,), or (n, 2) for n elements with different polarisations.
     """
     states_polarisation: bool = False
     """Whether the scene specifies ``polarisation``, including "unpolarised"."""
 
     @property
     def at_origin(self) -> SceneSource:
-        """Source with its centre at the origin, where single precision resolves positions best."""
+        """Source with its centre at the origin, where single precision is best."""
         moved: SceneSource = normal_form(self.source).moved(-self.support.centre).public
         return moved
 
@@ -130,15 +118,14 @@ class SourceParameters:
     def fields_of(self, source: SceneSource) -> list[tuple[SceneSource, Stokes | None]]:
         """Divide a polarised source into scalar sources, each with a Stokes vector.
 
-        The Stokes vector of the light is the sum of the Stokes vectors of all scalar sources,
-        weighted by their irradiances |U|^2.
+        Their Stokes vectors, weighted by their irradiances, add up to the Stokes vector of the
+        light.
         """
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
         return list(stokes_fields(source, self.polarisation))
 
     def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
-        """Return the power of the unscaled field at a wavelength in W; see `norm_of`."""
         return math.fsum(
             norm_of(part, wavelength, self.obliquity, self.mixture, normalise or self.normalise)
             for part, stokes in self.fields_of(self.source)
@@ -146,16 +133,15 @@ class SourceParameters:
         )
 
     def reach_in(self, scene: mi.Scene, pose: Floats) -> float:
-        """Return the largest coordinate of the source and of the flat surfaces that touch it.
+        """Return the largest coordinate of the source and of adjacent flat surfaces.
 
-        The largest coordinate is in scene units, but the translation of ``pose`` is in metres.
+        The result is in scene units, but the translation of ``pose`` is in metres.
         """
         low, high = np.reshape(self.source.bounds, (2, 2))
         corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
         return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / self.scene_unit)
 
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
-        """Return a copy of these parameters with another source."""
         spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
@@ -170,35 +156,18 @@ PARAMETERS = (
     *("power", "aperture_power", "obliquity", "estimator", "diffraction"),
     *("scene_unit", "visible", "bandwidth"),
 )
-"""Names of the parameters of a ``wigner`` shape (docs/plugin.md)."""
 RECEIVER_PARAMETERS = (
     *_COMMON,
     *("obliquity", "estimator", "diffraction", "scene_unit", "normalise"),
     *NOISE_PARSERS,
 )
-"""Names of the parameters of a ``wigner_receiver`` (docs/received_power.md)."""
 
 
 def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     """Read and check the parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor.
 
-    Parameters
-    ----------
-    values : mapping
-        Mitsuba's properties as a dictionary, or an entry made in Python.
-    plugin : str
-        `EMITTER` or `RECEIVER`.
-
-    Returns
-    -------
-    SourceParameters
-
-    Raises
-    ------
-    SceneError
-        If a parameter is unknown or has an invalid value.
-    PolywignerError
-        If a source file cannot be read.
+    ``values`` are Mitsuba's properties or an entry made in Python. Raises SceneError for unknown
+    parameters and invalid values.
     """
     is_emitter = plugin == EMITTER
     element = _SceneValues(values, f"{plugin} {'shape' if is_emitter else 'sensor'}")
@@ -240,7 +209,6 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
 
 
 def _power(element: _SceneValues, spec: SourceParameters) -> float:
-    """Return the radiated power in W from the parameters ``power`` and ``aperture_power``."""
     power, inside = element.number("power"), element.number("aperture_power")
     if power is not None and inside is not None:
         raise SceneError(
@@ -268,11 +236,9 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
     "aperture_power": parse_power,
     **NOISE_PARSERS,
 }
-"""Functions that convert numeric parameters to SI units, by the name of the parameter."""
 
 
 def _number(name: str, value: Any, element: str) -> float:
-    """Convert a numeric parameter to SI units; raise SceneError for other values."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
         raise SceneError(f"expected {name} as a number or a string, got {type(value).__name__}")
     try:
@@ -284,10 +250,7 @@ def _number(name: str, value: Any, element: str) -> float:
 def scene_entry(
     plugin: str, source: Any, to_world: Any, polarisation: Any, **values: Any
 ) -> dict[str, Any]:
-    """Create an entry of a dictionary for ``mi.load_dict`` from the arguments of a Python call.
-
-    Arguments that are None are omitted.
-    """
+    """Create a dictionary entry for ``mi.load_dict``; arguments that are None are omitted."""
     kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
     source = source if isinstance(source, kinds) else Aperture(source)
     entry: dict[str, Any] = {"type": plugin, "source": register_source(source)}
@@ -306,10 +269,6 @@ def scene_entry(
     return entry
 
 
-# ---- values of a scene element
-# --------------------------------------------------------------------
-
-
 def values_of(props: mi.Properties) -> dict[str, Any]:
     """Return the parameters in Mitsuba's ``Properties`` as a dictionary."""
     return {name: props[name] for name in props.keys()}  # noqa: SIM118 (not a dict)
@@ -317,14 +276,10 @@ def values_of(props: mi.Properties) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _SceneValues:
-    """Parameters of a scene element, from Mitsuba or from Python."""
-
     values: Mapping[str, Any]
     element: str
-    """Name of the element in error messages, such as "wigner shape"."""
 
     def check_names(self, known: tuple[str, ...]) -> None:
-        """Raise SceneError for unknown parameters; nested objects may have any name."""
         for name, value in self.values.items():
             is_nested = isinstance(value, mi.Object | Mapping) or name == "type"
             if not is_nested and name not in known:
@@ -334,11 +289,7 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return the value of a parameter that is one of the names ``known``.
-
-        The default is the first of the known names. ``kind`` describes the parameter in error
-        messages, such as "an estimator".
-        """
+        """Return one of the ``known`` names, described by ``kind`` such as "an estimator"."""
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
         if name not in known:
@@ -351,7 +302,6 @@ class _SceneValues:
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
-        """Load the source from a file or from memory, without taper, copies and steering."""
         names = [name for name in ("aperture", "source") if name in self.values]
         if len(names) == 2:
             raise SceneError(
@@ -377,7 +327,6 @@ class _SceneValues:
         return read_aperture(path, self.text("unit", "mm"), self.number("tolerance"), layers, joins)
 
     def wavelength(self) -> float:
-        """Return the wavelength in metres from the parameter ``frequency`` or ``wavelength``."""
         frequency, wavelength = self.number("frequency"), self.number("wavelength")
         if frequency is not None and wavelength is None:
             return wavelength_of(frequency)
@@ -390,11 +339,6 @@ class _SceneValues:
         )
 
     def polarisation(self, source: SceneSource) -> Complex | None:
-        """Return a unit Jones vector, or None for unpolarised light.
-
-        The Jones vector has the shape (2,). For an Array whose n elements have different
-        polarisations, there is one vector for each element, shape (n, 2).
-        """
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
@@ -404,7 +348,6 @@ class _SceneValues:
             raise SceneError(str(error)) from None
 
     def pose(self) -> Floats:
-        """Return the pose as a read-only matrix, shape (4, 4)."""
         transform = self.values.get("to_world")
         return rigid_pose(np.eye(4) if transform is None else transform.matrix)
 
@@ -445,7 +388,7 @@ def rigid_pose(matrix: Any) -> Floats:
     """Convert a matrix of NumPy or of any variant of Mitsuba to a read-only pose, shape (4, 4)."""
     try:
         values = np.array(matrix)
-        # In compiled variants, the matrix has an additional last axis of length 1.
+        # Matrices of compiled variants have a last axis of length 1.
         return geometry.rigid_pose(values[..., 0] if values.shape == (4, 4, 1) else values)
     except (GeometryError, RuntimeError, ValueError) as error:
         raise SceneError(str(error)) from None
@@ -455,7 +398,7 @@ def pose_of(plugin: Any) -> Floats:
     """Return the pose of a source or receiver in its scene, with the translation in metres."""
     spec = plugin.spec
     matrix = np.array(matrix_of(plugin.to_world))
-    # The pose is available in double precision unless a user has changed the transform.
+    # Transforms in Mitsuba are in single precision.
     same = np.array_equal(matrix.astype(np.float32), spec.pose.astype(np.float32))
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit
@@ -463,5 +406,5 @@ def pose_of(plugin: Any) -> Floats:
 
 
 def reach_of(scene: mi.Scene, plugin: Any) -> float:
-    """Return the largest coordinate of a source or receiver in its scene; see :meth:`reach_in`."""
+    """Return the largest coordinate of a source or receiver, as in :meth:`reach_in`."""
     return float(plugin.spec.reach_in(scene, pose_of(plugin)))

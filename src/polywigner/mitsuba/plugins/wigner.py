@@ -1,6 +1,6 @@
 """The estimator ``wigner``, which evaluates the Wigner function of a source in render kernels.
 
-`TracedSource` evaluates the same function with derivatives with respect to vertices and weights.
+`TracedSource` evaluates it with derivatives with respect to vertices and weights.
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ from polywigner.transforms.wavefronts import flat_source
 if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.emitter import WignerEmitter
 
-# Odd constants for hashing, whose multiples differ in all bits. The first constant is 2^32 divided
-# by the golden ratio.
+# Odd multipliers of a hash function; the first one is 2^32 divided by the golden ratio.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
 
@@ -56,11 +55,11 @@ class Wave(NamedTuple):
     inverse: Drjit
     """Inverse wavelength in 1/m."""
     tilt: Drjit | None
-    """Spatial frequency of the tilt along x and y in 1/m, or None for coherent light."""
+    """Spatial frequency along x and y in 1/m, or None for coherent light."""
 
 
 class DrawnWaves:
-    """Sampler of the waves of partially coherent or broadband sources, for one variant."""
+    """Sampler of wavelengths and tilts of partially coherent or broadband sources."""
 
     def __init__(self, m: Any, mixture: Mixture) -> None:
         self._m, self._jit, self._mixture = m, dr.is_jit_v(m.Float), mixture
@@ -68,10 +67,9 @@ class DrawnWaves:
         self._tilt = opaque(m, 1 / (2 * math.pi * mixture.coherence_width))
 
     def wave(self, inverse: Drjit, x: mi.Point2f, end: mi.Point3f) -> Wave:
-        """Return a random wavelength and tilt for a sample.
+        """Return a random wave for a sample from ``x`` to the point or direction ``end``.
 
-        A sample starts at the position x on the source and ends at the point or direction ``end``.
-        The random numbers are a hash of x and ``end``.
+        The random numbers are a hash of ``x`` and ``end``.
         """
         if self._mixture.is_plain:
             return Wave(inverse, None)
@@ -86,7 +84,6 @@ class DrawnWaves:
         return Wave(inverse, tilt)
 
     def _hash(self, *values: Drjit) -> Drjit:
-        """Return a 32-bit hash of floats."""
         key: Drjit = 0
         for value, factor in zip(values, _FACTORS, strict=False):
             if self._jit:
@@ -98,27 +95,21 @@ class DrawnWaves:
 
 
 def _uniform(word: Drjit) -> Drjit:
-    """Convert 32 random bits to a number in (0, 1)."""
     return ((word >> 9) + 0.5) * 2.0**-23
 
 
 class _Term(NamedTuple):
-    """Term of the radiance, which is an obliquity factor h times a Wigner function W."""
+    """Term of the radiance, an obliquity factor h times a Wigner function W."""
 
     source: SceneSource
     forms: Forms
-    """Coefficients of the obliquity factor h."""
     stokes: Stokes | None
     kernel: Kernel
     tables: Any
-    """Tables of the flat source, from which the kernel evaluates W."""
 
 
 class WignerRadiance:
-    """Wigner radiance of a source as a sum of terms, for the arrays of one variant.
-
-    Each term from :func:`emissions` is an obliquity factor h times a Wigner function W.
-    """
+    """Wigner radiance of a source, the sum of h W over the terms of :func:`emissions`."""
 
     def __init__(self, m: Any, spec: SourceParameters, wavelength: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), spec.scene_unit
@@ -137,12 +128,9 @@ class WignerRadiance:
     def at(
         self, x: Drjit, direction: Drjit, wave: Wave, wigner: Callable[..., Drjit] | None = None
     ) -> Drjit:
-        """Return the Wigner radiance times the square of the wavelength, in m^2.
+        """Return the radiance times the squared wavelength in m^2, as a number or Stokes vector.
 
-        This quantity is the sum of h W over all terms, and zero for directions to the back. ``x``
-        and ``direction`` are in the source's frame. For elements with different polarisations, the
-        radiance has four Stokes components. ``wigner`` is a function of operations and four
-        coordinates that replaces the Wigner function W of each term.
+        ``wigner(ops, x, y, nu_x, nu_y)`` replaces the Wigner function of each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -164,12 +152,12 @@ class WignerRadiance:
         return dr.select(front, density, 0.0)
 
     def _sheared(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
-        """Return a spatial frequency minus the local spatial frequency of a curved wave."""
+        """Subtract the local spatial frequency of a curved wave."""
         if self._wave is None:
             return frequency
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
         dx, dy = (a - c for a, c in zip(position, self._wave.centre.tolist(), strict=True))
-        # The radius of curvature is the same at all wavelengths.
+        # The radius of curvature is independent of the wavelength.
         if self._wave.wavelength is not None:
             ratio = inverse * self._wave.wavelength
             dx, dy = dx * ratio, dy * ratio
@@ -180,9 +168,7 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the integral of :meth:`at` over all positions, in m^4.
 
-        The integral is the sum of ``h |F|^2`` over all terms, where h is the obliquity factor and F
-        the Fourier transform of a term's source. ``intensity`` is a function of operations and two
-        frequencies that replaces the |F|^2 of each term.
+        ``intensity(ops, nu_x, nu_y)`` replaces the |F|^2 of each term.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
@@ -199,13 +185,12 @@ class WignerRadiance:
 
 
 def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:
-    """Return the spatial frequencies along x and y at which a wave radiates in a direction."""
     x, y = direction.x * wave.inverse, direction.y * wave.inverse
     return (x, y) if wave.tilt is None else (x - wave.tilt.x, y - wave.tilt.y)
 
 
 class WignerEstimator:
-    """Estimator that computes irradiance and ray weights from the radiance of random points."""
+    """Estimator of irradiance and ray weights from the radiance of random points."""
 
     needs_distance = False
     is_constant = False
@@ -215,9 +200,9 @@ class WignerEstimator:
     ) -> None:
         self._radiance = radiance
         self.draw = radiance.positions.sample
-        """Function that maps a random point of the unit square to a position on the source."""
+        """Function from the unit square to positions on the source."""
         self.density: float | None = radiance.positions.density
-        """Probability density of the positions per area."""
+        """Probability density of positions per area."""
         self._inverse = opaque(m, 1.0 / wavelength)
         self._scale = opaque(m, spec.scene_unit**2 / spec.norm)
 
@@ -237,11 +222,7 @@ class WignerEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return the contribution of the position x to the irradiance at the point ``it``.
-
-        The contribution is ``L cos/r^2`` divided by the density of positions, where L is the
-        radiance, cos the cosine at the source, and r the distance.
-        """
+        """Return the irradiance L cos/r^2 from the position ``x``, over its density."""
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
         return value / (distance * distance * self.density)
@@ -249,28 +230,23 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight of a ray of a receiver.
-
-        The weight is ``h W cos/N`` divided by the density of positions. Here h is the obliquity
-        factor, W the Wigner function, cos the cosine of the polar angle, and N the power of the
-        unscaled field. The weight and the density are in scene units.
-        """
+        """Return the weight h W cos/N of a ray, over the density of positions, in scene units."""
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
 
-# Overlaps of elements are rounding errors below this fraction of the total area.
+# Relative area of overlaps of elements that are rounding errors.
 _OVERLAP = 1e-9
-# Largest number of pairs of edges of a source with derivatives. Each pair adds code to the render
-# kernel, which takes 7 ms to compile. With 9,000 pairs the compiler fails.
+# Largest number of pairs of edges in differentiable sources. Each pair takes 7 ms to compile, and
+# the compiler fails at 9,000 pairs.
 _MOST_CUTS = 4096
 
 
 class TracedSource:
     """Vertices and weights of a source as differentiable parameters of a scene.
 
-    Vertices and weights are None in scalar variants, and for sources with non-uniform fields,
-    overlapping elements, several polarisations or too many edges.
+    Both are None in scalar variants, and for sources with non-uniform fields, overlapping elements,
+    several polarisations or too many edges.
     """
 
     def __init__(self, m: Any, spec: SourceParameters) -> None:
@@ -306,7 +282,6 @@ class TracedSource:
             known = _pairs(source.weights).astype(np.float32)
             pairs = self._values("weights", self.weights, len(known))
             if not np.array_equal(pairs, known):
-                # With weights in a tensor, the Array keeps its lattice.
                 weights = self._m.TensorXf(pairs)
                 source, has_changed = differentiable_source(source, weights=weights).source, True
         return source if has_changed else None
@@ -348,7 +323,6 @@ class TracedSource:
         return total.real * total.real + total.imag * total.imag
 
     def _gathered(self, flat: Drjit) -> list[Point]:
-        """Return the numbers of a flat array as a list of pairs."""
         m = self._m
         numbers = [dr.gather(m.Float, flat, m.UInt32(k)) for k in range(dr.width(flat))]
         return list(zip(numbers[::2], numbers[1::2], strict=True))
@@ -367,7 +341,6 @@ def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def _is_simple(source: SceneSource) -> bool:
-    """Return whether the field is constant on each element, and no elements overlap."""
     if isinstance(source, Wavefront):
         return False
     elements = source.elements_in_plane

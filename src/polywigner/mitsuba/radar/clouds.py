@@ -23,10 +23,9 @@ from polywigner.propagation.stores import write_netcdf
 from polywigner.source import Array
 from polywigner.transforms.xarray_arguments import arrays_of
 
-# Number of scatterers that are processed together. The responses of all elements to these
-# scatterers take tens of megabytes.
+# Scatterers per block; their responses take tens of megabytes.
 _CHUNK = 1 << 16
-# Relative tolerance of the fields at the scatterers.
+# Relative tolerance of fields at scatterers.
 _TOLERANCE = 1e-6
 
 
@@ -119,7 +118,6 @@ def covariance(
     if ranges is not None:
         edges = checked_ranges(ranges)
         count = len(edges) - 1
-        # Both edges of the last gate belong to the gate.
         half = np.asarray(cloud["path_length"].values) / 2
         gates = np.searchsorted(edges, half, side="right") - 1
         gates[half == edges[-1]] = count - 1
@@ -140,7 +138,7 @@ def covariance(
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
-    """Return the responses (sources, n) of sources at a pose to scatterers at positions (n, 3)."""
+    """Return the responses (sources, n) at positions (n, 3)."""
     pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
     front = local[:, 2] > 0.0
@@ -149,7 +147,7 @@ def _responses(
         return result
     wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
     for row, source in zip(result, sources, strict=True):
-        support_of(source, obliquity)  # The call raises SceneError for sources that cannot radiate.
+        support_of(source, obliquity)  # Raises SceneError for sources that cannot radiate.
         norm = norm_of(source, wavelength, obliquity, normalise=attrs["normalise"])
         field = amplitude(source, local[front], wavelength, obliquity, tolerance=_TOLERANCE)
         row[front] = field * (wavelength / math.sqrt(norm))
@@ -157,7 +155,7 @@ def _responses(
 
 
 def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
-    """Return the responses of placed sources or receivers, shape (ends, scatterers)."""
+    """Return the responses (ends, scatterers) of placed sources or receivers."""
     positions, _, attrs = _checked(cloud)
     rows = []
     for end in ends:
@@ -168,7 +166,6 @@ def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
 
 
 def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
-    """Return the positions, intensities and attributes of a cloud."""
     names = "wavelength", "obliquity", "to_world", "normalise"
     arrays = dict.fromkeys(("position", "intensity"), "")
     positions, intensity, *values = arrays_of(

@@ -1,9 +1,7 @@
-"""Data cubes of radars, which contain samples by receiver, emitter, repetition and time.
+"""Data cubes of radars: samples by receiver, emitter, repetition and time, (RC1).
 
-The signal is the sum (RC1) over coherent paths and over a cloud of scatterers. Coherent paths are
-the line of sight, specular reflections and echoes of bodies, with their complex couplings at all
-frequencies of the band. The amplitude of a scatterer is the square root of its power times a random
-complex factor of variance 1 (speckle).
+The signal is the sum over coherent paths and over a cloud of scatterers with random complex
+amplitudes (speckle).
 """
 
 from __future__ import annotations
@@ -41,59 +39,55 @@ if TYPE_CHECKING:
 
 Velocities = dict[str, Floats]
 
-# Relative error of the sums over scatterers, computed by non-uniform FFTs.
-_OF_SUMS = 1e-7
-# Largest increase of a delay during the repetitions that are computed together, times the
-# bandwidth. The phase that is expanded in a series is then at most 2 rad.
+# Relative tolerance of non-uniform FFTs over scatterers.
+_SUMS_ERROR = 1e-7
+# Largest change of delay times bandwidth in a block of repetitions, for a phase below 2 rad in
+# series.
 _MOST_CYCLES = 1.25
-# Largest motion of a scatterer within a repetition, in range bins. The relative error of the sums
-# over scatterers is then 5e-5.
+# Largest motion within a repetition [range bins], for a relative error of 5e-5.
 _MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
-# Size in bytes of the largest signal that is computed immediately. Larger signals are dask arrays.
+# Largest signal that is not a dask array [bytes].
 _MOST_BYTES = 1 << 30
-# Relative rounding error of frequencies.
+# Relative tolerance of frequencies.
 _ROUNDING = 1e-9
-# Distance from a surface at which shadow rays start, relative to the distance of the emitter.
-_CLOSE = 1e-3
+# Offset of shadow rays from surfaces, relative to the distance of the emitter.
+_RAY_OFFSET = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class _Radar:
-    """Emitters and receivers of a radar, and the times of its repetitions."""
+    """Emitters and receivers of a radar, with the times of repetitions."""
 
     waveform: FMCW
     emitters: list[PlacedSource]
     receivers: list[list[PlacedSource]]
-    """List for each receiver of the scene, which contains the receiver itself or its elements."""
+    """The receiver itself or its elements, for each receiver of the scene."""
     noise_power: Floats
-    """Noise power per sample in W of each receiver, or NaN for receivers without a temperature."""
+    """Noise power per sample in W of each receiver, NaN without a temperature."""
     chirp_times: Floats
-    """Times in s at which repetitions start, shape (emitter, chirp + 1)."""
+    """Start times of repetitions in s, shape (emitter, chirp + 1)."""
     frequency: float
     """Frequency of the scene in Hz."""
 
     @property
     def period(self) -> float:
-        """Time in s from one repetition of an emitter to its next repetition."""
+        """Repetition interval of an emitter in s."""
         return float(self.chirp_times[0, 1] - self.chirp_times[0, 0])
 
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Scatterers in the field of view of a receiver, which all elements of the receiver share."""
-
     responses: Complex
-    """Responses of the receiver's elements in m, shape (element, scatterer)."""
+    """Responses of the elements in m, shape (element, scatterer)."""
     emitted: Complex
-    """Square roots of scattered radiant intensities, with phases, shape (emitter, scatterer)."""
+    """Square roots of scattered radiant intensities, shape (emitter, scatterer)."""
     delays: Floats
-    """Delays of paths via the scatterers at the time 0, in s, shape (emitter, scatterer)."""
+    """Delays at the time 0 in s, shape (emitter, scatterer)."""
     rates: Floats
-    """Rates at which the delays increase, in s/s, shape (scatterer,)."""
+    """Rates of change of the delays in s/s, shape (scatterer,)."""
     excess: Floats
-    """Delays at each element in s, relative to the mean over elements, shape (element, scatterer).
-    """
+    """Delays relative to the mean over elements in s, shape (element, scatterer)."""
 
 
 @one_at_a_time
@@ -220,7 +214,6 @@ def radar_cube(
 def _lazy(
     block: Callable[[int, int], Complex], elements: list[int], draws: int, shape: tuple[int, ...]
 ) -> Any:
-    """Return the signal as a dask array with one chunk for each draw and receiver."""
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
     delayed = require("dask", "datasets").delayed(block, pure=False)
     rows = [
@@ -271,7 +264,7 @@ def _samples(
     with_noise: bool,
     seed: tuple[int, int, int],
 ) -> Complex:
-    """Return the samples of one receiver in one draw, shape (element, emitter, chirp, sample)."""
+    """Return the samples (element, emitter, chirp, sample) of one receiver in one draw."""
     wave, random = radar.waveform, np.random.default_rng(seed)
     spectra = np.zeros((len(links), len(radar.emitters), wave.chirps, wave.samples), np.complex128)
     for k, of_element in enumerate(links):
@@ -290,22 +283,16 @@ def _samples(
     return samples
 
 
-# ---- coherent paths ------------------------------------------------------------------------------
-
-
 class _Link(NamedTuple):
-    """Coherent paths between an emitter and a receiver or an element of a receiver."""
-
     amplitudes: Complex
-    """Amplitude of each path in sqrt(W), shape (path, sample)."""
+    """Amplitudes in sqrt(W), shape (path, sample)."""
     rates: Floats
-    """Rates at which the delays of paths increase, in s/s, shape (path,)."""
+    """Rates of change of the delays in s/s, shape (path,)."""
 
 
 def _coherent(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
-    """Return coherent paths by receiver, element and emitter, and notes about excluded effects."""
     wave = radar.waveform
     chains, echoes, notes = routes_in(
         scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
@@ -317,8 +304,7 @@ def _coherent(
         paths, of_link = paths_between(
             scene, emitter, receiver, routes, options.polarisation, shortest
         )
-        # All elements of a receiver have the same notes, so only the notes of the first element are
-        # kept.
+        # Elements of a receiver share their notes.
         if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
         h = amplitudes_of(paths, wave.frequencies, options.tolerance)
@@ -333,7 +319,7 @@ def _coherent(
 def _rate_of(
     route: Route, emitter: PlacedSource, receiver: PlacedSource, speeds: Velocities
 ) -> float:
-    """Return the rate at which the length of a path increases, in m/s."""
+    """Return the rate of change of the path length in m/s."""
     still = np.zeros(3)
     emitted, received = (speeds.get(_owner(end.name), still) for end in (emitter, receiver))
     if not isinstance(route, Echo):
@@ -349,14 +335,14 @@ def _rate_of(
 
 
 def _owner(name: str) -> str:
-    """Return the id of the receiver to which an element such as "rx[3]" belongs."""
+    """Return the id of the receiver of an element such as "rx[3]"."""
     return name.partition("[")[0] if name.endswith("]") else name
 
 
 def _moving_image(
     end: PlacedSource, velocity: Floats, chain: Chain, speeds: Velocities
 ) -> tuple[Floats, Floats]:
-    """Return the position of an emitter's or receiver's mirror image, and its velocity in m/s."""
+    """Return the position and the velocity of a mirror image in m and m/s."""
     for mirror in chain:
         moved = speeds.get(mirror.name, np.zeros(3))
         velocity = velocity - 2 * ((velocity - moved) @ mirror.normal) * mirror.normal
@@ -366,12 +352,9 @@ def _moving_image(
 def _distance_rate(
     first: Floats, first_velocity: Floats, second: Floats, second_velocity: Floats
 ) -> float:
-    """Return the rate in m/s at which the distance between two moving points increases."""
+    """Return the rate of change of the distance of two points in m/s."""
     offset = first - second
     return float(offset @ (first_velocity - second_velocity) / np.linalg.norm(offset))
-
-
-# ---- scattered fields ----------------------------------------------------------------------------
 
 
 def _cloud(
@@ -383,7 +366,7 @@ def _cloud(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers in the field of view of a receiver; None if there are no scatterers."""
+    """Return the scatterers of a receiver, or None."""
     receivers = radar.receivers[number]
     others = {_owner(each[0].name) for each in radar.receivers if each is not receivers}
     outside = others | {body.name for body in options.bodies}
@@ -410,11 +393,7 @@ def _cloud(
 
 
 def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
-    """Return the responses of receivers to scatterers, and relative path lengths in m.
-
-    The squared modulus of a response is the received power divided by the radiant intensity. If a
-    receiver is not divided into elements, this ratio is taken from the cloud.
-    """
+    """Return the responses of elements in m, and path lengths in m relative to their mean."""
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
         raise SceneError(
@@ -432,13 +411,11 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
 def _sending(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
 ) -> tuple[Complex, Floats]:
-    """Return the square roots of scattered intensities for each emitter, and path lengths in m.
+    """Return square roots of scattered intensities, and path lengths in m, by emitter.
 
-    Scatterers on paths with a single reflection are used for all emitters, so that the signals of
-    the emitters are coherent. The radiant intensity I of such a scatterer is divided among the
-    emitters in proportion to their irradiances at the scatterer. For emitter j with the irradiance
-    E_j it is ``I E_j / sum_i E_i``, and the sum of these intensities over all scatterers is
-    unbiased.
+    After a single reflection, a scatterer of intensity I has the intensity I E_j / sum_i E_i for
+    emitter j, where E_j is the irradiance of emitter j. The sum over scatterers is unbiased, and
+    the signals of the emitters are coherent.
     """
     intensity, paths = cloud["intensity"].values, cloud["path_length"].values
     names = cloud["emitter"].values
@@ -468,20 +445,16 @@ def _sending(
 
 
 def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
-    """Return a mask of the points that have a line of sight to the centre of an emitter."""
     unit = emitter.scene_unit
-    steps = (offset * (1 - 2 * _CLOSE) / unit).astype(np.float32)
-    start = ((position + _CLOSE * offset) / unit).astype(np.float32)
+    steps = (offset * (1 - 2 * _RAY_OFFSET) / unit).astype(np.float32)
+    start = ((position + _RAY_OFFSET * offset) / unit).astype(np.float32)
     ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(steps.T))
     ray.maxt = 1.0
     return ~np.atleast_1d(np.array(scene.ray_test(ray)))
 
 
 def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
-    """Return the signal of all scatterers, (RC1), shape (element, chirp, sample).
-
-    If no scatterer moves, all chirps are equal, and the axis ``chirp`` has the length 1.
-    """
+    """Return the signal (element, chirp or 1, sample) of all scatterers, (RC1)."""
     signals = cloud.responses * (speckle * cloud.emitted[emitter])
     starts = radar.chirp_times[emitter, :-1]
     is_moving = cloud.rates != 0
@@ -507,16 +480,13 @@ def _frame(
 ) -> Complex:
     """Return the signal of the ``chosen`` scatterers for successive repetitions, (RC1).
 
-    The repetition number m and the sample number n are counted from the centre of the frame. The
-    phase of a scatterer is the sum of a constant, terms that are linear in m and n, and two small
-    terms. A non-uniform FFT sums the waves with linear phases, and :func:`_series` expands the
-    small terms:
+    The repetition m and the sample n are counted from the centre of the frame. A non-uniform FFT
+    sums waves with phases linear in m and n, and :func:`_series` expands two small phases:
 
-    - the motion through range bins, r n df (m T + n dt), for a delay that increases at the rate r,
-      the frequency step df, the repetition time T and the time step dt
-    - the delay d of an element relative to the other elements, (f_n - f_0) d, because the phase of
-      the element's response is computed at the frequency f_0 of the scene, and f_n is the frequency
-      of sample n
+    - motion through range bins, r n df (m T + n dt), with the rate r of the delay, the frequency
+      step df, the repetition time T and the time step dt
+    - the relative delay d of an element, (f_n - f_0) d, with the frequency f_n of sample n and the
+      frequency f_0 of the scene
     """
     wave = radar.waveform
     rates, delays = cloud.rates[chosen], cloud.delays[emitter, chosen]
@@ -536,8 +506,8 @@ def _frame(
     offsets = wave.frequencies - radar.frequency
     result = np.zeros((len(waves), *motion.shape), np.complex128)
     plan = _plan_of_sums(slopes, shape, len(waves))
-    for terms, factor in _series(cloud.excess[:, chosen], offsets, _OF_SUMS):
-        tolerance = _OF_SUMS / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
+    for terms, factor in _series(cloud.excess[:, chosen], offsets, _SUMS_ERROR):
+        tolerance = _SUMS_ERROR / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
         for growths, by_sample in _series(rates, motion, tolerance):
             sums = plan.execute(np.ascontiguousarray(waves * terms * growths))
             result += sums.reshape(result.shape) * (factor * by_sample)
@@ -545,20 +515,18 @@ def _frame(
 
 
 def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
-    """Return a non-uniform FFT that sums waves with linear phases over scatterers.
+    """Return a non-uniform FFT from (count, points) to ``(count, *shape)``.
 
-    The FFT maps terms of shape (count, points) to sums of shape ``(count, *shape)``. The phase of a
-    wave is ``2 pi (slopes . numbers)``, where the numbers along each axis of ``shape`` start at
-    ``-(size // 2)``.
+    The phase of a wave is ``2 pi (slopes . numbers)``, where numbers start at ``-(size // 2)``.
     """
     finufft = require("finufft", "radar", "scattered fields are summed with")
-    plan = finufft.Plan(1, tuple(shape), count, _OF_SUMS, 1, nthreads=1)
+    plan = finufft.Plan(1, tuple(shape), count, _SUMS_ERROR, 1, nthreads=1)
     plan.setpts(*(2 * np.pi * (slope - np.round(slope)) for slope in slopes))
     return plan
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
-    """Yield the terms of a series for ``exp(2 pi i amounts along)``, as pairs of factors."""
+    """Yield the terms of ``exp(2 pi i amounts along)`` as pairs of factors."""
     reach = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * reach
     largest = float(np.abs(phases).max(initial=0.0))
@@ -572,7 +540,7 @@ def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[
 
 
 def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex:
-    """Return independent circular Gaussian random numbers of variance 1."""
+    """Return circular Gaussian random numbers of variance 1."""
     pairs = random.standard_normal((*shape, 2)) * math.sqrt(0.5)
     return np.asarray(pairs.view(np.complex128)[..., 0])
 

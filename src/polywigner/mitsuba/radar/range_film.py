@@ -1,4 +1,4 @@
-"""A film that sorts the received power by path length, and a sensor that uses this film."""
+"""Film that sorts power by path length, and a sensor with this film."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from polywigner.mitsuba.plugins.films import (
     CAMERAS,
     WAVEFRONT,
     accepted_samples,
+    checked_finite,
     depths_of,
     film_sizes,
     fineness,
@@ -27,7 +28,7 @@ from polywigner.mitsuba.plugins.films import (
     seed_of,
 )
 from polywigner.mitsuba.plugins.registration import VariantPlugin, variant_class
-from polywigner.mitsuba.scenes.scenes import checked_scene, translate_error
+from polywigner.mitsuba.scenes.scenes import checked_scene
 from polywigner.mitsuba.scenes.surfaces import is_receiver
 from polywigner.numerics import Floats
 
@@ -35,15 +36,14 @@ _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
-"""Names of the integrators of mitransient that support receivers and cameras.
+"""Integrators of mitransient for receivers and cameras.
 
-``transient_nlos_path`` is missing, because it requires a special sensor.
+``transient_nlos_path`` requires a special sensor.
 """
 
 _PYTHON_CLASSES = ("TransientPath", "TransientPRBVolpathIntegrator")
 
-# Integrators of mitransient that trace the same paths as Mitsuba's integrators. The keys are the
-# class names of Mitsuba's integrators.
+# Integrators of mitransient that trace the paths of Mitsuba's integrators, by class name.
 _COUNTERPARTS = {
     "PathIntegrator": _PATH,
     "DirectIntegrator": _PATH,
@@ -53,13 +53,10 @@ _COUNTERPARTS = {
     "VolpathMisIntegratorImpl": _VOLUME,
     "PRBVolpathIntegrator": _VOLUME,
 }
-# Value of ``max_depth`` for paths via at most one surface, which Mitsuba's `direct` traces.
-# `direct` has no such parameter.
-_DEPTH_OF_DIRECT = 2
 
 
 def require_transients(variant: str | None = None) -> ModuleType:
-    """Return mitransient with its plugins registered for the current variant."""
+    """Return mitransient, registered for the current variant."""
     if variant is not None:
         mi.set_variant(variant)
     check_is_compiled("ranges")
@@ -68,8 +65,8 @@ def require_transients(variant: str | None = None) -> ModuleType:
         if films is not None and issubclass(films.TransientHDRFilm, mi.Film):
             return loaded
         for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
-            del sys.modules[name]  # This module was imported for another variant.
-    # mitransient sets this variable on import, which would change the variant of child processes.
+            del sys.modules[name]  # Imported for another variant.
+    # mitransient sets this variable, which child processes would inherit.
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
         return require(_NAME, "radar", "measures ranges")
@@ -79,7 +76,7 @@ def require_transients(variant: str | None = None) -> ModuleType:
 
 
 def check_is_compiled(purpose: str) -> None:
-    """Raise EngineError for scalar variants of Mitsuba, which trace one ray at a time."""
+    """Raise EngineError for scalar variants of Mitsuba."""
     variant = mi.variant()
     if variant is None or variant.startswith("scalar"):
         raise EngineError(
@@ -89,15 +86,14 @@ def check_is_compiled(purpose: str) -> None:
 
 
 def is_transient(integrator: Any) -> bool:
-    """Return whether an integrator belongs to mitransient."""
     return type(integrator).__module__.startswith(f"{_NAME}.")
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
-    """Return an integrator that traces the paths of another one and measures their lengths."""
+    """Return an integrator of mitransient that traces the same paths as another one."""
     require_transients()
     checked_scene(scene)
-    # Mitsuba places infinitely distant lights on a sphere, so their path lengths have no meaning.
+    # Mitsuba places lights at infinity on a sphere of arbitrary size.
     for emitter in scene.emitters():
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
             raise SceneError(
@@ -107,8 +103,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
     counterpart = _counterpart(integrator)
     if type(counterpart).__name__ != _PYTHON_CLASSES[1]:
         return counterpart
-    # mitransient ignores fog around the sensor, and underestimates path lengths in heterogeneous
-    # fog.
+    # mitransient ignores fog around the sensor, and underestimates lengths in heterogeneous fog.
     if sensor.get_medium() is not None:
         raise SceneError(
             "ranges require a sensor outside of fog, got a sensor inside a medium; remove the "
@@ -137,7 +132,6 @@ def _counterpart(integrator: Any) -> mi.Integrator:
                 "length; remove camera_unwarp"
             )
         return integrator
-    # All integrators written in Python have the same C++ class name.
     class_name = integrator.class_name()
     name = class_name if class_name in _COUNTERPARTS else python_name
     if name not in _COUNTERPARTS:
@@ -145,28 +139,22 @@ def _counterpart(integrator: Any) -> mi.Integrator:
             f"the integrator {name} does not measure path lengths; use path, direct, prb, "
             f"volpath, volpathmis, prbvolpath or {' or '.join(TRANSIENT_INTEGRATORS)}"
         )
-    is_direct = name == "DirectIntegrator"
-    depths = {"max_depth": _DEPTH_OF_DIRECT} if is_direct else depths_of(integrator)
     hides = bool(integrator.hide_emitters)
-    try:
-        return mi.load_dict({"type": _COUNTERPARTS[name], "hide_emitters": hides, **depths})
-    except RuntimeError as error:
-        raise translate_error(error) from None
+    parameters = {"hide_emitters": hides, **depths_of(integrator)}
+    return mi.load_dict({"type": _COUNTERPARTS[name], **parameters})
 
 
-# Largest product of the numbers of bins and pixels. The film then takes 2 GiB in float64.
+# Largest number of bins of all pixels, which take 2 GiB in float64.
 _MOST_SUMS = 2**28
 
 
 def sorted_by_range(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render a sensor by path length, in the unit of the sensor.
+    """Render power or radiance by path length, shape (height, width, bins + 2).
 
-    The result has the shape (height, width, bins + 2). ``edges`` contains the edges of the bins in
-    scene units. The first value of a pixel is the sum over paths that are shorter than all bins,
-    and the last value the sum over paths that are longer than all bins. All pixels of a receiver
-    are added to a single pixel.
+    The first and last values belong to shorter and longer paths. ``edges`` are in scene units. A
+    receiver has a single pixel.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -175,19 +163,12 @@ def sorted_by_range(
         samples = spp // passes + (index < spp % passes)
         rendered = _rendered(scene, sensor, integrator, edges, samples, seed_of(seed, index))
         total = total + samples / spp * rendered
-    bad = int(np.count_nonzero(~np.isfinite(total)))
-    if bad:
-        raise SceneError(
-            f"the power in {bad} range bins is not finite; check the frequency, the powers and "
-            "the radiances of the scene, and their units"
-        )
-    return np.asarray(total)
+    return checked_finite(np.asarray(total), "range bins")
 
 
 def _rendered(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
-    """Render in a single pass, with the samples of :func:`polywigner.mitsuba.render`."""
     factor = fineness(sensor, spp)
     ranged = _ranged(sensor, edges, factor)
     try:
@@ -203,10 +184,7 @@ def _rendered(
 
 
 def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
-    """Return a sensor with the rays of another sensor, and a film by range.
-
-    The film by range has ``factor`` times as many pixels along each axis as the other sensor.
-    """
+    """Return a sensor with the rays of another one, and a refined film by range."""
     size, window, offset = film_sizes(sensor, factor)
     check_sums(window, edges)
     about = mi.Properties("range_film")
@@ -222,7 +200,6 @@ def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
 
 
 def check_sums(size: Sequence[int], edges: Floats) -> None:
-    """Raise ArgumentError if the bins of all pixels do not fit into memory."""
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
@@ -232,15 +209,10 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
 
 
 class RangeFilm(VariantPlugin):
-    """Film that sums power by path length in double precision.
-
-    Paths that are shorter or longer than all bins have separate sums.
-    """
+    """Film that sums power by path length in double precision, also outside all bins."""
 
     crop_size: Callable[[], Any]
-    """Method of Mitsuba's base class."""
     crop_offset: Callable[[], Any]
-    """Method of Mitsuba's base class."""
 
     def __init__(self, props: mi.Properties, edges: Floats) -> None:
         self.base.__init__(self, props)
@@ -248,7 +220,7 @@ class RangeFilm(VariantPlugin):
         self._count = len(edges)
         self._sums: Drjit = None
         self.start_distance: Drjit = 0.0
-        """Length of each path from the sensor to the start of its ray, in scene units."""
+        """Distance from the sensor to the starts of rays, in scene units."""
 
     def prepare_transient_(self, aovs: Any) -> int:
         size = self.crop_size()
@@ -281,12 +253,11 @@ class RangeFilm(VariantPlugin):
         return None, self._sums
 
     def sums(self) -> Floats:
-        """Return the power in each bin of each pixel, shape (height, width, bins + 2)."""
+        """Return the power (height, width, bins + 2)."""
         return np.array(self._sums, dtype=np.float64).reshape(self._shape)
 
 
 def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
-    """Return the luminance of a spectrum, which is the only channel of the film."""
     plain = m.unpolarized_spectrum(value)
     if mi.is_monochromatic:
         return plain.x
@@ -294,14 +265,11 @@ def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
 
 
 class RangeSensor(VariantPlugin):
-    """Sensor with the rays and weights of another sensor, and a film by range."""
+    """Sensor with the rays of another sensor, and a film by range."""
 
     film: Callable[[], RangeFilm]
-    """Method of Mitsuba's base class."""
     sampler: Callable[[], Any]
-    """Method of Mitsuba's base class."""
     world_transform: Callable[[], Any]
-    """Method of Mitsuba's base class."""
 
     def __init__(self, sensor: mi.Sensor, film: RangeFilm, props: mi.Properties) -> None:
         self.base.__init__(self, props)
@@ -318,17 +286,14 @@ class RangeSensor(VariantPlugin):
         return ray, weight
 
     def _inverse_rotation(self, d: Drjit) -> Drjit:
-        """Return the inverse of mitransient's rotation of Stokes vectors to the sensor's axes."""
+        """Return the inverse of mitransient's rotation of Stokes vectors."""
         m = self.m
         upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
         axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)
         return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
-        """Return the distance from the sensor to the start of a ray, in scene units.
-
-        Rays of a camera start at its near clip, and rays of a receiver slightly in front of it.
-        """
+        """Return the distance to the start of a ray: near clip of a camera, lift of a receiver."""
         if is_receiver(self._sensor):
             return dr.dot(self._sensor.lift, ray.d)
         if self._sensor.class_name() not in CAMERAS:
@@ -336,9 +301,6 @@ class RangeSensor(VariantPlugin):
         centre = self._sensor.world_transform().translation()
         return dr.dot(ray.o - self.m.Point3f(centre), ray.d)
 
-    def bbox(self) -> mi.BoundingBox3f:
-        return self._sensor.bbox()
-
     def release(self) -> None:
-        """Delete the references to the sensor and its film, so that they can be freed."""
+        """Delete the references to sensor and film, to free them."""
         del self._sensor, self._film

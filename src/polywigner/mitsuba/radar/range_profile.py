@@ -1,9 +1,9 @@
-"""Received power and radiance by range, which is half the length of a path from a source."""
+"""Received power and radiance by range, half the length of a path."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,7 @@ from polywigner.mitsuba.receive.power_results import (
     described,
 )
 from polywigner.mitsuba.receive.received_power import (
+    Progress,
     Received,
     Sampled,
     chosen,
@@ -46,8 +47,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest number of range bins. In 16 batches, these bins take 0.1 GB for each light and receiver,
-# and a few times this amount during the computation.
+# Largest number of range bins, which take 0.1 GB per light and receiver.
 _MOST_BINS = 2**20
 
 
@@ -68,7 +68,7 @@ def range_profile(
     coherent: bool = False,
     polarisation: Any = None,
     bodies: Mapping[str, Any] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> xarray.Dataset:
     """Return the received power of the receivers of a scene by range, with its standard error.
 
@@ -157,13 +157,13 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Return the received power of the receivers ``numbers``, and their power by range."""
+    """Return the received power of receivers, and their power by range."""
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
-    """Return edges of bins in m; raise ArgumentError unless finite, ascending and not negative."""
+    """Convert edges of bins in m; raise ArgumentError unless they ascend from zero or more."""
     expected = (
         f"expected ranges as 2 to {_MOST_BINS + 1} edges of bins in m, such as "
         "np.linspace(0, 60, 513)"
@@ -182,7 +182,6 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
 
 
 def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
-    """Return the dataset of :func:`range_profile`."""
     powers, placed, batches = result
     names = [part.name for part in powers[0].contributions]
     pairs = [by_source(scene, of_receiver) for of_receiver in batches]
@@ -211,10 +210,9 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
 
 
 def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
-    """Return the direct power by range in W, shape (bins + 2,).
+    """Return the direct power by range in W, shape (bins + 2,), with shorter and longer ranges.
 
-    The first value is the power from ranges below all bins, and the last value the power from
-    ranges above all bins. The amplitudes of paths that interfere are added within each bin.
+    The amplitudes of interfering paths are added within each bin.
     """
     result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
     for path in paths:
@@ -230,10 +228,10 @@ Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
 
 
 def _bins_of(by_light: Floats, direct: Floats) -> Values:
-    """Return the variables of the dataset that contain power by range.
+    """Return the variables that contain power by range.
 
-    ``by_light`` is the scattered power in W, shape (receivers, lights, batches, values), and
-    ``direct`` the direct power in W, shape (receivers, lights, values).
+    ``by_light`` is scattered power (receivers, lights, batches, values), ``direct`` is direct power
+    (receivers, lights, values), in W.
     """
     each = by_light.sum(axis=1)
     scattered, error = each.mean(axis=1), standard_error(each, axis=1)
@@ -278,7 +276,6 @@ def _noise_of(powers: list[ReceivedPower]) -> Values:
 
 
 def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
-    """Return the labels of direct paths, and variables with their powers and ranges."""
     labels: dict[str, int] = {}
     entries = []
     for (i, lights), j in product(enumerate(links), range(len(links[0]))):
@@ -297,7 +294,6 @@ def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
-    """Return the centres and edges of bins as coordinates."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
     return {
         "range": labelled_array((edges[1:] + edges[:-1]) / 2, ("range",), length),
@@ -305,9 +301,7 @@ def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
     }
 
 
-Progress = Callable[[int, int], None]
-
-# Number of renders that are averaged to obtain an image. Progress is reported after each render.
+# Renders per image; progress is reported after each.
 _PARTS = 4
 
 
@@ -362,14 +356,6 @@ def range_frames(
     MissingExtraError, EngineError, SceneError
         As in :func:`range_profile`.
     """
-    how = {"spp": spp, "seed": seed, "sensor": sensor, "integrator": integrator}
-    return prepared_frames(scene, ranges, **how)(progress)
-
-
-def prepared_frames(
-    scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
-) -> Callable[[Progress | None], xarray.Dataset]:
-    """Check the arguments of :func:`range_frames`, and return a function that renders frames."""
     edges = checked_ranges(ranges)
     require_transients()
     entropy = check_seed(seed)
@@ -387,25 +373,20 @@ def prepared_frames(
     lengths = 2.0 * edges / units.pop()
     check_sums(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
-
-    def rendered(progress: Progress | None) -> xarray.Dataset:
-        checked_callable(progress, "progress")
-        sums: Any = 0.0
-        with with_progress("renders", range(parts)) as numbers:
-            for part in numbers:
-                samples = total // parts + (part < total % parts)
-                seed = seed_of(entropy, part)
-                image = sorted_by_range(scene, camera, method, lengths, samples, seed)
-                sums = sums + samples / total * image
-                if progress is not None:
-                    progress(part + 1, parts)
-        pixels, unit = ("row", "column"), "W m-2 sr-1"
-        frames = np.moveaxis(sums[..., 1:-1], -1, 0)
-        values = {
-            "radiance": (frames, ("range", *pixels), unit, "radiance of a bin"),
-            "before": (sums[..., 0], pixels, unit, "radiance from nearer than all bins"),
-            "after": (sums[..., -1], pixels, unit, "radiance from farther than all bins"),
-        }
-        return described(values, range_axes(edges), {"samples": total, "seed": entropy})
-
-    return rendered
+    checked_callable(progress, "progress")
+    sums: Any = 0.0
+    with with_progress("renders", range(parts)) as numbers:
+        for part in numbers:
+            samples = total // parts + (part < total % parts)
+            image = sorted_by_range(scene, camera, method, lengths, samples, seed_of(entropy, part))
+            sums = sums + samples / total * image
+            if progress is not None:
+                progress(part + 1, parts)
+    pixels, unit = ("row", "column"), "W m-2 sr-1"
+    frames = np.moveaxis(sums[..., 1:-1], -1, 0)
+    values = {
+        "radiance": (frames, ("range", *pixels), unit, "radiance of a bin"),
+        "before": (sums[..., 0], pixels, unit, "radiance from nearer than all bins"),
+        "after": (sums[..., -1], pixels, unit, "radiance from farther than all bins"),
+    }
+    return described(values, range_axes(edges), {"samples": total, "seed": entropy})

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, finite_array
 from polywigner.mitsuba.plugins.diffraction import scene_known
-from polywigner.mitsuba.plugins.films import depths_of
+from polywigner.mitsuba.plugins.films import checked_finite, depths_of
 from polywigner.mitsuba.plugins.placement import placed_emitter
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
@@ -24,11 +24,12 @@ from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.received_power import chosen, matched
 from polywigner.mitsuba.receive.scattered import BATCHES, aimed
-from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of, number_of
+from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of
 from polywigner.mitsuba.receive.specular_paths import even_points
 from polywigner.mitsuba.scenes.rendering import hide_emitters
 from polywigner.mitsuba.scenes.surfaces import (
     is_source,
+    number_of,
     receivers_of,
     sorted_emitters,
     sorted_shapes,
@@ -43,13 +44,13 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Number of rays that are traced together. Each ray takes a few hundred bytes.
+# Rays per launch; each takes a few hundred bytes.
 _WAVEFRONT = 2**17
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Scattering events on paths to a receiver, with their powers and radiant intensities."""
+    """Scattering events on paths to a receiver."""
 
     events: Events
     power: Floats
@@ -60,15 +61,12 @@ class Cloud:
     """Standard error of the sum of all powers in W."""
 
     def thinned(self, count: int, rng: np.random.Generator, for_elements: bool) -> Cloud:
-        """Select at most ``count`` events at random, so that their sums represent all events.
+        """Select at most ``count`` events at random, with unbiased sums.
 
-        The probability of an event is proportional to its power and at most 1. The power and the
-        intensity of a selected event are divided by its probability. With ``for_elements``, the
-        probability is proportional to the mean of the event's fraction of the total power and its
-        fraction of the total intensity. Otherwise the signals of array elements would depend on a
-        few events in the nulls of the array. Systematic sampling of events sorted by path length
-        preserves the distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949)
-        333.
+        Probabilities are proportional to power or, ``for_elements``, to the mean of the relative
+        power and the relative intensity, so that the nulls of an array do not depend on a few
+        events. Systematic sampling in order of path length preserves the distribution of path
+        lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
         """
         if len(self.power) <= count:
             return self
@@ -93,10 +91,7 @@ def cloud_of(
     rng: np.random.Generator,
     motion: Motion | None,
 ) -> Cloud:
-    """Trace rays from a receiver, and return their scattering events.
-
-    At least ``count`` rays are traced. Sources must be hidden in the scene.
-    """
+    """Trace at least ``count`` rays from a receiver, with hidden sources."""
     size = -(-count // BATCHES)
     parts = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
     sums = [float(power.sum()) for _, power, _ in parts]
@@ -112,13 +107,10 @@ def cloud_of(
 def _batch(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
 ) -> tuple[Events, Floats, Floats]:
-    """Return the events of one batch of rays, with their powers and radiant intensities.
-
-    The sums over all events are unbiased estimates of the received power and of the intensity.
-    """
+    """Return the events, powers and intensities of a batch, whose sums are unbiased."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
-    # The seventh dimension is not used, but without it every seed would give a different cloud.
+    # The unused seventh dimension preserves the clouds of existing seeds.
     draws = even_points(count, 7, np.append(rng.random(6), 0.0))[:, :6]
     draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
     parts = []
@@ -128,18 +120,14 @@ def _batch(
         for events in events_of(scene, paths, rng, numbers[:, 4:], depth - 1, meets_lights, motion):
             value = events.radiance * (solid_angle / count)[events.ray]
             power = value * watts[events.ray]
-            if not np.isfinite(power).all():
-                raise SceneError("the scene has radiances of NaN or inf; check its materials")
+            checked_finite(power, "scattered powers")
             parts.append((events, power, value * (unit * events.distance) ** 2))
     events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
     return events.view(np.recarray), power, intensity
 
 
 def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
-    """Return random paths from a receiver, with weights and solid angles.
-
-    The received power in W is the product of the weight, the solid angle in sr and a radiance.
-    """
+    """Return random paths, weights and solid angles, whose product with a radiance is in W."""
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
     ray, watts, weight = sensor.ray_along(angles, 0.0, others.x, position)
@@ -151,11 +139,10 @@ def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
 
 
 def _probabilities(measure: Floats, count: int) -> Floats:
-    """Return probabilities with the sum ``count``, proportional to ``measure`` but at most 1."""
+    """Return probabilities with the sum ``count``, proportional to ``measure`` up to 1."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
-    # If the k largest values have the probability 1, the remaining probabilities must have the sum
-    # count - k.
+    # If k probabilities are 1, the sum of the remaining ones is count - k.
     certain = np.arange(count)
     remainder = sums[len(sums) - 1 - certain]
     scale = (count - certain) / np.where(remainder > 0.0, remainder, 1.0)
@@ -164,10 +151,7 @@ def _probabilities(measure: Floats, count: int) -> Floats:
 
 
 def _thinning_error(power: Floats, probabilities: Floats) -> float:
-    """Return the standard error in W that the random selection of events causes.
-
-    The standard error of the total power is computed by Hajek's approximation.
-    """
+    """Return the standard error of random selection in W, by Hajek's approximation."""
     missing = 1.0 - probabilities
     if not missing.any():
         return 0.0
@@ -175,13 +159,12 @@ def _thinning_error(power: Floats, probabilities: Floats) -> float:
     return math.sqrt(float((missing * (power - mean) ** 2).sum()))
 
 
-# Default number of rays per scatterer. The scatterers are selected from the events of all rays.
+# Default number of rays per scatterer, and smallest number of rays.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# Speed in m/s below which the Doppler shift is proportional to the speed, with an error below 1e-3.
+# Largest speed [m/s]; the Doppler shift is linear to 1e-3.
 _FASTEST = 1e5
-# Largest number of scatterers, and largest number of rays. The events of these rays take one or two
-# gigabytes.
+# Largest numbers of scatterers and of rays, whose events take up to 2 GB.
 _MOST = 1_000_000
 _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
@@ -268,7 +251,7 @@ def scatterers(
     if rays is not None:
         launched = checked_count(rays, "rays", 1, _MOST_RAYS)
     depth = max_depth
-    if depth is not None:  # A depth of -1 means no limit.
+    if depth is not None:
         is_endless = isinstance(depth, int) and depth == -1
         depth = _NO_LIMIT if is_endless else checked_count(depth, "max_depth", 1, _NO_LIMIT)
     options = ReceiveOptions(seed=seed)
@@ -312,10 +295,7 @@ def scatterers(
 
 @dataclass(frozen=True)
 class _Names:
-    """Ids of the shapes and lights of a scene.
-
-    The keys are the numbers of shapes and lights in Mitsuba's registry, which events contain.
-    """
+    """Ids of shapes and lights by registry number."""
 
     shapes: dict[int, str]
     lights: dict[int, str]
@@ -339,7 +319,7 @@ class _Names:
         return cls(shapes, lights, receiver)
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
-        """Convert velocities of objects to scene units; raise ArgumentError for unknown ids."""
+        """Convert velocities to scene units; raise ArgumentError for unknown ids."""
         speeds = {name: speed / unit for name, speed in checked_velocities(velocities).items()}
         names = {*self.shapes.values(), *self.lights.values(), self.receiver}
         for name in speeds:
@@ -361,32 +341,25 @@ def _number(kind: str, thing: Any) -> int:
 
 
 def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
-    """Check a mapping from ids to velocities in m/s; return the velocities as arrays."""
+    """Convert a mapping from ids to velocities in m/s to arrays."""
     if not isinstance(velocities, Mapping):
         raise ArgumentError(
             f"expected velocities as a mapping from ids to (vx, vy, vz), got {velocities!r}"
         )
-    return {name: _checked_velocity(name, value) for name, value in velocities.items()}
-
-
-def _checked_velocity(name: str, value: ArrayLike) -> Floats:
-    expected = (
-        f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
-        f"{_FASTEST:.0e} m/s"
-    )
-    velocity = finite_array(value, expected, (3,))
-    if not np.linalg.norm(velocity) < _FASTEST:
-        raise ArgumentError(f"{expected}, got {value!r}")
-    return velocity
+    checked = {}
+    for name, value in velocities.items():
+        expected = (
+            f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
+            f"{_FASTEST:.0e} m/s"
+        )
+        checked[name] = finite_array(value, expected, (3,))
+        if not np.linalg.norm(checked[name]) < _FASTEST:
+            raise ArgumentError(f"{expected}, got {value!r}")
+    return checked
 
 
 def _longest_path(integrator: Any) -> int:
-    """Return the largest depth of paths (``max_depth``) of an integrator."""
-    if integrator is None:
-        return _NO_LIMIT
-    if integrator.class_name() == "DirectIntegrator":
-        return 2
-    depth = depths_of(integrator)["max_depth"]
+    depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
 

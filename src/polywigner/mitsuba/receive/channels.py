@@ -1,12 +1,9 @@
 """Complex amplitudes and delays of paths between emitters and receivers.
 
-`paths_between` returns the paths, and `amplitudes_of` their amplitudes at given frequencies. The
-amplitude of a path is a product of three factors. The first factor is the coupling b of the
-emitter's image with the receiver (docs/links.md, (RX1)). The second factor is the polarisation
-factor e_r . E, where E is a unit field of the emitter after all reflections along the central path,
-and e_r is the polarisation vector of the receiver. The third factor is the transmission of
-obstacles, masks and fog: the square root of the transmitted power, averaged over rays. With
-diffraction, the third factor is the ratio b/b_0 of the couplings with and without obstacles.
+The amplitude of a path is the product of the coupling b of the emitter's image with the receiver
+(RX1), the polarisation factor e_r . E of the reflected unit field E and the receiver's polarisation
+vector e_r, and the amplitude transmission of obstacles, averaged over rays. With diffraction, the
+transmission is the ratio b/b_0 of the couplings with and without obstacles.
 """
 
 from __future__ import annotations
@@ -47,7 +44,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     passing_rays,
 )
 from polywigner.mitsuba.scenes.reflectors import (
-    OF_ECHO,
+    ECHO_ERROR,
     Body,
     Chain,
     Echo,
@@ -68,11 +65,10 @@ if TYPE_CHECKING:
     import xarray
 
 _MOST_FREQUENCIES = 1 << 16
-# Numbers of Chebyshev nodes that are tried in turn. Each set of nodes contains the previous set.
-_RULES = (5, 9, 17, 33, 65)
-# Received fraction of the power below which a note reports that the default polarisations of
-# emitter and receiver do not match.
-_MATCHED = 0.99
+# Numbers of Chebyshev nodes; each set contains the previous one.
+_NODE_COUNTS = (5, 9, 17, 33, 65)
+# Polarisation match below which a note recommends specifying polarisations.
+_GOOD_MATCH = 0.99
 
 
 @one_at_a_time
@@ -172,7 +168,7 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Return frequencies in Hz from numbers or strings; raise ArgumentError for other values."""
+    """Convert numbers or strings to frequencies in Hz."""
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
@@ -190,44 +186,35 @@ class CoherentPath:
     """Path from an emitter to a receiver, with the factors of its amplitude."""
 
     route: Route
-    """Mirrors and body along the path."""
     distance: float
-    """Length of the path between the centres of emitter and receiver in m."""
+    """Length between the centres of emitter and receiver in m."""
     transmission: float
-    """Square root of the transmitted fraction of the power, averaged over rays."""
+    """Amplitude transmission of obstacles, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """Polarisation factor ``e_r . E`` of each pair of polarised parts of emitter and receiver."""
+    """Polarisation factor ``e_r . E`` of each pair of polarised parts."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
-    """Effect of diffraction, or None without diffraction.
-
-    This function of the wavelength in m returns the ratio b/b_0 of the couplings with and without
-    obstacles.
-    """
+    """Ratio b/b_0 as a function of the wavelength in m, or None without diffraction."""
     echo: Callable[[float], complex] | None = None
-    """Echo of a body, or None for paths without a body.
-
-    This function of the wavelength in m returns the coupling by reflection from the body, which
-    replaces the couplings of ``links``.
-    """
+    """Coupling of an echo as a function of the wavelength in m, or None without a body."""
 
     def transmission_at(self, wavelength: float) -> complex:
-        """Return the amplitude transmission of obstacles at a wavelength in m, with diffraction."""
+        """Return the amplitude transmission at a wavelength in m, with diffraction."""
         return self.transmission * (1.0 if self.edges is None else self.edges(wavelength))
 
 
 @dataclass(frozen=True, eq=False)
 class NormalisedSource:
-    """An emitter or receiver with normalised power, divided into parts by polarisation."""
+    """Emitter or receiver with normalised power, divided by polarisation."""
 
     source: PlacedSource
     parts: tuple[tuple[PlacedSource, Complex], ...]
-    """Parts of the source, each with a single polarisation, and their Jones vectors."""
+    """Parts with a single polarisation, and their Jones vectors."""
     is_polarised: bool = True
     """Whether the scene or the caller specifies a polarisation."""
 
     def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the square root of a part's fraction of the source's power."""
+        """Return the square root of a part's fraction of the power."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -265,18 +252,16 @@ def paths_between(
     polarisation: Any,
     shortest: float,
 ) -> tuple[list[CoherentPath], list[str]]:
-    """Return the paths along which power is transmitted, and notes about excluded effects.
+    """Return the paths between an emitter and a receiver, and notes on excluded effects.
 
-    The sources of ``scene`` must be hidden.
-
-    ``shortest`` is the shortest wavelength in m, which determines the obstacles that diffract.
+    The sources of ``scene`` must be hidden. ``shortest`` is the shortest wavelength in m, which
+    determines the resolution of curved obstacles.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    # Segments of paths are cached, because several paths contain the same segment.
     leg_to = cache(partial(_leg_to, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
@@ -288,7 +273,7 @@ def paths_between(
     if len(paths) > 1 and paths[0].route == () and not ends[0].is_polarised:
         line = CentralPath(np.array([emitter.centre, receiver.centre]), [np.eye(3)])
         match = abs(_polarised(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
-        if match < _MATCHED:
+        if match < _GOOD_MATCH:
             notes.append(
                 f"{link}: only {match:.1%} of the power matches if both ends are polarised along "
                 "their y axes; the line-of-sight path is computed as matched, other paths as "
@@ -305,8 +290,7 @@ def _path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # If neither emitter nor receiver is polarised, the amplitude of the line-of-sight path is the
-    # scalar coupling.
+    # Unpolarised ends match, so the line of sight has the scalar coupling.
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
@@ -314,7 +298,9 @@ def _path(
         if parts_facing is not None:
             factor = leg.transmission if is_scalar else _polarised(p, q, ends, chain, leg)
             links.append((factor, parts_facing))
-    edges = None if meshes is None else cache(partial(_edges, meshes, facing, taking, chain))
+    edges = (
+        None if meshes is None else cache(partial(diffracted_ratio, meshes, facing, taking, chain))
+    )
     path = CoherentPath(chain, leg.length, rays.amplitude, tuple(links), ends, edges)
     return path, result.notes
 
@@ -322,34 +308,23 @@ def _path(
 def _polarised(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E from the Jones vectors of emitter and receiver."""
+    """Return the polarisation factor e_r . E of two Jones vectors."""
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
 
 
-def _edges(
-    meshes: list[Mesh], facing: PlacedSource, taking: PlacedSource, chain: Chain, wavelength: float
-) -> complex:
-    emitted, received = (replace(end, wavelength=wavelength) for end in (facing, taking))
-    return diffracted_ratio(meshes, emitted, received, chain)
-
-
-# ---- bodies --------------------------------------------------------------------------------------
-
-
 def _leg_to(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
-    """Return the path from an emitter or receiver via mirrors to the centre of a body.
+    """Return the path from an emitter or receiver to a body, and its amplitude transmission.
 
-    The amplitude transmission of the path is returned as well. If part of the body is not in front
-    of the emitter or receiver, the result is None.
+    The result is None if part of the body is not in front of the emitter or receiver.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
         return None
-    target = body.standing_in(image, like)
+    target = body.target_facing(image, like)
     rays = passing_rays(scene, end, target, chain, coherent=True)
     if not rays.amplitude:
         return CentralPath(np.empty((0, 3)), rays.panes), 0.0
@@ -359,10 +334,7 @@ def _leg_to(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path via a body.
-
-    By reciprocity, the path is computed as if both emitter and receiver transmitted to the body.
-    """
+    """Return the path via a body, by reciprocity from two transmitting ends."""
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
@@ -390,7 +362,6 @@ def _echo_path(
 def _echo(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return the coupling by reflection from a body, summed over all polarised parts."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -402,23 +373,20 @@ def _echo(
     total = 0j
     for (emitted, p, first), (received, q, second) in product(*sides):
         try:
-            b = echo(body.facets, emitted, received, (q, p), OF_ECHO, body.bounces)
+            b = echo(body.facets, emitted, received, (q, p), ECHO_ERROR, body.bounces)
         except PolywignerError as error:
             raise SceneError(f"cannot compute the echo of {body.name!r}: {error}") from None
         total += first * second * b
     return total
 
 
-# ---- amplitudes at frequencies -------------------------------------------------------------------
-
-
 def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
-    """Return the complex amplitudes of paths at frequencies in Hz, shape (n, paths)."""
+    """Return the complex amplitudes (n, paths) at frequencies in Hz."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
     delays = np.array([path.distance for path in paths]) / SPEED_OF_LIGHT
     envelopes = np.empty((len(frequencies), len(paths)), np.complex128)
-    for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * OF_ECHO))):
+    for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * ECHO_ERROR))):
         indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
         if indices:
             find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
@@ -427,21 +395,20 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
 
 
 def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
-    """Evaluate a smooth function at n frequencies, by interpolation if that saves calls.
+    """Evaluate a smooth function at n frequencies, by Chebyshev interpolation if that saves calls.
 
-    ``compute`` returns the k values of the function at one frequency. The number of Chebyshev nodes
-    is doubled until the interpolating polynomial predicts the values at the next nodes with an
-    error below ``tolerance`` times the largest value.
+    The number of nodes is doubled until the error at the new nodes is below ``tolerance``, relative
+    to the largest value.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
-    steps = _RULES[-1] - 1
+    steps = _NODE_COUNTS[-1] - 1
     nodes_in_band = (low + high) / 2 - (high - low) / 2 * np.cos(
         np.pi * np.arange(steps + 1) / steps
     )
     known: dict[int, Complex] = {}
     nodes, values = np.empty(0), np.empty((0, 0), np.complex128)
-    for count in _RULES:
-        if count >= len(frequencies):
+    for count in _NODE_COUNTS:
+        if count >= len(np.unique(frequencies)):
             break
         numbers = range(0, steps + 1, steps // (count - 1))
         known |= {k: compute(float(nodes_in_band[k])) for k in numbers if k not in known}
@@ -455,10 +422,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Evaluate the polynomial through ``values`` at Chebyshev nodes."""
     low, high = nodes[[0, -1]]
-    if low == high:
-        return np.repeat(values[:1], len(frequencies), axis=0)
     scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
     coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
@@ -467,7 +431,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 def _without_delays(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the complex amplitudes of paths, without the phases of their delays."""
+    """Return the amplitudes at one frequency, without the phases of delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -486,7 +450,6 @@ def _without_delays(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
-    """Return the couplings of pairs of sources that face each other."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
@@ -502,9 +465,6 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
             link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
             raise SceneError(f"{link}: {error}") from None
     return values
-
-
-# ---- results -------------------------------------------------------------------------------------
 
 
 def _dataset(

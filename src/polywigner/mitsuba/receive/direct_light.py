@@ -1,16 +1,12 @@
 """Direct light at a receiver, along the line of sight and along specular paths.
 
-Rays from a receiver cannot meet point, spot, projector and directional lights, so their power is
-computed by a formula. The received power P from a light of radiant intensity I at the point y, and
-from a plane wave of irradiance E from the direction s, is
+The received power P from a light of radiant intensity I at the point y, and from a plane wave of
+irradiance E from the direction s, follows from (RX8):
 
     P = (lambda^2/N) |U(y)|^2 I                   P = (g |F(s)|^2/N) E = D(s) lambda^2/(4 pi) E
 
-where U is the field that the receiver would transmit to y, F is the Fourier transform of its source
-field u, g is the obliquity factor, N is the power that the receiver would radiate, and D is its
-directivity. These formulas are (RX8) at a point. A mirror produces an image of the light. The
-transmission of obstacles is averaged over rays from positions on the receiver, drawn with the
-density |u|^2.
+U is the field that the receiver would transmit to y, F the Fourier transform of its source field, g
+the obliquity factor, N the power that the receiver would radiate, and D its directivity.
 """
 
 from __future__ import annotations
@@ -44,7 +40,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     points_on,
     traced,
 )
-from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by
+from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by, reflected_points
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
 from polywigner.numerics import Floats
 from polywigner.propagation.amplitudes import amplitude
@@ -56,8 +52,7 @@ from polywigner.source.polarisation import Stokes
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     """Return the ratio of received to radiated power in free space.
 
-    It is the sum of :func:`polywigner.coupling` over the waves of emitter and receiver. The
-    radiated power is defined by the parameter ``normalise`` of the receiver.
+    It is the sum of :func:`polywigner.coupling` over the waves of emitter and receiver.
     """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
@@ -65,9 +60,9 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     total = 0.0
-    # For some obliquities, coupling() and norm_of() scale the source field u differently. The ratio
-    # of radiated powers does not depend on this scale. The waves of a mixture need a common scale,
-    # which is the integral of |u|^2.
+    # coupling() and norm_of() scale the source field differently for some obliquities, which
+    # cancels in ratios of radiated powers. Waves of a mixture need a common scale, the integral of
+    # |u|^2.
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
     try:
@@ -90,7 +85,7 @@ class DirectLight:
     paths: tuple[DirectPath, ...] = ()
     notes: tuple[str, ...] = ()
     interfering: float | None = None
-    """Power in W of all paths if their amplitudes are added, or None if their powers are added."""
+    """Total power in W of interfering paths, or None."""
 
     @property
     def power(self) -> float:
@@ -101,7 +96,7 @@ class DirectLight:
 
 
 Term = tuple[float, Stokes, Stokes]
-"""Coupling |b|^2 of a polarised field of the emitter and a polarised field of the receiver."""
+"""Coupling |b|^2 of two polarised fields, and their Stokes vectors."""
 
 
 def direct_light(
@@ -111,7 +106,7 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Return the direct paths from an emitter to a receiver in a scene with hidden sources."""
+    """Return the direct paths from an emitter to a receiver, with hidden sources."""
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
@@ -120,7 +115,8 @@ def direct_light(
             return result
         image, matrix = emitter.image(chain), result.rays.power
         if meshes is not None:
-            ratio = diffracted_ratio(meshes, result.facing, result.parts.receiver, chain)
+            ends = result.facing, result.parts.receiver
+            ratio = diffracted_ratio(meshes, *ends, chain, receiver.wavelength)
             matrix = matrix * abs(ratio) ** 2
         transmission = float(matrix[0, 0])
         if transmission == 0.0:
@@ -145,11 +141,10 @@ def direct_light(
 
 
 def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return the coupling |b|^2 in free space for each pair of polarised fields."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
-        assert parts is not None  # open_path has checked that both sources face each other.
+        assert parts is not None
         terms.append((free_space_coupling(parts, tolerance), stokes_sent, stokes_taken))
     return terms
 
@@ -157,7 +152,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
 def _received(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the sum of all couplings |b|^2, and the fraction of power in matched polarisation."""
+    """Return the total coupling, and the fraction of power in matched polarisation."""
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -166,20 +161,19 @@ def _received(
         for b_squared, sent, taken in terms
     )
     passed = total * float(transmission[0, 0])
-    # The power received in a crossed polarisation is a rounding error, which may be negative.
+    # Rounding can make the power in a crossed polarisation negative.
     return total, max(received / passed, 0.0) if passed > 0 else 0.0
 
 
-# ---- point, spot, projector and directional lights -----------------------------------------------
-
-# Distance of a point that represents the direction to a directional light, relative to the
-# far-field distance or to the size of the receiver.
+# Distance of a point that stands for a direction, in units of max(R^2/wavelength, R) for a receiver
+# of radius R.
 _FAR = 1e6
+# Relative tolerance of fields.
 _TOLERANCE = 1e-6
 
 
 class DeltaLight(NamedTuple):
-    """A light that illuminates each point from a single direction."""
+    """Light that illuminates each point from a single direction (delta light)."""
 
     name: str
     emitter: Any
@@ -207,7 +201,7 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
 
 
 def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
-    """Return the direct light of point, spot, projector and directional lights."""
+    """Return the direct light of all delta lights."""
     paths, notes = delta_paths(scene, receiver, chains), []
     if paths and receiver.diffraction:
         notes.append(
@@ -218,7 +212,7 @@ def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> 
 
 
 def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
-    """Return the paths from point, spot, projector and directional lights to a receiver."""
+    """Return the paths from all delta lights to a receiver."""
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
@@ -264,39 +258,31 @@ def _delta_path(
 def _starts(
     scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Chain
 ) -> tuple[Floats, Floats]:
-    """Return the points where rays from a light to ``end`` start, and the light's mirror image.
+    """Return the starts of rays from a light to ``end``, and the mirror image of the light.
 
-    The image of a directional light is represented by a point 1 m from the centre of the receiver.
+    The image of a directional light is a point at 1 m from the receiver.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
     sample, _ = _sampled(light, centre)
     if not light.is_infinite:
         point = _row(sample.p) * unit
-        return np.broadcast_to(point, end.shape), _image(point, chain)
-    # The rays of a directional light start outside of the scene and of all its mirror images.
+        return np.broadcast_to(point, end.shape), reflected_points(point, chain)
+    # Directional light starts outside of the scene and of its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
-    direction = _image(_row(sample.d), chain) - _image(np.zeros(3), chain)
+    direction = reflected_points(_row(sample.d), chain) - reflected_points(np.zeros(3), chain)
     image = end + size * (2 * len(chain) + 1) * direction
-    return _image(image, chain[::-1]), receiver.centre + direction
+    return reflected_points(image, chain[::-1]), receiver.centre + direction
 
 
 def _row(point: Drjit) -> Floats:
-    """Return the coordinates of a point, or of the first point of an array of points."""
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
-
-
-def _image(points: Floats, chain: Chain) -> Floats:
-    for mirror in chain:
-        points = mirror.image_of(points)
-    return points
 
 
 def _sampled(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
-    """Sample a light from a point in scene units; return the sample and the irradiance there."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths
@@ -305,11 +291,7 @@ def _sampled(
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Return the radiant intensity of a light towards points in scene units, in W/sr.
-
-    For directional lights, the irradiance in W/m^2 is returned instead. Spectra are converted to
-    luminance, as in films with one channel.
-    """
+    """Return the radiant intensity in W/sr, or the irradiance in W/m^2 of a directional light."""
     total: Any = 0.0
     white = 0.0
     for wavelengths in _colours():
@@ -322,30 +304,23 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
     return np.broadcast_to(total / white, len(points))
 
 
-# Number of sets of wavelengths that represent a smooth spectrum.
-_SETS = 24
+# Number of samples of a spectrum, each with the wavelengths of one ray.
+_SAMPLES = 24
 
 
 def _colours() -> list[Drjit]:
-    """Return sets of wavelengths in nm that represent a spectrum.
-
-    For variants without wavelengths, there is one empty set of wavelengths.
-    """
+    """Return samples of the spectrum in nm, or one empty sample without wavelengths."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
     if not count:
         return [none]
     low, high = mi.MI_CIE_MIN, mi.MI_CIE_MAX
-    grid = low + (high - low) * (np.arange(_SETS * count) + 0.5) / (_SETS * count)
-    return [kind(*row) for row in grid.reshape(_SETS, count).tolist()]
+    grid = low + (high - low) * (np.arange(_SAMPLES * count) + 0.5) / (_SAMPLES * count)
+    return [kind(*row) for row in grid.reshape(_SAMPLES, count).tolist()]
 
 
 def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return the effective area in m^2 of a receiver for each of its polarised fields.
-
-    The area is the received power divided by 4 pi times the radiant intensity of a light, or by the
-    irradiance of a plane wave. The effective area replaces the coupling |b|^2.
-    """
+    """Return the effective areas in m^2 of a receiver, which replace couplings."""
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:

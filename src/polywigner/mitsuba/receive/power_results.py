@@ -1,4 +1,4 @@
-"""Results and options of received power, with contributions, standard errors and noise."""
+"""Results and options of received power."""
 
 from __future__ import annotations
 
@@ -28,12 +28,11 @@ OTHER_LIGHTS = "other lights"
 
 
 def dbm_of(watts: float) -> float | None:
-    """Return a power in dBm, or None unless it is positive; noise can cause negative powers."""
+    """Return a power in dBm, or None unless it is positive."""
     return 10 * math.log10(watts / 1e-3) if watts > 0 else None
 
 
 def dbm_text(watts: float) -> str:
-    """Return a power in dBm as text."""
     if watts > 0:
         return f"{dbm_of(watts):.2f} dBm"
     return "none" if watts == 0 else "below zero"
@@ -217,10 +216,7 @@ class ReceivedPower:
 def noise_power_of(
     bandwidth: float | None, temperature: float | None, noise_figure: float | None
 ) -> float | None:
-    """Return the noise power k T B F in W, or None without a temperature and a bandwidth.
-
-    The bandwidth B is in Hz, the temperature T in K and the noise figure in dB.
-    """
+    """Return the noise power k T B F in W, or None if T in K or B in Hz is unknown; F is in dB."""
     if temperature is None or bandwidth is None:
         return None
     return BOLTZMANN * temperature * bandwidth * 10 ** ((noise_figure or 0.0) / 10)
@@ -245,7 +241,6 @@ def _watts(value: float) -> str:
     return f"{value:.4g} W"
 
 
-# Largest number of specular reflections of a path.
 MOST_REFLECTIONS = 3
 
 
@@ -265,9 +260,9 @@ class ReceiveOptions:
     coherent: bool = False
     """Whether the direct paths of one emitter interfere."""
     polarisation: Any = None
-    """Jones vector of emitters and receivers whose polarisation the scene does not specify."""
+    """Jones vector where the scene specifies no polarisation."""
     bodies: Any = None
-    """Conducting bodies, which the check converts to a tuple of :class:`Body`."""
+    """Conducting bodies, converted to a tuple of :class:`Body`."""
 
     def __post_init__(self) -> None:
         is_coherent = checked_flag(self.coherent, "coherent")
@@ -288,19 +283,9 @@ class ReceiveOptions:
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Return the noise parameters of a receiver.
-
-        Noise parameters in these options replace the parameters of the receiver.
-        """
+        """Return noise parameters, which replace the noise parameters of a receiver."""
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
-        noise = {n: spec.noise[n] if value is None else value for n, value in noise.items()}
-        power = noise_power_of(**noise)
-        if power is not None and not 0 < power < math.inf:
-            raise ArgumentError(
-                f"the noise power k T B F must be positive and finite, got {power} W from "
-                f"{noise}; check the units of bandwidth (Hz) and temperature (K)"
-            )
-        return noise
+        return {n: spec.noise[n] if value is None else value for n, value in noise.items()}
 
 
 def described(
@@ -308,11 +293,7 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Create a dataset with units and descriptions.
-
-    Each variable in ``values`` consists of an array, its dimensions, its unit (empty for text) and
-    its description.
-    """
+    """Create a dataset from variables of the form (array, dimensions, unit, description)."""
     from polywigner import __version__
 
     return labelled_arrays(

@@ -1,11 +1,8 @@
 """Transmission of power and polarisation along paths, computed with rays through a scene.
 
-Rays are traced from the receiver to the emitter. Null surfaces, fog, masks and thin panes transmit
-the rays, and the flat mirrors of the path reflect them.
-
-The reflectance of a thin pane is 2R/(1 + R), the sum of the powers of all internal reflections,
-where R is the reflectance of one surface. Mitsuba's ``thindielectric`` uses the mean R of both
-polarisations. In this module, the reflectance is computed for each polarisation.
+Rays are traced from the receiver to the emitter, through null surfaces, fog, masks and thin panes.
+The reflectance of a pane is 2R/(1 + R) for each polarisation, where R is the reflectance of one
+surface. Mitsuba's ``thindielectric`` uses the mean R of both polarisations.
 """
 
 from __future__ import annotations
@@ -28,27 +25,26 @@ from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
 from polywigner.numerics import Floats
 
-# Largest number of null surfaces on a path. Paths through more null surfaces count as blocked.
+# Largest number of null surfaces per path; longer paths count as blocked.
 _MOST_PASSED = 64
-# Number of points between two surfaces at which the density of fog is sampled.
-_IN_FOG = 32
-# Largest angle in rad between two directions of reflection that count as equal.
+# Samples of fog density between two surfaces.
+_FOG_SAMPLES = 32
+# Largest angle between equal directions [rad].
 _SAME_DIRECTION = 1e-3
-# Wavelengths in nm at which spectral variants are sampled.
-_COLOURS = (450.0, 520.0, 590.0, 660.0)
+# Sampled wavelengths in spectral variants [nm].
+_WAVELENGTHS = (450.0, 520.0, 590.0, 660.0)
 # BSDFs that change the polarisation of transmitted light.
 _FILTERS = ("LinearPolarizer", "LinearRetarder", "CircularPolarizer")
 
 
 def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
-    """Convert NumPy arrays of shape (n, 2) or (n, 3) to points of Mitsuba.
+    """Convert arrays of shape (n, 2) or (n, 3) to points of Mitsuba, in batches.
 
-    Compiled variants get all points in one batch, and scalar variants one point in each batch. The
-    coordinates are copied from lists, because kernels would depend on the memory alignment of NumPy
-    arrays.
+    Compiled variants have one batch with n points, and scalar variants n batches with one point.
     """
     kinds = [{2: mi.Point2f, 3: mi.Point3f}[array.shape[1]] for array in arrays]
     if dr.is_jit_v(mi.Float):
+        # Lists, because kernels would depend on the alignment of NumPy memory.
         columns = [[mi.Float(column.tolist()) for column in array.T] for array in arrays]
         yield tuple(kind(*part) for kind, part in zip(kinds, columns, strict=True))
         return
@@ -57,7 +53,7 @@ def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
 
 
 def joined(values: Iterable[Drjit]) -> Floats:
-    """Join the numbers of several batches to one NumPy array."""
+    """Join the values of several batches to one NumPy array."""
     return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
 
 
@@ -68,67 +64,52 @@ class Plane(NamedTuple):
     normal: Drjit
     offset: float
     rounding: float
-    """Largest distance between the plane and hits on the mirror, due to rounding errors."""
+    """Largest distance between the plane and rounded hits on the mirror."""
     surfaces: tuple[Surface, Surface] | None
-    """Optical surfaces for waves that arrive on the front and on the back of the mirror.
-
-    Without these surfaces, the reflectance of Mitsuba's BSDF is used.
-    """
+    """Front and back surface, or None for the reflectance of Mitsuba's BSDF."""
 
 
 class Transmission(NamedTuple):
     """Transmission of rays along a path."""
 
     fraction: Drjit
-    """Transmitted fraction of the power; for polarised rays, Mueller matrices in Mitsuba's axes."""
+    """Transmitted power fraction, or Mueller matrices in Mitsuba's axes."""
     first: Drjit
-    """Direction of each ray at the first point."""
     last: Drjit
-    """Direction of each ray towards the last point."""
     panes: list[list[Drjit]]
-    """Fields behind the thin panes of each segment, for incident fields along x, y and z."""
+    """Fields behind the panes of each segment, for incident fields along x, y and z."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Pane:
-    """Shape of thin glass, possibly with masks."""
-
     shape: Any
     surface: Surface
     masks: list[Any]
 
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
-        """Return the transmittances of a pane for s and p polarisation.
+        """Return the transmittances for s and p polarisation.
 
-        The unpolarised transmittance of the pane's BSDF in Mitsuba is ``total``.
+        ``total`` is the transmittance in Mitsuba, with textures and masks.
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
         mean, across, along = _on_host(self._without_masks, cosine)
-        # The factor accounts for the texture, and for the fraction of the surface that the masks
-        # leave.
+        # The scale contains the texture and the unmasked fraction of the surface.
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
 
     def _without_masks(self, cosine: Floats) -> list[Floats]:
-        """Return the transmittance of the glass in Mitsuba, and for s and p polarisation."""
+        """Return Mitsuba's transmittance, and the transmittances for s and p polarisation."""
         fields = self.surface.coefficients(cosine)
         mean = 1.0 - self.surface.reflectance_in_mitsuba(cosine)
         return [mean, *(1.0 - np.abs(field) ** 2 for field in fields)]
 
 
 class RayTracer:
-    """Tracer of rays along paths through a scene.
+    """Tracer of rays along paths through a scene with hidden sources.
 
-    Parameters
-    ----------
-    scene : mi.Scene
-        Scene whose sources are hidden.
-    polarised : bool
-        Whether to return Mueller matrices.
-    coherent : bool
-        Whether the caller applies the effects of mirrors and thin panes to field vectors. These
-        effects are then excluded from the transmitted fraction.
+    ``polarised`` tracers return Mueller matrices. ``coherent`` tracers exclude the effects of
+    mirrors and panes on fields, which the caller applies to field vectors.
     """
 
     def __init__(self, scene: Any, polarised: bool, coherent: bool) -> None:
@@ -146,20 +127,18 @@ class RayTracer:
 
     @property
     def changes_fields(self) -> bool:
-        """Whether panes of the scene can change the field vectors of rays."""
         return self._coherent and bool(self._panes)
 
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
-        """Trace rays along paths, and return the transmission from the last to the first point.
+        """Trace rays via mirrors, and return the transmission from the last to the first point.
 
-        ``medium`` is the fog at the first point. ``planes`` contains the planes of the mirrors, one
-        for each point except the first and the last.
+        ``medium`` is the fog at the first point. ``planes`` are the planes of the mirrors.
         """
         fraction, panes = self._all(), []
         first = direction = dr.normalize(points[1] - points[0])
         ray = mi.Ray3f(points[0], direction)
         if dr.size_v(type(ray.wavelengths)):
-            ray.wavelengths = type(ray.wavelengths)(*_COLOURS)
+            ray.wavelengths = type(ray.wavelengths)(*_WAVELENGTHS)
         if dr.is_jit_v(mi.Float):
             medium = mi.MediumPtr(medium)
         for plane, end in zip(planes, points[2:], strict=True):
@@ -179,23 +158,18 @@ class RayTracer:
         return Transmission(fraction, first, direction, panes)
 
     def unobstructed(self, si: Any, point: Any) -> Drjit:
-        """Return the transmission between a surface and a point of a light, without fog."""
+        """Return the transmission from a surface to a point of a light, without fog."""
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._first_surface(si.spawn_ray_to(point), medium)
         return dr.select(it.is_valid(), 0.0, passed)
 
     def _all(self) -> Drjit:
-        """Return the value of full transmission, which is 1 or the unit Mueller matrix."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """Trace rays to the first surface that is a mirror or that is not null.
-
-        Returns the surface interaction, the transmission up to the surface, the fog behind it, and
-        the fields behind thin panes for incident fields along x, y and z.
-        """
+        """Trace rays to a mirror or to the first surface that is not null."""
         fraction, moves = self._all(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
         for _ in range(_MOST_PASSED):
@@ -270,9 +244,8 @@ class RayTracer:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _mean(weight, self._polarised)
-        # Mitsuba's reflectance is the Fresnel reflectance times textures and factors of the BSDF.
-        # The factor ``inverse`` divides by the Fresnel reflectance, so that only these textures and
-        # factors remain.
+        # Dividing Mitsuba's reflectance by the Fresnel reflectance leaves the textures and factors
+        # of the BSDF.
         inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
         scale = covered * _mean(weight, False) * inverse
         if self._coherent:
@@ -283,10 +256,9 @@ class RayTracer:
 
 
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
-    """Return one over the reflectance in Mitsuba, and the amplitude coefficients for s and p.
+    """Return 1 over Mitsuba's reflectance, and the amplitude coefficients for s and p polarisation.
 
-    The surface is ``before`` for positive cosines of incidence, and ``behind`` for negative
-    cosines.
+    Negative cosines belong to the surface ``behind``.
     """
 
     def values(surface: Surface) -> list[Floats]:
@@ -299,7 +271,7 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
 
 
 def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
-    """Evaluate a function of NumPy arrays at values in a Dr.Jit array."""
+    """Evaluate a NumPy function for a Dr.Jit array."""
     results = function(np.array(value, np.float64))
     if dr.is_jit_v(mi.Float):
         return [mi.Float(result.tolist()) for result in results]
@@ -307,7 +279,6 @@ def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drj
 
 
 def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
-    """Return the total opacity of nested masks."""
     result: Any = mi.Float(1.0)
     for mask in masks:
         texture = next(child for child in children_of(mask) if isinstance(child, mi.Texture))
@@ -316,25 +287,24 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _across(normal: Any, direction: Any) -> Drjit:
-    """Return the unit normal of the plane of incidence, arbitrary at normal incidence."""
+    """Return the unit normal of the plane of incidence, or any transverse unit vector."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
-    is_oblique = length > _ALONG
+    is_oblique = length > _NORMAL_INCIDENCE
     return dr.select(
         is_oblique, across / dr.select(is_oblique, length, 1.0), mi.coordinate_system(direction)[0]
     )
 
 
-# Incidence counts as normal if the sine of the angle of incidence is below this value, because of
-# rounding errors in single precision.
-_ALONG = 1e-6
+# Sine of the largest angle of incidence that counts as normal incidence.
+_NORMAL_INCIDENCE = 1e-6
 
 
 def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
     """Return the Mueller matrix of a reflection or transmission in Mitsuba's axes.
 
-    ``roots`` contains the real amplitude coefficients for s and p polarisation. ``across`` is the s
-    axis. ``arrives`` and ``leaves`` are the propagation directions before and after the surface.
+    ``roots`` are amplitude coefficients for s and p polarisation, ``across`` is the s axis, and
+    ``arrives`` and ``leaves`` are propagation directions.
     """
     s, p = roots
     mean, difference = (s * s + p * p) / 2, (s * s - p * p) / 2
@@ -346,7 +316,6 @@ def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
 
 
 def _is(pointer: Any, shape: Any) -> Drjit:
-    """Return a mask of the rays that have hit a shape."""
     return pointer == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
 
 
@@ -355,7 +324,7 @@ def _is_apart(point: Any, plane: Plane) -> Drjit:
 
 
 def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
-    """Return the transmission of fog between the start of a ray and its first surface."""
+    """Return the transmission of fog up to a surface."""
     is_jit = dr.is_jit_v(mi.Float)
     is_foggy = medium != mi.MediumPtr(None) if is_jit else medium is not None
     length = dr.minimum(si.t, ray.maxt)
@@ -366,25 +335,21 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
     interaction = dr.zeros(mi.MediumInteraction3f)
     interaction.wavelengths = ray.wavelengths
     depth: Any = 0.0
-    for step in range(_IN_FOG):
-        along = (step + 0.5) / _IN_FOG
+    for step in range(_FOG_SAMPLES):
+        along = (step + 0.5) / _FOG_SAMPLES
         scale = dr.opaque(mi.Float, along) if is_jit else along
         interaction.p = ray.o + ray.d * (length * scale)
         depth = depth + medium.get_scattering_coefficients(interaction, is_foggy)[2]
-        dr.eval(depth)  # Separate evaluations let all steps use the same small kernel.
-    return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _IN_FOG))), 1.0)
+        dr.eval(depth)  # All steps use the same small kernel.
+    return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _FOG_SAMPLES))), 1.0)
 
 
 def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
-    """Return the fog behind a surface, seen along ``direction``."""
     changes = active & si.is_medium_transition()
-    if not dr.is_jit_v(mi.Float):
-        return si.target_medium(direction) if changes else medium
     return dr.select(changes, si.target_medium(direction), medium)
 
 
 def _mean(spectrum: Any, polarised: bool) -> Drjit:
-    """Return the mean of a spectrum over wavelengths or colours, as for received powers."""
     if not polarised:
         return dr.mean(mi.unpolarized_spectrum(spectrum))
     return mueller_matrix(mi, {entry: dr.mean(spectrum[entry]) for entry in np.ndindex(4, 4)})

@@ -48,7 +48,6 @@ from polywigner.mitsuba.receive.scattered import (
     lights_of,
     standard_error,
 )
-from polywigner.mitsuba.receive.scattering_steps import number_of
 from polywigner.mitsuba.scenes.reflectors import Echo, Route, names_of, routes_in
 from polywigner.mitsuba.scenes.rendering import (
     default_integrator,
@@ -57,7 +56,12 @@ from polywigner.mitsuba.scenes.rendering import (
     hide_emitters,
     polarised_by_default,
 )
-from polywigner.mitsuba.scenes.surfaces import receivers_of, sorted_shapes, wigner_emitters
+from polywigner.mitsuba.scenes.surfaces import (
+    number_of,
+    receivers_of,
+    sorted_shapes,
+    wigner_emitters,
+)
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 
@@ -67,7 +71,7 @@ Progress = Callable[[int, int], None]
 Sampled = Callable[[list[Scattering]], Floats]
 """Function that renders all batches of scattered light.
 
-The function returns powers in W, shape (receivers, batches, lights, ...).
+It returns powers in W, shape (receivers, batches, lights, ...).
 """
 
 
@@ -186,11 +190,7 @@ def received_powers(
 
 
 def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the index of a receiver in a list of receivers.
-
-    A receiver is specified by its id, its index, or None if there is only one receiver. Raises
-    ArgumentError unless exactly one receiver matches.
-    """
+    """Return the index of a receiver by id, by index, or None for a single receiver."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
@@ -210,7 +210,7 @@ class Parties(NamedTuple):
     """Selected receivers and all coherent sources of a scene."""
 
     sensors: list[int]
-    """Indices of the receivers in the list of sensors of the scene."""
+    """Indices of the receivers among the sensors."""
     receivers: list[PlacedSource]
     noises: list[dict[str, Any]]
     """Bandwidth, temperature and noise figure of each receiver."""
@@ -223,10 +223,7 @@ class Received(NamedTuple):
     powers: list[ReceivedPower]
     receivers: list[PlacedSource]
     batches: Floats
-    """Scattered power in W, shape (receivers, batches, lights, values).
-
-    The last axis contains the power in each range bin, or a single sum over all ranges.
-    """
+    """Scattered power in W, shape (receivers, batches, lights, bins or 1)."""
 
 
 def received(
@@ -236,16 +233,15 @@ def received(
     sample: Sampled,
     edges: Floats | None = None,
 ) -> Received:
-    """Return the power at several receivers, as in :func:`received_power`.
+    """Return the power at the receivers with the indices ``numbers``.
 
-    Receivers are specified by their indices ``numbers``. Scattered light is divided into range bins
-    with the edges ``edges`` in m, if specified.
+    ``edges`` in m divide scattered light into range bins.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         parties = matched(scene, numbers, options)
         ends = list(zip(parties.sensors, parties.receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
-        # Direct light is computed first, so that its errors are raised before slow renders start.
+        # Errors in direct light are raised before slow renders start.
         direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
@@ -257,10 +253,7 @@ def received(
 
 
 def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
-    """Return the receivers with the indices ``numbers``, and the sources of a scene.
-
-    Raises SceneError unless the frequency bands and scene units of receivers and sources match.
-    """
+    """Return receivers and sources; raise SceneError unless their frequencies and units match."""
     if not scene.emitters():
         raise SceneError("the scene has no emitters; add an emitter")
     sensors = [receivers_of(scene)[number] for number in numbers]
@@ -278,7 +271,6 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return the settings with which light scattered to a sensor is sampled."""
     name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
@@ -293,10 +285,7 @@ def _scattering(
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Render all batches of scattered light one after the other.
-
-    Returns powers in W, shape (receivers, batches, lights, ...).
-    """
+    """Render all batches; return powers in W, shape (receivers, batches, lights, ...)."""
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
     with slow_bar("renders", total) as advance:
@@ -311,10 +300,7 @@ def _direct(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter, and of point lights and directional lights.
-
-    The sources of ``scene`` must be hidden.
-    """
+    """Return the direct light of each emitter and of all delta lights, with hidden sources."""
     chains, echoes, notes = routes_in(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
@@ -336,7 +322,7 @@ def _interfering(
     routes: list[Route],
     options: ReceiveOptions,
 ) -> DirectLight:
-    """Return the direct light of an emitter whose paths interfere; sources must be hidden."""
+    """Return the direct light of an emitter with interfering paths, with hidden sources."""
     wavelength = emitter.wavelength
     paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
@@ -371,11 +357,6 @@ def _result(
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
-    """Return the received power of one receiver.
-
-    The received power is the sum of direct light, ``direct``, and of the average of all batches of
-    scattered power in W, ``scattered``.
-    """
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
@@ -400,13 +381,12 @@ def _result(
     )
 
 
-# Number of pixels along a side of an arrival map and number of samples per pixel, for compiled
-# variants and for scalar variants. Both maps take a few seconds.
+# Pixels per side of an arrival map and samples per pixel, for compiled and scalar variants.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
-    """Return a map of scattered and incoherent power in W by direction of arrival, shape (n, n)."""
+    """Return a map (n, n) of scattered and incoherent power in W by direction of arrival."""
     _, original = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER)
@@ -422,19 +402,18 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
             how = {"integrator": integrator, "spp": spp, "seed": seed_of(seed)}
             image = np.array(mi.render(scene, sensor=sensor, **how), dtype=np.float64)
     finally:
-        sensor.scene = None  # The memory of the scene can then be freed.
+        sensor.scene = None  # Frees the scene.
     return mean_of_colours(image)
 
 
-# Largest number of shapes that are labelled in an arrival map, and smallest fraction of the power
-# that comes from a labelled shape.
+# Largest number of labels in an arrival map, and smallest fraction of power of a labelled shape.
 _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 
 
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return the mean direction cosines of the shapes from which most power of a map arrives."""
+    """Return the direction cosines of the shapes from which most power arrives."""
     placed = placed_receiver(receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
@@ -456,7 +435,6 @@ def shapes_in(
 
 
 def _first_shapes(scene: Any, origin: Floats, directions: Floats) -> NDArray[np.uint32]:
-    """Return the number of the shape that each ray from ``origin`` hits first, shape (n,)."""
     start, numbers = mi.Point3f(*origin.tolist()), []
     for (direction,) in point_batches(directions.T):
         hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(direction)))

@@ -1,29 +1,23 @@
-"""Power that surfaces and fog scatter to a receiver, with its standard error.
+"""Power that surfaces and fog scatter to a receiver, with its standard error from batches.
 
-Samples are computed in batches with different seeds. The standard error is computed from the
-scatter of the batches. The paths of samples do not depend on the power of a source. Therefore the
-contribution of a source is the difference of two renders with the same seed: the first render
-includes the source and all incoherent lights, and the second render only the incoherent lights.
-
-Samples that are drawn from the receiver's far-field pattern rarely hit shapes that are small or
-outside the beam. Therefore a fraction S of the samples is aimed at boxes around such shapes. The
-boxes are rectangles in the receiver's angles (alpha, psi), whose area element dalpha dpsi is a
-solid angle. All samples are weighted with the density of the mixture,
+The contribution of a source is the difference of two renders with the same seed, with and without
+the source. A fraction S of the samples is aimed at boxes around small shapes, in the receiver's
+angles (alpha, psi), whose area element is a solid angle. The density of samples is
 
     S sum_k p_k [in box k]/Omega_k + (1 - S) p(alpha, psi),
 
 where p is the density of the far-field pattern, and p_k and Omega_k are the probability and the
-solid angle of box k. These weights (the balance heuristic) do not change the mean. Source: E. Veach
-and L. J. Guibas, "Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH
-1995.
+solid angle of box k. Source of the weights (balance heuristic): E. Veach and L. J. Guibas,
+"Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH 1995.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -47,35 +41,29 @@ from polywigner.mitsuba.scenes.surfaces import (
 )
 from polywigner.numerics import Floats
 
-# ---- rays towards small shapes -------------------------------------------------------------------
-
-# Fraction S of the samples that are aimed at boxes. Fewer samples remain for other directions, so
-# errors increase there. They increase by a factor of 1.07 if errors are proportional to one over
-# the square root of the number of samples, and by 1/(1 - S) = 1.14 if they are proportional to one
-# over the number of samples, as for stratified samples.
+# Fraction S of the samples that are aimed at boxes. Errors in other directions grow by a factor of
+# at most 1/(1 - S) = 1.14.
 _AIMED = 1 / 8
-# Fraction of the aimed samples that is divided equally among all boxes, because range profiles need
-# samples of each box.
+# Fraction of the aimed samples that all boxes share equally, so that each box has samples in a
+# range profile.
 _EQUAL = 0.5
-# Largest number of boxes of a receiver, because each sample is tested against all boxes.
+# Largest number of boxes per receiver, because each sample tests all boxes.
 _MOST_BOXES = 64
-# Largest number of pieces and largest number of faces of a mesh whose separate pieces have separate
-# boxes.
+# Largest numbers of pieces and faces of a mesh with one box per piece.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
-# Samples are aimed at a box if at most this fraction of the unaimed samples hits the box.
-_COMMON = 1 / 16
-# Smallest width of a box in rad, because single precision hardly resolves smaller angles.
+# Largest fraction of unaimed samples in a box at which samples are aimed.
+_MOST_UNAIMED = 1 / 16
+# Smallest width of a box [rad], limited by single precision.
 _NARROWEST = 1e-5
-# Margin around a box of angles relative to its width, because straight sides of a box in space
-# become curved lines in angles.
+# Relative margin of a box of angles, because straight sides in space are curved in angles.
 _MARGIN = 0.02
-# Number of points along each side of a box in space, and along each axis of a box of angles.
+# Points along each side of a box in space, and of a box of angles.
 _POINTS = 3
 _PROBES = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
-    """Aim samples of receivers at small shapes within a ``with`` block."""
+    """Aim samples of receivers at small shapes."""
     sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
@@ -89,13 +77,11 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
 
 
 def _boxes(shape: Any) -> list[Floats]:
-    """Return the bounding box of a shape, or of each piece of a mesh, each of shape (2, 3)."""
+    """Return the bounding boxes (2, 3) of a shape or of the pieces of a mesh."""
     shape_box = [bounds_of(shape)]
-    if not shape.is_mesh() or not 1 < shape.face_count() <= _MOST_FACES:
+    if "faces" not in mi.traverse(shape) or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    if "faces" not in mi.traverse(shape):  # Rectangles do not have the parameter "faces".
-        return shape_box
-    # Meshes with normals contain several copies of a vertex.
+    # Meshes with normals contain vertices several times.
     points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
     faces = numbers.ravel()[faces_of(shape)]
     first, second, third = faces.T
@@ -108,25 +94,20 @@ def _boxes(shape: Any) -> list[Floats]:
 
 
 def _vectors(sensor: Any, boxes: Floats) -> Floats:
-    """Return vectors from a receiver to points of boxes in its frame, shape (boxes, points, 3)."""
+    """Return vectors (boxes, points, 3) from a receiver to boxes, in its frame."""
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     points = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
     spec = sensor.spec
     local = (points - spec.pose[:3, 3]) @ spec.pose[:3, :3] - np.append(spec.centre, 0.0)
     corners = np.reshape(spec.at_origin.bounds, (2, 2)) / spec.scene_unit
-    # Rays start at the corners of the receiver's bounding box.
     starts = [[x, y, 0.0] for x in corners[:, 0] for y in corners[:, 1]]
     vectors = np.concatenate([local - start for start in starts], axis=1)
     return np.asarray(vectors[(vectors[..., 2] > 0.0).all(axis=1)])
 
 
 def _targets(sensor: Any, boxes: Floats) -> Floats:
-    """Return the boxes of angles at which samples of a receiver are aimed, shape (n, 5).
-
-    A box is described by its smallest angles (alpha, psi), its largest angles (alpha, psi), and its
-    fraction of the aimed samples.
-    """
+    """Return rows (n, 5): low and high (alpha, psi), and fraction of aimed samples."""
     vectors = _vectors(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
@@ -138,9 +119,7 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
     low, high = np.maximum(low - added, -limit), np.minimum(high + added, limit)
     rows = np.concatenate([low, high], axis=1).astype(np.float32).astype(np.float64)
     fraction = _unaimed_fraction(sensor.directions, rows)
-    rare = (fraction < _COMMON) & (fraction > 0.0)
-    if not rare.any():
-        return np.empty((0, 5))
+    rare = (fraction < _MOST_UNAIMED) & (fraction > 0.0)
     returned = (fraction / distance.mean(axis=1) ** 2)[rare]
     chosen = np.argsort(-returned, kind="stable")[:_MOST_BOXES]
     fractions = (
@@ -150,7 +129,6 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
-    """Return the fraction of the unaimed samples in each box, shape (n,)."""
     steps = (np.arange(_PROBES) + 0.5) / _PROBES
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
@@ -161,11 +139,10 @@ def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
 
 
 class AimedDirections:
-    """Sampler of directions that combines boxes of angles with another sampler ``directions``."""
+    """Sampler of directions in boxes of angles or from another sampler."""
 
     def __init__(self, m: Any, directions: Any, rows: Floats) -> None:
-        """Create the sampler for boxes ``rows``, as returned by :func:`_targets`."""
-        self._m, self._jit, self._others = m, dr.is_jit_v(m.Float), directions
+        self._m, self._others = m, directions
         self._ops = ops_for(m.Float)
         low, high, fractions = rows[:, :2], rows[:, 2:4], rows[:, 4]
         ends = np.cumsum(fractions)
@@ -174,72 +151,66 @@ class AimedDirections:
         density = fractions / (high - low).prod(axis=1)
         table = np.column_stack([low, high, starts, 1.0 / (ends - starts), ends, density])
         self._count: Any = len(table)
-        # The table has a constant length, so that kernels do not depend on the number of shapes.
+        # A constant length keeps kernels independent of the number of shapes.
         table = np.pad(table, ((0, _MOST_BOXES - len(table)), (0, 0)))
-        self._columns: Any = [column.tolist() for column in table.T]
-        if self._jit:
+        self._table = self._ops.on_device(table)
+        if dr.is_jit_v(m.Float):
             self._count = dr.opaque(m.UInt32, self._count)
-            self._columns = [m.Float(column) for column in self._columns]
 
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
-        """Map uniform points of the unit square to angles; return the angles and their density."""
+        """Map points of the unit square to angles and their density."""
         m = self._m
         aims = sample.x < _AIMED
         unaimed = dr.select(aims, 0.5, (sample.x - _AIMED) * (1 / (1 - _AIMED)))
         others, density = self._others.sample(m.Point2f(unaimed, sample.y))
         u = dr.select(aims, sample.x * (1 / _AIMED), 0.0)
-        number = self._sum(lambda k: dr.select(u >= self._at(6, k), 1.0, 0.0))
-        number = m.UInt32(number) if self._jit else min(int(number), self._count - 1)
-        u = (u - self._at(4, number)) * self._at(5, number)
-        alpha = dr.select(aims, self._between(number, 0, u), others.x)
-        angles = m.Point2f(alpha, dr.select(aims, self._between(number, 1, sample.y), others.y))
+        number = self._ops.truncated(self._sum(lambda box: dr.select(u >= box[6], 1.0, 0.0)))
+        box = self._ops.gather(self._table, number)
+        alpha = _between(box[0], box[2], (u - box[4]) * box[5])
+        psi = _between(box[1], box[3], sample.y)
+        angles = m.Point2f(dr.select(aims, alpha, others.x), dr.select(aims, psi, others.y))
         density = dr.select(aims, self._others.density(angles), density)
         return angles, self._mixed(angles, density)
 
     def density(self, angles: Any) -> Drjit:
-        """Return the density of samples per solid angle."""
         return self._mixed(angles, self._others.density(angles))
 
     def _mixed(self, angles: Any, others: Any) -> Drjit:
-        return _AIMED * self._sum(lambda k: self._inside(angles, k)) + (1 - _AIMED) * others
-
-    def _between(self, number: Any, axis: int, u: Any) -> Drjit:
-        """Map a random number to an angle that is inside a box despite rounding errors."""
-        low, high = self._at(axis, number), self._at(axis + 2, number)
-        return dr.clip(low + (high - low) * u, low, high)
-
-    def _inside(self, angles: Any, number: Any) -> Drjit:
-        """Return the density of the samples aimed at one box; it is zero outside the box."""
-        in_alpha, in_psi = (
-            (angle >= self._at(axis, number)) & (angle <= self._at(axis + 2, number))
-            for axis, angle in enumerate((angles.x, angles.y))
-        )
-        return dr.select(in_alpha & in_psi, self._at(7, number), 0.0)
-
-    def _at(self, column: int, number: Any) -> Drjit:
-        if self._jit:
-            return dr.gather(self._m.Float, self._columns[column], number)
-        return self._columns[column][number]
+        return _AIMED * self._sum(partial(_density_in, angles)) + (1 - _AIMED) * others
 
     def _sum(self, term: Callable[[Any], Any]) -> Drjit:
-        """Return the sum of ``term`` over all boxes, computed by a loop in the kernel."""
-        return self._ops.fold(0, self._count, (0.0,), lambda k, total: (total + term(k),))[0]
+        def add(number: Any, total: Drjit) -> tuple[Drjit]:
+            return (total + term(self._ops.gather(self._table, number)),)
+
+        return self._ops.fold(0, self._count, (0.0,), add)[0]
 
 
-# ---- batches of samples --------------------------------------------------------------------------
+def _between(low: Drjit, high: Drjit, u: Drjit) -> Drjit:
+    """Map a random number to an angle inside a box despite rounding errors."""
+    return dr.clip(low + (high - low) * u, low, high)
 
-# Number of batches of samples. With 16 batches, the standard error is accurate to 18 %.
+
+def _density_in(angles: Any, box: Sequence[Drjit]) -> Drjit:
+    """Return the density of the samples aimed at a box."""
+    in_alpha, in_psi = (
+        (angle >= low) & (angle <= high)
+        for angle, low, high in zip((angles.x, angles.y), box[:2], box[2:4], strict=True)
+    )
+    return dr.select(in_alpha & in_psi, box[7], 0.0)
+
+
+# Number of batches; the standard error is accurate to 18 %.
 BATCHES = 16
 
 
 def batches_of(spp: int) -> int:
-    """Return the number of samples per batch if 16 batches contain at least ``spp`` samples."""
+    """Return the number of samples per batch for a total of at least ``spp``."""
     return -(-check_spp(spp) // BATCHES)
 
 
 @dataclass(frozen=True)
 class Scattering:
-    """Settings with which light scattered to a receiver is sampled."""
+    """Settings for sampling the light scattered to a receiver."""
 
     sensor: int
     integrator: Any
@@ -253,15 +224,14 @@ class Scattering:
     def values(self) -> tuple[int, ...]:
         """Shape of the power of one light in a batch.
 
-        Without range bins, the power is a single number. With range bins, the power has the shape
-        (bins + 2,), with additional values for shorter and longer paths.
+        It is (), or (bins + 2,) with range bins, including shorter and longer paths.
         """
         return () if self.edges is None else (len(self.edges) + 1,)
 
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """Render a batch of scattered light; return powers in W, shape (lights, values)."""
+        """Render one batch; return powers in W, shape (lights, *values)."""
         seed, samples = seed_of(self.seed, number), batches_of(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
@@ -284,16 +254,13 @@ class Scattering:
 
 
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
-    """Return the lights for which separate renders are computed.
-
-    The entry None represents all incoherent lights. All other entries are coherent sources.
-    """
+    """Return the lights with separate renders, where None represents all incoherent lights."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
 
 def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """Return the powers of each coherent source, and of all incoherent lights, in W."""
+    """Return the powers of each coherent source, and of all incoherent lights."""
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])
     return np.moveaxis(powers[:, 1:] - powers[:, :1], 1, 0), powers[:, 0]

@@ -1,4 +1,4 @@
-"""Paths from a receiver through a scene, and the events at which lights contribute power."""
+"""Paths of rays from a receiver, and the contributions of lights along them."""
 
 from __future__ import annotations
 
@@ -13,48 +13,38 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Drjit
 from polywigner.mitsuba.receive.ray_transmission import RayTracer
-from polywigner.mitsuba.scenes.surfaces import Reaches
+from polywigner.mitsuba.scenes.surfaces import Reaches, number_of
 from polywigner.numerics import Floats
 
-# Number of uniform random numbers per step: two for a light, three for a direction, and one for the
-# random termination of a path.
+# Random numbers per step: two for a light, three for a direction, one for termination.
 _SAMPLES = 6
-# Number of bounces after which a path continues with a probability equal to its throughput, but at
-# most _SURVIVORS, as in Mitsuba.
+# Bounces before Russian roulette, and its largest probability of survival, as in Mitsuba.
 _ROULETTE = 5
 _SURVIVORS = 0.95
-# Integral over wavelengths, in nm, of the eye's luminosity function, as in Mitsuba's films.
+# Integral of the luminosity function [nm], as in Mitsuba's films.
 _CIE_Y = 106.7502593994140625
-# Largest number of steps of a path, including null surfaces. Longer paths are lost, as in Mitsuba.
+# Largest number of steps per path, including null surfaces; longer paths are lost.
 _MOST_STEPS = 1024
-
-
-def number_of(kind: str, thing: Any) -> Drjit:
-    """Return the number of a "Shape" or an "Emitter" in Mitsuba's registry, or 0 for None."""
-    if not dr.is_jit_v(mi.Float):
-        return 0 if thing is None else id(thing)
-    return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
 
 
 @dataclass
 class Paths:
-    """State of many paths, as arrays of a compiled variant."""
+    """State of many paths."""
 
     ray: Drjit
     active: Drjit
     throughput: Drjit
-    """Ratio of the radiance at the receiver to the radiance at the next surface, as a spectrum."""
+    """Ratio of the radiance at the receiver to the radiance at the next surface."""
     bounces: Drjit
     last: Drjit
-    """Surface interaction at the last bounce."""
     density: Drjit
-    """Probability density of the current direction per solid angle."""
+    """Probability density of the current direction [1/sr]."""
     is_smooth: Drjit
-    """Whether sampling a light cannot result in the current direction, as after a mirror."""
+    """Whether the last bounce was specular, so that light sampling cannot find the direction."""
 
     @classmethod
     def along(cls, ray: Drjit, weight: Drjit, zero: Drjit) -> Paths:
-        """Return paths that start along rays of a receiver; ``weight`` is a spectrum."""
+        """Return the start of paths along rays of a receiver."""
         active = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
         throughput = mi.Spectrum(weight) + zero
@@ -62,7 +52,7 @@ class Paths:
 
 
 class Steps:
-    """Function that moves all paths to the next surface; coherent sources must be hidden."""
+    """Function that moves all paths to the next surface, with hidden coherent sources."""
 
     def __init__(self, scene: Any, most_bounces: int, meets_lights: bool) -> None:
         self._scene, self._most = scene, most_bounces
@@ -72,7 +62,7 @@ class Steps:
         self._reaches = Reaches(scene)
 
     def __call__(self, paths: Paths, samples: list[Drjit]) -> tuple[Paths, dict[str, Drjit]]:
-        """Return the paths after the next surface, and properties of the surface and of lights."""
+        """Return the paths after the next surface, and the values of this step by name."""
         si = self._scene.ray_intersect(paths.ray, paths.active)
         is_met = paths.active & si.is_valid()
         values = {"is_met": is_met, "t": si.t, "p": si.p, "n": si.n, "d": paths.ray.d}
@@ -85,7 +75,7 @@ class Steps:
         return paths, values
 
     def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the numbers of the lights that rays hit, and their radiance at the receiver."""
+        """Return the lights that rays hit, and their radiance at the receiver."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -102,7 +92,7 @@ class Steps:
     def _sampled(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light; return its radiance at the receiver, number, distance and direction."""
+        """Sample a light; return its radiance at the receiver, distance and direction."""
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)
@@ -128,7 +118,7 @@ class Steps:
     def _onwards(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, samples: list[Drjit]
     ) -> tuple[Paths, Drjit]:
-        """Continue paths in scattered directions; return a mask of the scattered paths as well."""
+        """Sample new directions; return the paths and a mask of scattered paths."""
         direction = mi.Point2f(*samples[1:3])
         sample, weight = bsdf.sample(self._context, si, samples[0], direction, is_met)
         weight = si.to_world_mueller(weight, -sample.wo, si.wi)
@@ -156,20 +146,13 @@ class Steps:
 
 
 def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
-    """Return the luminance of a spectrum, as stored by films with one channel."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
 
-# ---- events: contributions of lights -------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Motion:
-    """Velocities of shapes and lights in scene units per second.
-
-    Objects are identified by their numbers in Mitsuba's registry, which are the keys.
-    """
+    """Velocities in scene units per second, by registry number."""
 
     shapes: dict[int, Floats]
     lights: dict[int, Floats]
@@ -190,12 +173,10 @@ EVENT = np.dtype(
         ("light", np.int64),  # number of the light
     ]
 )
-"""Data type of an event, the contribution of a light to a path, with lengths in scene units."""
+"""Data type of the contribution of a light to a path, with lengths in scene units."""
 
 Events = Any
-"""Record array of n events, with the fields of `EVENT`."""
 _Step = dict[str, NDArray[Any]]
-"""Properties of all rays after a step, by name."""
 
 
 def events_of(
@@ -207,13 +188,9 @@ def events_of(
     meets_lights: bool,
     motion: Motion | None,
 ) -> Iterator[Events]:
-    """Trace paths, and yield the events of each step.
-
-    ``first`` contains the uniform random numbers that select lights at the first surface, shape (n,
-    2).
-    """
+    """Trace paths, and yield the events of each step; ``first`` (n, 2) selects the first lights."""
     count, steps = len(first), Steps(scene, most_bounces, meets_lights)
-    state: Events = np.zeros(count, EVENT).view(np.recarray)  # fields of the next event of each ray
+    state: Events = np.zeros(count, EVENT).view(np.recarray)
     state.ray = np.arange(count)
     speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (count, 1))
     yield state[:0]
@@ -231,7 +208,7 @@ def events_of(
             here.rate += np.vecdot(velocity - speeds, step["d"])
         yield from _lights(here, step, velocity, motion)
         bounced = step["is_bounce"]
-        # Null surfaces change only the length of a path.
+        # Null surfaces change only path lengths.
         state.length = here.length
         here.bounces += 1
         state[bounced] = here[bounced]
@@ -241,7 +218,6 @@ def events_of(
 
 
 def _arrived(here: Events, step: _Step) -> Events:
-    """Move events to the next surface, which is the first surface of paths without a bounce."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
@@ -252,7 +228,6 @@ def _arrived(here: Events, step: _Step) -> Events:
 
 
 def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) -> Iterator[Events]:
-    """Yield the events of the lights that paths sample or hit in one step."""
     is_sampled = step["sampled"] != 0.0
     if is_sampled.any():
         event, sampled = here[is_sampled], {name: value[is_sampled] for name, value in step.items()}
@@ -265,8 +240,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
         yield event
     if "met" in step:
         far = step["is_met_far"]
-        # Light from an environment that the receiver sees directly has no position, so it is not an
-        # event.
+        # An environment that the receiver sees directly has no position.
         met = (step["met"] != 0.0) & ~(far & (here.bounces == 0))
         event = here[met]
         event.radiance, event.light = step["met"][met], step["met_light"][met]
@@ -275,7 +249,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
 
 
 def _column(value: Drjit, count: int) -> NDArray[Any]:
-    """Convert a Dr.Jit array to a NumPy array of shape (n,) or (n, 3)."""
+    """Convert a Dr.Jit array to a NumPy array of shape (n,) or (n, k)."""
     array = np.array(value)
     if array.dtype.kind in "fiu":
         array = array.astype(np.float64 if array.dtype.kind == "f" else np.int64)

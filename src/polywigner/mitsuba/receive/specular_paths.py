@@ -1,4 +1,4 @@
-"""Specular paths between an emitter and a receiver, their transmission, and edge diffraction."""
+"""Specular paths between emitters and receivers, their transmission, and diffraction."""
 
 from __future__ import annotations
 
@@ -46,46 +46,35 @@ from polywigner.propagation.shadows import diffracted
 from polywigner.source.polarisation import ludwig_axes
 
 Mesh = tuple[Floats, NDArray[np.intp]]
-"""Vertices of a mesh, shape (n, 3), and vertex indices of its triangles, shape (t, 3)."""
+"""Vertices (n, 3) of a mesh, and vertex indices (t, 3) of its triangles."""
 
-# Rounding error of the distance between a hit and the plane of its mirror, relative to the
-# coordinates.
+# Tolerance of hits in the plane of a mirror, relative to the coordinates.
 _IN_PLANE = 4 * ROUNDING
 
 
 def _ray_count() -> int:
-    """Return the number of rays per path, which is smaller for scalar variants."""
     return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
 class PassingRays(NamedTuple):
-    """Rays from an emitter via the planes of all mirrors of a path to a receiver."""
+    """Rays from an emitter via mirrors to a receiver."""
 
     points: list[Floats]
     """Points on the receiver, on the mirrors in reverse order, and on the emitter, in m."""
     fractions: Floats
-    """Transmission of each ray, shape (n, 1, 1).
-
-    In polarised variants, the transmission is a Mueller matrix for the x and y axes of emitter and
-    receiver, shape (n, 4, 4).
-    """
+    """Transmission of each ray, shape (n, 1, 1), or Mueller matrices, shape (n, 4, 4)."""
     panes: list[Floats]
-    """Matrices by which thin panes multiply the electric field, averaged over rays.
-
-    Each segment of the path, from the emitter to the receiver, has one matrix of shape (3, 3).
-    """
+    """Mean matrices (3, 3) of the panes on each segment, which multiply the electric field."""
 
     @property
     def power(self) -> Floats:
-        """Mean transmission of all rays, including blocked rays, shape (k, k)."""
         return np.asarray(self.fractions.sum(axis=0) / _ray_count())
 
     @property
     def amplitude(self) -> float:
-        """Square root of the transmission, averaged over all rays, including blocked rays.
+        """Mean square root of the transmission, including blocked rays.
 
-        In a corner of mirrors, each ray is transmitted for only one order of the mirrors. Therefore
-        the sum of this average over all orders is the average for the corner.
+        The sum over all orders of the mirrors in a corner is the mean for the corner.
         """
         return float(np.sqrt(self.fractions[:, 0, 0]).sum() / _ray_count())
 
@@ -97,11 +86,9 @@ def passing_rays(
     chain: Sequence[Mirror] = (),
     coherent: bool = False,
 ) -> PassingRays:
-    """Trace rays from an emitter via flat mirrors to a receiver.
+    """Trace 4096 rays, or 1024 in scalar variants, from an emitter via flat mirrors to a receiver.
 
-    The number of rays is 4096, or 1024 in scalar variants. ``emitter`` is the source itself, not
-    its image. With ``coherent``, the transmission excludes the effects of mirrors and thin panes on
-    the field, which the caller applies to field vectors.
+    ``coherent`` excludes the effects of mirrors and panes on the field.
     """
     points = _rays_between(emitter, receiver, chain)
     leaves = (points[-2] - points[-1]) @ emitter.normal > 0
@@ -116,20 +103,19 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    """Return the points of random rays between two sources, in the order of :func:`points_by`."""
     start = _points_on(emitter, even_points(_ray_count(), 4)[:, :2])
     return points_by(start, points_on(receiver), chain)
 
 
 def points_on(receiver: PlacedSource) -> Floats:
-    """Return points on a receiver in m, drawn with the density |u|^2, shape (n, 3)."""
+    """Return points (n, 3) on a receiver with the density |u|^2."""
     return _points_on(receiver, even_points(_ray_count(), 4)[:, 2:])
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
     """Return the points of specular rays via the planes of mirrors.
 
-    The points are at the end, on the mirrors in reverse order, and at the start of each ray.
+    The order is end, mirrors in reverse order, start.
     """
     images = [start]
     for mirror in chain:
@@ -148,19 +134,15 @@ class CentralPath(NamedTuple):
     """Specular path between the centres of an emitter and a receiver."""
 
     points: Floats
-    """Points of the path from the emitter to the receiver in m, shape (n, 3)."""
+    """Points (n, 3) from the emitter to the receiver in m."""
     panes: list[Floats]
-    """Matrices by which the thin panes of each segment multiply the electric field."""
+    """Matrices of the panes of each segment, which multiply the electric field."""
 
     @classmethod
     def between(
         cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
     ) -> CentralPath:
-        """Return the specular path between the centres of two sources.
-
-        If the specular path between the centres misses a mirror, the path of one of the ``rays`` is
-        returned.
-        """
+        """Return the path between the centres, or one of the ``rays`` if it misses a mirror."""
         points = points_by(facing.centre[None], taking.centre[None], chain)
         if not len(points[0]):
             points = rays.points
@@ -168,19 +150,18 @@ class CentralPath(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Length of the path in m."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     @property
     def transmission(self) -> float:
-        """Amplitude transmission of the thin panes on the first segment for unpolarised light."""
+        """Amplitude transmission of the panes on the first segment, unpolarised."""
         along = self.points[1] - self.points[0]
         along /= np.linalg.norm(along)
         across = self.panes[0] @ (np.eye(3) - np.outer(along, along))
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """Return the electric field at the end of the path for a Jones vector at its start."""
+        """Return the electric field at the end for a Jones vector at the start."""
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         field = self.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
@@ -190,21 +171,22 @@ class CentralPath(NamedTuple):
         return np.asarray(field)
 
 
-# Allowed error of the far-field pattern of the points that represent an emitter or receiver,
-# relative to its peak.
-_OF_POINTS = 1e-6
-# Distance from a mirror at which rays start, as a fraction of the length of the segment.
-_CLOSE = 1e-3
-# Half the step of a central difference, in wavelengths. The relative error of the derivative is
-# 7e-8.
+# Tolerance of the far-field pattern of radiating points, relative to its peak.
+_POINTS_ERROR = 1e-6
+# Distance between a mirror and the ends of its rays, relative to the segment.
+_GAP = 1e-3
+# Half the step of a central difference [wavelengths], with a relative error of 7e-8.
 _STEP = 1e-4
 
 
 def diffracted_ratio(
-    meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
+    meshes: list[Mesh],
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    chain: Sequence[Mirror],
+    wavelength: float,
 ) -> complex:
     """Return the ratio b/b_0 of the couplings with and without obstacles."""
-    wavelength = receiver.wavelength
     image = emitter.image(chain)
     if chain:
         meshes = _unfolded(meshes, emitter, receiver, chain)
@@ -214,7 +196,7 @@ def diffracted_ratio(
         return 1.0
     try:
         ends = [
-            radiating_points(end.source, wavelength, end.obliquity, _OF_POINTS)
+            radiating_points(end.source, wavelength, end.obliquity, _POINTS_ERROR)
             for end in (image, receiver)
         ]
     except ArgumentError as error:
@@ -232,11 +214,9 @@ def diffracted_ratio(
 def _receiving(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return positions at which the incident field is received, and their complex weights.
+    """Return positions and complex weights, whose sum over the incident field is received.
 
-    The received amplitude is the weighted sum of the incident field at the positions. By
-    reciprocity, a point that radiates as a dipole receives the normal derivative of the field,
-    which is computed as a difference.
+    By reciprocity, a dipole receives the normal derivative of the field, computed as a difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
     field, slope = (np.array(w) for w in zip(*((p.field, p.slope) for p in points), strict=True))
@@ -248,14 +228,14 @@ def _receiving(
     )
 
 
-def meeting_rays(
+def unobstructed_rays(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """Return the rays of `passing_rays` as if there were no obstacles."""
+    """Return the rays of `passing_rays` without obstacles."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
@@ -268,7 +248,7 @@ def meeting_rays(
     transmission = np.ones((len(rays[0]), 1, 1))
     for k, mirror in enumerate(reversed(chain if len(transmission) else ()), 1):
         before, point, after = rays[k - 1 : k + 2]
-        near = [point + _CLOSE * (before - point), point, point + _CLOSE * (after - point)]
+        near = [point + _GAP * (before - point), point, point + _GAP * (after - point)]
         transmission = transmission * traced(scene, near, plain, None, [mirror], coherent)[0]
     return PassingRays(rays, transmission, [np.eye(3)] * (len(chain) + 1))
 
@@ -276,11 +256,7 @@ def meeting_rays(
 def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
-    """Return the obstacles of each segment of a path after unfolding at the mirrors.
-
-    The obstacles of a segment are the parts of the meshes in front of the mirrors at its ends. They
-    are reflected at all later mirrors of the path.
-    """
+    """Return the obstacles in front of each segment, reflected at all later mirrors of the path."""
     points = points_by(emitter.centre[None], receiver.centre[None], chain)
     if not len(points[0]):
         points = _rays_between(emitter, receiver, chain)
@@ -290,8 +266,7 @@ def _unfolded(
         parts = meshes
         for k in (leg - 1, leg):
             if 0 <= k < len(chain):
-                # The obstacles of a segment are on the side of a mirror on which the segment starts
-                # or ends.
+                # Only obstacles on the same side of the mirror as the segment affect it.
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
@@ -303,7 +278,6 @@ def _unfolded(
 
 
 def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh:
-    """Return the part of a mesh in front of a plane."""
     height = points @ normal - offset
     height = np.where(np.abs(height) <= _IN_PLANE * np.abs(points).max(initial=1.0), 0.0, height)
     corners, number = list(points), {}
@@ -329,19 +303,18 @@ def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh
 
 
 def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Floats:
-    """Return quasi-random points in the unit cube, shape (count, dimensions).
+    """Return quasi-random points (count, dimensions) in the unit cube.
 
     Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
     """
     root = 1.0
-    for _ in range(64):  # This fixed-point iteration solves x^(dimensions + 1) = x + 1.
+    for _ in range(64):  # Fixed point of x^(dimensions + 1) = x + 1.
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     steps = np.arange(count)[:, None] * root ** -np.arange(1.0, dimensions + 1)
     return np.asarray((shift + steps) % 1)
 
 
 def _points_on(source: PlacedSource, draws: Floats) -> Floats:
-    """Map uniform numbers to points on a source with the density |u|^2, in m, shape (n, 3)."""
     cells = cells_with_field(mi, source.source, 1.0)
     batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
@@ -355,30 +328,13 @@ def traced(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> tuple[Floats, list[Floats]]:
-    """Trace rays along given points, and return their transmission.
+    """Trace rays along given points between a receiver and an emitter with hidden sources.
 
-    Parameters
-    ----------
-    scene : mi.Scene
-        Scene whose sources are hidden.
-    points : list of ndarray, shape (n, 3)
-        Points in m on the receiver, on the mirrors in reverse order, and on the emitter.
-    receiver : PlacedSource
-        Receiver. Rays start slightly in front of its plane.
-    emitter : PlacedSource or None
-        Emitter. Rays end slightly in front of its plane. If it is None, rays end at the last point.
-    chain : sequence of Mirror
-        Mirrors in the order of the reflections.
-    coherent : bool, default False
-        As in :func:`passing_rays`.
+    The ``points`` are in m, on the receiver, on the mirrors in reverse order, and on the
+    emitter. Rays end at the last point if ``emitter`` is None.
 
-    Returns
-    -------
-    transmission : ndarray, shape (n, k, k)
-        Transmission of each ray, with k = 1. In polarised variants, it is a Mueller matrix with k =
-        4.
-    panes : list of ndarray, shape (3, 3)
-        Matrices of thin panes, as in :class:`PassingRays`.
+    Returns the transmission (n, k, k) of each ray, with k = 1, or k = 4 for Mueller matrices, and
+    the mean matrix (3, 3) of the panes on each segment.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
@@ -408,14 +364,14 @@ def traced(
     matrices = np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
-    # Rays are traced from the receiver to the emitter. Therefore the order of the segments is
-    # reversed, and the fields for x, y and z are rows of the matrices instead of columns.
+    # Rays go from the receiver to the emitter, so segments are reversed, and fields for x, y and z
+    # are rows.
     mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
     return transmission, list(mean)
 
 
 def _pane_matrices(result: Transmission, legs: int) -> Floats:
-    """Return the fields behind the thin panes of each segment, shape (n, legs, 3, 3)."""
+    """Return the matrices (n, legs, 3, 3) of the panes of each segment."""
     # Segments are missing if all rays miss a mirror.
     columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
     parts = [np.array(part, np.float64).reshape(3, -1) for leg in columns for part in leg]
@@ -424,7 +380,6 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
-    """Return the plane of a mirror in scene units."""
     rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
@@ -436,7 +391,6 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
 def _between_axes(
     result: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Drjit:
-    """Convert Mueller matrices of rays to the axes of the receiver and of the emitter, if given."""
     frames = [
         Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
         for end in (receiver, emitter)
@@ -444,7 +398,7 @@ def _between_axes(
     ]
     first, last = result.first, result.last
     if is_direct and emitter is not None:
-        # All rays use the polarisation axes of the ray between the centres, as for amplitudes.
+        # Amplitudes use the polarisation axes of the central ray.
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
     leaves = None if emitter is None else (frames[1], -last)
@@ -455,7 +409,7 @@ BLOCKED = "there is no line-of-sight path: obstacles block it (ray test, without
 
 
 class OpenPath(NamedTuple):
-    """Path via flat mirrors along which rays transmit power."""
+    """Path via flat mirrors that is not blocked."""
 
     parts: FacingParts
     """Parts of the emitter's image and of the receiver that face each other."""
@@ -473,10 +427,9 @@ def open_path(
     meshes: list[Mesh] | None,
     coherent: bool = False,
 ) -> OpenPath | str:
-    """Trace rays from an emitter via mirrors to a receiver.
+    """Trace rays from an emitter via mirrors to a receiver; return the reason if none arrives.
 
-    If no ray arrives, the reason is returned as text. If ``meshes`` contains obstacles whose edges
-    diffract, the rays meet only the mirrors.
+    If ``meshes`` contains obstacles whose edges diffract, only the mirrors affect the rays.
     """
     parts = facing_parts(emitter.image(chain), receiver)
     if parts is None:
@@ -484,9 +437,8 @@ def open_path(
             "there is no line-of-sight path: one end lies in the plane of the other end or "
             "behind it"
         )
-    # Rays start at the part of the emitter whose image faces the receiver.
     facing = parts.emitter.image(chain[::-1])
-    send = passing_rays if meshes is None else meeting_rays
+    send = passing_rays if meshes is None else unobstructed_rays
     rays = send(scene, facing, parts.receiver, chain, coherent)
     transmission = rays.amplitude if coherent else float(rays.power[0, 0])
     if transmission == 0.0:
@@ -506,7 +458,7 @@ def open_path(
         f"the mirror {mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction "
         "at its edges, which is not included, changes the reflected amplitude"
         for mirror in chain
-        # The width of a mirror is at most the side of a square with the same diagonal.
+        # A rectangle is at most as wide as a square with the same diagonal.
         if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * receiver.scene_unit < zone
     ]
     return OpenPath(parts, facing, rays, notes)

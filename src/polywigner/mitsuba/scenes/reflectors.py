@@ -1,4 +1,4 @@
-"""Flat mirrors of a scene, conducting bodies, and the paths reflected by both."""
+"""Flat mirrors and conducting bodies of a scene, and paths that they reflect."""
 
 from __future__ import annotations
 
@@ -24,23 +24,21 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.placement import PlacedSource
 
 
-# Largest number of planes of a shape whose faces are flat mirrors. Shapes with more planes count as
-# curved.
+# Largest number of planes of a shape that is not curved.
 MOST_FACES = 32
-# Largest number of sequences of mirrors. The computation of each sequence takes some milliseconds.
+# Largest number of sequences of mirrors; each takes some milliseconds.
 _MOST_CHAINS = 5000
-# Rounding error of the distance between a corner and its plane, relative to the coordinates.
+# Tolerance of positions in a plane, relative to the coordinates.
 _FLAT = 1e-5
-# Components of a normal below this value are rounding errors and are set to zero. A tilt by this
-# angle would shift an image 100 m away by 10 um, which is a radian of phase at terahertz
-# frequencies.
+# Smallest component of a normal that is not a rounding error. A tilt by this angle shifts an image
+# at 100 m by 10 um, about a radian of phase at terahertz frequencies.
 _AXIS = 2e-7
 _SMOOTH = int(mi.BSDFFlags.DeltaReflection) | int(mi.BSDFFlags.DeltaTransmission)
 
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """Flat mirror of a scene, in the plane of the points p with ``normal . p = offset``, in m."""
+    """Flat mirror in the plane ``normal . p = offset``, in m."""
 
     name: str
     shape: mi.Shape
@@ -48,7 +46,6 @@ class Mirror:
     offset: float
 
     def image_of(self, points: Floats) -> Floats:
-        """Return the mirror images of points, in m."""
         height = points @ self.normal - self.offset
         result: Floats = points - 2 * height[..., None] * self.normal
         return result
@@ -58,11 +55,18 @@ Chain = tuple[Mirror, ...]
 """Mirrors along a path, in the order of reflection."""
 
 
+def reflected_points(points: Floats, chain: Chain) -> Floats:
+    """Return the mirror images of points after reflections by several mirrors in turn."""
+    for mirror in chain:
+        points = mirror.image_of(points)
+    return points
+
+
 def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
     """Return the flat mirrors of a scene, and notes on reflections that are not included.
 
-    ``unit`` is the length of a scene unit in m. The notes list curved shapes and refracting shapes,
-    and mention the maximum number of ``reflections``.
+    ``unit`` is the length of a scene unit in m, and ``reflections`` the maximum number of
+    reflections.
     """
     mirrors: list[Mirror] = []
     curved, refracting = [], []
@@ -103,7 +107,7 @@ def _listed(names: list[str]) -> str:
 
 
 def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
-    """Yield all sequences of one to ``most`` mirrors in which no mirror occurs twice in a row."""
+    """Yield sequences of 1 to ``most`` mirrors without immediate repetitions."""
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
     if total > _MOST_CHAINS:
@@ -119,7 +123,7 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
 
 
 def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
-    """Return the planes of all faces of a shape, or an empty list if the shape is curved."""
+    """Return the planes of a shape, or an empty list if it is curved."""
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
     points, normals = _faces(shape) if has_faces else _centre(shape)
@@ -136,14 +140,13 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether a face lies in a plane; the normal of the face may have either sign."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
 
 
 def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
-    """Return one corner and the unit normal of each triangle of a mesh."""
+    """Return a corner and the unit normal of each triangle."""
     a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
@@ -152,7 +155,7 @@ def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
 
 
 def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
-    """Return the centre and normal of a rectangle or disk, or empty arrays for other shapes."""
+    """Return the centre and normal of a rectangle or disk, or empty arrays."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
     sample = shape.sample_position(0.0, mi.Point2f(0.5, 0.5))
@@ -160,42 +163,33 @@ def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
     return point, normal
 
 
-# ---- reflection coefficients, with phase and polarisation ----------------------------------------
-
 MASK, THIN = "MaskBSDF", "ThinDielectric"
 _TWO_SIDED, _CONDUCTOR = "TwoSidedBRDF", "SmoothConductor"
 _SURFACES = (_CONDUCTOR, THIN, "SmoothDielectric", "SmoothPlastic")
-# Incidence counts as normal if the sine of the angle of incidence is below this value. Any plane of
-# incidence is then valid.
-_ALONG = 1e-9
+# Sine of the largest angle of incidence that counts as normal incidence.
+_NORMAL_INCIDENCE = 1e-9
 
 
 def bsdfs_in(bsdf: mi.BSDF) -> list[mi.BSDF]:
-    """Return a BSDF and the BSDFs nested in it, starting with the outermost BSDF."""
+    """Return a BSDF and its nested BSDFs, outermost first."""
     return [node for node in mi.traverse(bsdf).hierarchy if isinstance(node, mi.BSDF)]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Smooth surface of a mirror, for waves from one of its sides."""
+    """Smooth surface of a mirror, as seen from one side."""
 
     index: complex | None
-    """Relative refractive index of the surface, or None for a perfect conductor.
-
-    The relative index is the ratio of the indices n + ik behind and in front of the surface.
-    """
+    """Ratio of the refractive indices n + ik behind and in front; None for a perfect conductor."""
     is_thin: bool = False
-    """Whether the surface is a thin sheet, in which the powers of internal reflections are added.
-    """
+    """Whether the surface is a thin sheet, with incoherent internal reflections."""
 
     def coefficients(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the reflection coefficients of the electric field for s and p polarisation.
 
-        The time factor is exp(-i omega t). The unit vector of p polarisation is s x k, where k is
-        the propagation direction before or after the reflection, so a perfect conductor has the
-        coefficients -1 and +1 at any angle. The coefficients of a sheet are the square root of
-        2R/(1 + R), where R is the reflectance of one face. They have the sign of the coefficient of
-        the first face.
+        The unit vector of p polarisation is s x k before and after reflection, so a perfect
+        conductor has the coefficients -1 and +1. The modulus for a sheet is the square root of
+        2R/(1 + R), with the reflectance R of one face. The time factor is exp(-i omega t).
         """
         if self.index is None:
             return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
@@ -207,20 +201,16 @@ class Surface:
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
-        """Return the unpolarised reflectance of Mitsuba's BSDF.
-
-        Mitsuba assumes that light inside thin sheets is unpolarised.
-        """
+        """Return the reflectance of Mitsuba's BSDF, which assumes unpolarised light."""
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
         return _of_sheet(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complex, Complex]:
-        """Return the Fresnel reflection coefficients of one interface for s and p polarisation."""
+        """Return the Fresnel coefficients of one interface for s and p polarisation."""
         assert self.index is not None
         square = self.index**2
-        # Refractive index times the cosine of the angle of refraction. A positive imaginary part
-        # describes a wave that decays behind the surface.
+        # A positive imaginary part describes a wave that decays behind the surface.
         behind = np.sqrt(square - 1 + np.square(cosine) + 0j)
         return (
             (cosine - behind) / (cosine + behind),
@@ -229,12 +219,11 @@ class Surface:
 
 
 def _of_sheet(power: Any) -> Floats:
-    """Return the reflectance of a thin sheet whose faces have the reflectance ``power``."""
     return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """Return the surface of a mirror for waves that arrive on its front or its back."""
+    """Return the front or back surface of a mirror."""
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -248,9 +237,8 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     params = mi.traverse(bsdf)
     if bsdf.class_name() == _CONDUCTOR:
         index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
-        return Surface(
-            None if index == 1j else index
-        )  # Mitsuba's perfect conductor has the index 1i.
+        # Mitsuba's perfect conductor has the index 1i.
+        return Surface(None if index == 1j else index)
     ratio = _single(params["eta"])
     is_inside = not (is_before or _TWO_SIDED in kinds or bsdf.class_name() == THIN)
     return Surface(complex(1 / ratio if is_inside else ratio), bsdf.class_name() == THIN)
@@ -263,7 +251,7 @@ def _single(value: Any) -> float:
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
     """Return the electric field of a plane wave after reflection, shape (3,)."""
     across = np.cross(normal, direction)
-    if np.linalg.norm(across) < _ALONG:
+    if np.linalg.norm(across) < _NORMAL_INCIDENCE:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across = across / np.linalg.norm(across)
     outgoing = direction - 2 * (normal @ direction) * normal
@@ -272,30 +260,23 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
     return r_across * (field @ across) * across + r_along * (field @ before) * after
 
 
-# ---- conducting bodies --------------------------------------------------------------------------
-
-# Allowed error of the echo of a body, relative to the echo if all illuminated parts contributed in
-# phase. The error of physical optics is much larger.
-OF_ECHO = 1e-3
-# Largest number of paths via bodies. The computation of each path takes some milliseconds.
+# Tolerance of an echo, relative to the coherent sum over all illuminated parts of the body. The
+# error of physical optics is much larger.
+ECHO_ERROR = 1e-3
+# Largest number of paths via bodies; each takes some milliseconds.
 _MOST_PATHS = 5000
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Perfectly conducting body in a scene. Positions are in the frame of the scene, in m."""
+    """Perfectly conducting body, with positions in m in the frame of the scene."""
 
     name: str
     facets: Facets
     bounces: int
-    """Maximum number of reflections between faces of the body."""
 
-    def standing_in(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
-        """Return a square at the body's centre that faces a source or its mirror image.
-
-        The square represents the body in the computation of transmission: rays from the source end
-        on the square.
-        """
+    def target_facing(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
+        """Return a square at the body's centre that faces a source, as a target for rays."""
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
         x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
@@ -305,25 +286,20 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return a source or its mirror image as an antenna near the body."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
         return Antenna(
-            image.source, pose, wavelength, NORMALISATIONS[0], 0.1 * OF_ECHO, condition=condition
+            image.source, pose, wavelength, NORMALISATIONS[0], 0.1 * ECHO_ERROR, condition=condition
         )
 
     def is_in_front(self, image: PlacedSource) -> bool:
-        """Return whether the entire body is in front of the plane of a source or its image."""
+        """Return whether the entire body is in front of a source."""
         corners = self.facets.corners + self.facets.centre
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
     def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
-        """Return notes on the accuracy of the echo.
-
-        The notes also depend on the paths from the emitter and from the receiver to the body, whose
-        points are in ``paths``.
-        """
+        """Return notes on the accuracy of the echo for ``paths`` from both ends to the body."""
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
@@ -347,35 +323,27 @@ class Body:
 
 @dataclass(frozen=True)
 class Echo:
-    """Path via a body, possibly with mirrors before and after the body."""
-
     before: Chain
     body: Body
     after: Chain
 
     @property
-    def names(self) -> tuple[str, ...]:
-        return (*names_of(self.before), self.body.name, *names_of(self.after))
-
-    @property
     def position(self) -> Floats:
-        """Centre of the mirror image of the body that the receiver sees, shape (3,)."""
-        point = self.body.facets.centre
-        for mirror in self.after:
-            point = mirror.image_of(point)
-        return point
+        """Centre of the body's mirror image at the receiver, shape (3,)."""
+        return reflected_points(self.body.facets.centre, self.after)
 
 
 Route = Chain | Echo
 
 
 def names_of(route: Route) -> tuple[str, ...]:
-    """Return the names of the mirrors and bodies of a path in the order of reflection."""
-    return route.names if isinstance(route, Echo) else tuple(mirror.name for mirror in route)
+    if isinstance(route, Echo):
+        return (*names_of(route.before), route.body.name, *names_of(route.after))
+    return tuple(mirror.name for mirror in route)
 
 
 def checked_bodies(bodies: Any) -> tuple[Body, ...]:
-    """Check the argument ``bodies`` of :func:`polywigner.mitsuba.channel` and return its bodies."""
+    """Convert the argument ``bodies`` of :func:`polywigner.mitsuba.channel` to bodies."""
     if bodies is None:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
@@ -387,8 +355,6 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
 
 
 def _body(name: str, value: Any) -> Body:
-    if not name.strip():
-        raise ArgumentError("the name of a body is empty; name the body")
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
@@ -399,7 +365,7 @@ def _body(name: str, value: Any) -> Body:
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
-    """Return all paths via one body, with at most one mirror before and one after the body."""
+    """Return paths via one body and at most one mirror before and after it."""
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
         raise SceneError(f"the name {name!r} belongs to a body and to a mirror; rename the body")
     single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]
@@ -416,11 +382,7 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return possible paths via mirrors, possible paths via bodies, and notes.
-
-    Paths have up to ``reflections`` mirrors, and notes describe paths that are not included. Raises
-    SceneError if there are too many paths.
-    """
+    """Return paths via mirrors, paths via bodies, and notes on excluded paths."""
     mirrors, notes = mirrors_in(scene, unit, reflections)
     chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
     return chains, _echoes_of(bodies, mirrors, reflections), notes
@@ -432,11 +394,10 @@ Result = TypeVar("Result")
 def paths_by(
     routes: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
-    """Compute the paths between an emitter and a receiver, and notes on the link.
+    """Apply ``find`` to all routes of a link, and return the results and notes.
 
-    For each route, ``find`` returns a result and its notes, or the reason why no power arrives.
-    Such reasons become notes only for the line of sight and for echoes without mirrors, because
-    most sequences of mirrors have no path.
+    ``find`` returns a result and its notes, or the reason why no power arrives. Such reasons become
+    notes only for the line of sight and for echoes without mirrors.
     """
     results, notes = [], []
     for route in routes:

@@ -1,8 +1,4 @@
-"""Rendering of images, and temporary changes of a scene.
-
-An exposure is the set of parameters that determine an image. Images are rendered in strips, which
-limits the memory. Progress is reported after each strip.
-"""
+"""Rendering of images in strips, and temporary changes of a scene."""
 
 from __future__ import annotations
 
@@ -38,7 +34,7 @@ Image = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Exposure:
-    """All parameters that determine an image."""
+    """Parameters that determine an image."""
 
     scene: mi.Scene
     camera: mi.Sensor
@@ -47,20 +43,19 @@ class Exposure:
     seed: int
 
     def image(self, strip: int, done: Callable[[], None] = lambda: None) -> Floats:
-        """Render a strip of the image as the average of one or more passes."""
+        """Render a strip of the image, averaged over all passes."""
         cut = self.cut
         top = strip * cut.rows
         rows = min(cut.rows, cut.height - top)
         image: Floats | float = 0.0
         for index in range(cut.passes):
-            # All passes have almost the same number of samples, because the samples of a small last
-            # pass would be poorly stratified.
+            # A small last pass would be poorly stratified, so all passes have about the same size.
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():
                 image = image + samples / cut.samples * self._rendered(samples, seed)
             done()
-        return _finite(np.asarray(image))
+        return films.checked_finite(np.asarray(image), "values of the image")
 
     def full_image(self, done: Callable[[], None]) -> Image:
         """Render all strips of the image, shape (height, width, channels)."""
@@ -68,18 +63,15 @@ class Exposure:
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
-        """Return the number of channels of the image, including channels that integrators add."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
             return int(self._rendered(1, 0).shape[-1])
 
     def _rendered(self, spp: int, seed: int) -> Floats:
-        """Render an image with a single call of Mitsuba."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
-        # Dr.Jit cannot record loops over a single sample if the loops contain literals, such as
-        # zeros of Mueller matrices and samples of point or directional lights. At least two samples
-        # avoid this problem.
+        # Dr.Jit cannot record loops over a single sample that contain literals, such as zeros of
+        # Mueller matrices and samples of delta lights.
         is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
         fewest = 2 if mi.is_polarized or is_delta else 1
         finer_spp = max(fewest, math.ceil(spp / factor**2))
@@ -94,7 +86,7 @@ _DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
 
 
 def check_is_whole(integrator: mi.Integrator) -> None:
-    """Raise StoreError if an integrator has stopped before the end of a render."""
+    """Raise StoreError if a render has been interrupted."""
     if integrator.should_stop():
         raise StoreError(
             "the image is incomplete: Ctrl-C or a timeout of the integrator has interrupted the "
@@ -102,31 +94,17 @@ def check_is_whole(integrator: mi.Integrator) -> None:
         )
 
 
-def _finite(image: Floats) -> Floats:
-    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
-    if bad:
-        raise SceneError(
-            f"expected finite radiances, but {bad} of {image[..., 0].size} pixels of the image "
-            "contain NaN or inf; check the frequency, the powers and the radiances of the scene, "
-            "and their units"
-        )
-    return image
-
-
 def _quietly() -> AbstractContextManager[None]:
-    """Suppress the log of scalar variants, which contains a line for each negative sample."""
+    """Suppress the log of scalar variants, which reports each negative sample."""
     return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
 
 
-# Substrings of the class names of integrators whose shadow rays pass through null surfaces.
+# Class names of integrators whose shadow rays pass through null surfaces.
 _TRANSPARENT = ("Volumetric", "Volpath")
 
 
 def may_shadow(scene: mi.Scene) -> bool:
-    """Return whether the surface of a source may block the light of another source or light.
-
-    Environment lights are ignored. Sources in a common plane do not illuminate each other.
-    """
+    """Return whether the surface of a source may block another source or light."""
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     for number, source in enumerate(lights):
         if not surfaces.is_source(source) or not source.spec.visible:
@@ -157,7 +135,7 @@ def exposed(
     sensor: int = 0,
     warn: bool = True,
 ) -> Exposure:
-    """Check the arguments of :func:`render`, and return the exposure."""
+    """Check the arguments of :func:`render`, and return an exposure."""
     camera = _camera(scene, sensor)
     samples = films.check_spp(camera.sampler().sample_count() if spp is None else spp)
     entropy = films.check_seed(seed)
@@ -168,12 +146,11 @@ def exposed(
 
 
 def default_integrator(scene: mi.Scene) -> str:
-    """Return the default integrator, ``path``, or ``volpath`` if sources would cast shadows."""
+    """Return "path", or "volpath" if sources would cast shadows."""
     return "volpath" if may_shadow(scene) else "path"
 
 
 def default_spp(scene: mi.Scene, sensor: int = 0) -> int:
-    """Return the number of samples per pixel that a sensor specifies."""
     return films.check_spp(_camera(scene, sensor).sampler().sample_count())
 
 
@@ -195,11 +172,7 @@ _STOKES = "stokes"
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
-    """Return an integrator and the integrator that computes radiance.
-
-    An integrator that adds Stokes parameters contains a nested integrator that computes radiance.
-    All other integrators are returned twice.
-    """
+    """Return an integrator and its nested radiance integrator, or the same integrator twice."""
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
@@ -226,8 +199,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
 
 
 def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
-    # Mitsuba reports the same class name for all integrators written in Python, so the name of the
-    # Python type is added.
+    # Integrators written in Python have the same C++ class name.
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
         warnings.warn(
@@ -325,20 +297,19 @@ def render(
     return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
 
 
-# Substrings of the class names of integrators that render radiance.
+# Class names of integrators that render radiance.
 _OF_RADIANCE = ("Path", "Direct", "PRB", "Volumetric", "Volpath")
-# Largest number of specular reflections of light from point, spot, projector and directional
-# lights.
+# Largest number of specular reflections of delta lights.
 _MOST_MIRRORS = 2
 
 
 def with_delta_lights(exposure: Exposure, image: Image) -> Image:
-    """Add the direct light of point lights and directional lights to the image of a receiver."""
+    """Add the direct light of delta lights to the image of a receiver."""
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
         return image
-    depth = 2 if method.class_name() == "DirectIntegrator" else films.depths_of(method)["max_depth"]
+    depth = films.depths_of(method)["max_depth"]
     if depth == 0 or not any(name in names for name in _OF_RADIANCE):
         return image
     receiver = placed_receiver(camera, 0).touching(scene)
@@ -355,25 +326,22 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
     return result.astype(np.float32)
 
 
-# ---- temporary changes of a scene ----------------------------------------------------------------
-
-# Factor by which the surface of a hidden source is scaled. The square of this factor is the
-# fraction of rays that still hit the surface. These rays carry zero radiance.
-_SHRUNK = 1e-3
+# Scale of the mesh of a hidden source. A fraction of rays equal to its square still hits the mesh,
+# with zero radiance.
+_HIDDEN_SCALE = 1e-3
 
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources in images within a ``with`` block; they still illuminate the scene."""
+    """Hide coherent sources, which still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
     shapes = [shape for shape in visible if mi.has_flag(shape.bsdf().flags(), null)]
     corners = [surfaces.vertices_of(shape) for shape in shapes]
     centres = [(points.min(axis=0) + points.max(axis=0)) / 2 for points in corners]
-    shrunk = [c + _SHRUNK * (points - c) for c, points in zip(centres, corners, strict=True)]
-    # `visible` is cleared before the meshes shrink, because visible sources check the position of
-    # their mesh.
+    shrunk = [c + _HIDDEN_SCALE * (points - c) for c, points in zip(centres, corners, strict=True)]
+    # Visible sources check the position of their mesh, so they are hidden first.
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
             _move(scene, shapes, shrunk)
@@ -385,7 +353,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 def polarised_by_default(
     scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set the Jones vector of all sources and receivers without a polarisation."""
+    """Set the Jones vector of sources and receivers without a polarisation."""
     changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         sensors = [sensor for _, sensor in surfaces.receivers_of(scene)]
@@ -397,18 +365,12 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources except ``active`` to zero within a ``with`` block."""
+    """Set the power of all sources except ``active`` to zero."""
     others = [source for source in sources if source is not active]
-    dark = [(source, "power", type(source.power)(0.0)) for source in others]
-    for _, _, power in dark:
-        if dr.is_jit_v(power):
-            # The power is made opaque to Dr.Jit, because Dr.Jit recompiles the kernel for each new
-            # literal.
-            dr.make_opaque(power)
-    return films.changed(dark)
+    return films.changed([(source, "power", source.adjustable(0.0)) for source in others])
 
 
 def _move(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
-    scene.parameters_changed([])  # This call updates the surfaces that rays hit.
+    scene.parameters_changed([])  # Updates the surfaces that rays hit.

@@ -45,14 +45,11 @@ if TYPE_CHECKING:
 
 
 Compute = Callable[[Any, Index], npt.NDArray[np.float64]]
-"""Function of a scene and the index of the first sample of a part, which computes this part."""
+"""Function from a scene and the index of its first sample to a part of a result."""
 
 
 class SceneParts:
-    """Function that computes parts of a result, possibly in other processes.
-
-    Each process loads the scene from its file, except the first process.
-    """
+    """Function that computes parts of a result in this process or in workers."""
 
     def __init__(self, file: SceneFile, scene: Any, compute: Compute) -> None:
         self.file = replace(file, path=file.path and file.path.absolute())
@@ -66,7 +63,7 @@ class SceneParts:
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
         if self.scene is None:
             choose_variant(self.file.variant)
-            # Sources in memory have keys that are valid only in the first process.
+            # Keys of sources in memory are valid in one process only.
             for source in self.sources:
                 register_source(source)
             self.scene = self.file.load()
@@ -81,11 +78,10 @@ class SceneParts:
         settings: Mapping[str, Any],
         **keeping: Any,
     ) -> npt.NDArray[np.float64]:
-        """Compute the parts that are missing in a store, and return the values of all parts.
+        """Compute the parts that are missing in a store, and return all values.
 
-        ``variable`` contains the name and the unit of the result, and ``sizes`` the names and
-        lengths of its axes. ``keeping`` contains the options ``scheduler``, ``threads`` and
-        ``progress``.
+        ``variable`` contains name and unit, and ``sizes`` the lengths of the axes. ``keeping``
+        contains ``scheduler``, ``threads`` and ``progress``.
         """
         name, units = variable
         attrs = {**vars(self.file), **settings}
@@ -181,10 +177,10 @@ def render_parts(
     store: str | Path | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float32]:
-    """Render a scene that was loaded from a file; see :func:`render_file`.
+    """Render a scene that was loaded from a file.
 
-    ``options`` contains the options ``integrator``, ``spp``, ``seed`` and ``sensor`` of
-    :func:`render`. ``keeping`` contains ``scheduler``, ``threads`` and ``progress``.
+    ``options`` are arguments of :func:`render`, and ``keeping`` contains ``scheduler``, ``threads``
+    and ``progress``.
     """
     exposure = exposed(scene, **options)
     cut = exposure.cut
@@ -204,8 +200,7 @@ def render_parts(
 def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
-    """Render a strip of an image, shape (row, column, channel)."""
-    # Warnings are disabled, because the first process has issued them.
+    # The first process has already issued the warnings.
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
     check_is_whole(exposure.integrator)
@@ -221,8 +216,7 @@ def receive_parts(
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    If range bins are specified by ``edges``, the :func:`range_profile` of the same samples is
-    returned as well.
+    With ``edges`` of range bins, the :func:`range_profile` of the same samples is also returned.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
@@ -238,7 +232,7 @@ def _sampled(
     store: str | Path | None = None,
     **keeping: Any,
 ) -> npt.NDArray[np.float64]:
-    """Return the scattered powers of all batches in W, shape (receivers, batches, lights, ...)."""
+    """Return scattered powers in W, shape (receivers, batches, lights, ...)."""
     if store is None:
         with kernel_threads(keeping.get("threads")):
             return scattered_here(scene, None, plans)
@@ -255,7 +249,6 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """Return the scattered power of one batch at one receiver in W, shape (1, 1, lights, ...)."""
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

@@ -1,8 +1,7 @@
 """Loading of scenes from dictionaries and from checked files.
 
-A scene file may come from an untrusted source. Therefore it may use only known plugin types, and
-only files in or below its folder (docs/safety.md). The XML is checked before Mitsuba loads it.
-Mitsuba reads meshes and images, and reports damaged files. Errors are reported in one line.
+A scene file may be untrusted. Therefore it may use only known plugin types, and only files in or
+below its folder (docs/safety.md).
 """
 
 from __future__ import annotations
@@ -44,8 +43,7 @@ from polywigner.mitsuba.plugins.registration import one_at_a_time, original_erro
 from polywigner.mitsuba.plugins.source_parameters import values_of
 from polywigner.mitsuba.scenes.surfaces import is_source
 
-# Variants for unpolarised light and for polarised light, in order of preference: compiled with
-# LLVM, on a GPU, and without a compiler.
+# Variants without and with polarisation, in order of preference: LLVM, GPU, scalar.
 _VARIANTS = {
     False: ("llvm_ad_mono", "cuda_ad_mono", "scalar_rgb"),
     True: ("llvm_ad_mono_polarized", "cuda_ad_mono_polarized", "scalar_spectral_polarized"),
@@ -162,22 +160,19 @@ def load_scene(
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene file, with the options for loading the scene in this process or in a worker."""
+    """Scene file with its loading options."""
 
     path: Path | None
-    """Path of the file, or None for a scene from a dictionary."""
     variant: str | None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """Values of the ``$parameters`` in the file."""
     diffraction: bool = False
     polarisation: str | None = None
-    """Polarisation of sources and receivers whose polarisation the file does not specify."""
 
     def __post_init__(self) -> None:
         checked_flag(self.diffraction, "diffraction")
 
     def load(self) -> mi.Scene:
-        """Return the loaded ``mi.Scene``, or raise the errors of :func:`load_scene`."""
         if self.path is None or not self.path.is_file():
             raise SceneError(f"the scene file {str(self.path)!r} does not exist or is not a file")
         return _load(self, {})
@@ -185,21 +180,18 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
-    """Load a scene from a file, or from the entries of a dictionary."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
     config = mi.parser.ParserConfig(mi.variant())
     state = None
     try:
-        with threads_for_openexr():
+        with threads_for_openexr(), _resolving(how.path):
             if how.path is None:
                 state = mi.parser.parse_dict(config, entries)
-                scene = _instantiate(config, state, how)
             else:
-                with _resolving(how.path):
-                    state, _ = _parsed(config, how.path, how.parameters)
-                    scene = _instantiate(config, state, how)
+                state, _ = _parsed(config, how.path, how.parameters)
+            scene = _instantiate(config, state, how)
     except (RuntimeError, ValueError, TypeError) as error:
         raise _translated(error, state) from None
     if not isinstance(scene, mi.Scene):
@@ -210,7 +202,7 @@ def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
 
 
 def checked_scene(scene: mi.Scene) -> mi.Scene:
-    """Return ``scene`` unchanged; raise SceneError unless it is a scene of the current variant."""
+    """Return a scene; raise SceneError unless it belongs to the current variant."""
     if not isinstance(scene, mi.Scene):
         raise SceneError(
             f"expected a scene of the current variant {mi.variant()}, got a scene of another "
@@ -258,14 +250,11 @@ def translate_error(error: Exception) -> PolywignerError:
 
 
 def _translated(error: Exception, state: mi.parser.ParserState | None) -> PolywignerError:
-    """Convert an error of Mitsuba to an error of this package.
-
-    If the state of Mitsuba's parser is given, the message contains the name of the damaged file.
-    """
+    """Convert an error of Mitsuba; ``state`` of its parser adds the name of the damaged file."""
     if isinstance(error, PolywignerError):
         return error
     text = str(error)
-    # Mitsuba's message may quote bytes of a file that are not valid text.
+    # Mitsuba's message may contain bytes of a damaged file.
     if isinstance(error, UnicodeDecodeError):
         text = error.object.decode(errors="replace")
     text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", text)
@@ -274,7 +263,6 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
     if cause is not None:
         return type(cause)(_printable(f"{at[1]}: {cause}" if at else str(cause)))
     head, _, traceback = text.partition("Traceback (most recent call last)")
-    # The last line of the traceback is the error of a plugin written in Python.
     last = traceback.strip().splitlines()[-1:]
     line = _printable(" ".join(" ".join([head, *last]).split()))
     names = [] if state is None or at is None else _file_names_at(state, at[1])
@@ -283,25 +271,19 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
 
 
 def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
-    """Return the file names that the objects at a location in a scene contain."""
     nodes = [node for node in state.nodes if mi.parser.file_location(state, node) == location]
     copies = [mi.Properties(node.props) for node in nodes]
     return [str(props["filename"]) for props in copies if "filename" in props]
 
 
 def _printable(text: str) -> str:
-    """Shorten a string, and replace control characters."""
     short = text[:_LONGEST_MESSAGE] + ("..." if text[_LONGEST_MESSAGE:] else "")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
-
-
-# ---- parsed scenes ------------------------------------------------------------------------------
 
 
 def _instantiate(
     config: mi.parser.ParserConfig, state: mi.parser.ParserState, how: SceneFile
 ) -> mi.Object:
-    """Check a parsed scene, apply the options, and create the scene."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     for node in state.nodes:
@@ -316,26 +298,23 @@ def _instantiate(
     return mi.parser.instantiate(config, state)
 
 
-# ---- scene files --------------------------------------------------------------------------------
-
 _MITSUBA = Path(mi.__file__).parent
-# The plugin "blender" reads memory at addresses that the scene file specifies.
+# The plugin "blender" reads memory at addresses from the scene file.
 _REFUSED = frozenset({"blender"})
-# Mitsuba's integrators that are written in Python, which its plugin manager does not list.
+# Integrators written in Python, which Mitsuba's plugin manager does not list.
 _INTEGRATORS = frozenset(
     {
         *("direct_projective", "prb", "prb_basic", "prb_projective", "prbvolpath"),
         *("volprim_rf_basic", "transient_path", "transient_prbvolpath", "transient_nlos_path"),
     }
 )
-# Largest size in bytes of a mesh file or image file that a scene uses.
+# Largest size of a mesh or image file [bytes].
 _LARGEST_NAMED = 1 << 30
 _DEEPEST_INCLUDE = 15
 
 
 @contextmanager
 def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
-    """Use another file resolver of Mitsuba within a ``with`` block."""
     outer = mi.file_resolver()
     mi.set_file_resolver(resolver)
     try:
@@ -345,24 +324,22 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 
 
 @contextmanager
-def _resolving(file: Path) -> Iterator[None]:
-    """Resolve relative file names in the folder of `file` within a ``with`` block.
+def _resolving(file: Path | None) -> Iterator[None]:
+    """Resolve relative file names in the folder of a scene file.
 
-    Mitsuba loads libraries from a subfolder "plugins" of the resolver's folders. Mitsuba's folder
-    is the first of these folders, so that no library next to a scene is loaded.
+    Mitsuba loads plugin libraries from the resolver's folders. Its own folder is the first one, so
+    that no library next to a scene is loaded.
     """
     resolver = mi.FileResolver(mi.file_resolver())
-    resolver.prepend(str(file.resolve().parent))
-    resolver.prepend(str(_MITSUBA))
+    if file is not None:
+        resolver.prepend(str(file.resolve().parent))
+        resolver.prepend(str(_MITSUBA))
     with _resolver(resolver):
         yield
 
 
 def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
-    """Return the SHA-256 digests of a scene file and of all files that it uses.
-
-    The digests are stored by absolute path. Raises SceneError for a scene that is not permitted.
-    """
+    """Return the SHA-256 digests of a scene file and all files that it uses, by absolute path."""
     with _resolving(file):
         _, paths = _parsed(mi.parser.ParserConfig(mi.variant()), file, parameters)
     digests = {}
@@ -375,11 +352,9 @@ def digests_of(file: Path, parameters: Mapping[str, Any]) -> dict[str, str]:
 def _parsed(
     config: mi.parser.ParserConfig, file: Path, parameters: Mapping[str, Any]
 ) -> tuple[mi.parser.ParserState, set[Path]]:
-    """Parse a scene file, and check that it contains only permitted plugin types and files.
+    """Parse a scene file with only permitted plugins and files, and return the paths of all files.
 
-    Call this function within `_resolving`. The caller's values of ``$parameters`` may contain the
-    names of any files and folders. The second return value contains the absolute paths of the scene
-    file, of the XML files that it includes, and of all files that they use.
+    Values of ``$parameters`` may name any file. Call this function within `_resolving`.
     """
     texts = {name: str(value) for name, value in parameters.items()}
     checked = _CheckedFiles(file, texts)
@@ -388,8 +363,7 @@ def _parsed(
         state = mi.parser.parse_file(config, str(file), **texts)
         for name in sorted({node.props.plugin_name() for node in state.nodes}):
             _check_type(name)
-        # Properties are read from copies, so that Mitsuba still reports properties that no plugin
-        # reads.
+        # Reading the properties themselves would hide errors about unused properties.
         copies = [values_of(mi.Properties(node.props)) for node in state.nodes]
         texts_in = {value for props in copies for value in props.values() if isinstance(value, str)}
         for text in sorted(texts_in):
@@ -400,14 +374,12 @@ def _parsed(
 
 
 def _check_type(name: str) -> None:
-    """Raise FileFormatError unless a plugin type belongs to Mitsuba or is registered in Python."""
     is_known = name in _INTEGRATORS
     if not is_known and re.fullmatch(r"\w+", name):
         resolver = mi.FileResolver()
         resolver.clear()
         resolver.append(str(_MITSUBA))
-        # The plugin manager may load the library of the plugin, so the search is limited to
-        # Mitsuba's folder.
+        # The plugin manager may load a library, so its search is limited to Mitsuba's folder.
         with _resolver(resolver):
             kind = mi.PluginManager.instance().plugin_type(name)
         is_known = kind != mi.ObjectType.Unknown
@@ -419,7 +391,7 @@ def _check_type(name: str) -> None:
 
 
 class _CheckedFiles:
-    """Set of the files that a scene uses. Files outside permitted folders are rejected."""
+    """Files that a scene uses, restricted to permitted folders."""
 
     def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
         self.values = dict(parameters)
@@ -428,10 +400,7 @@ class _CheckedFiles:
         self.folders = [folder for folder in folders if folder is not None]
 
     def add(self, text: str) -> None:
-        """Add the file named ``text`` if it exists.
-
-        Raises FileFormatError if the file is not in a permitted folder.
-        """
+        """Add a file if it exists; raise FileFormatError if it is not permitted."""
         path = _resolved(text)
         if path is None or path.is_dir():
             return
@@ -445,7 +414,7 @@ class _CheckedFiles:
         self.paths.add(path)
 
     def add_xml(self, file: Path, level: int = 0) -> None:
-        """Add a scene file, its includes, and the spectra that Mitsuba's parser reads."""
+        """Add a scene file, its includes, and the files that it names."""
         if level > _DEEPEST_INCLUDE:
             raise FileFormatError(
                 "scene files include each other in a circle; remove one <include>"
@@ -469,7 +438,6 @@ class _CheckedFiles:
                     self.add_xml(path, level + 1)
 
     def _filled(self, text: str) -> str:
-        """Replace the ``$parameters`` in a string by their values, as Mitsuba does."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text, $parameters filled in")
@@ -477,15 +445,14 @@ class _CheckedFiles:
 
 
 def _resolved(name: str) -> Path | None:
-    """Return the absolute path of an existing file or folder without symbolic links, or None."""
-    with suppress(OSError, ValueError, RuntimeError):  # The name may be invalid.
+    """Return the resolved path of an existing file or folder, or None."""
+    with suppress(OSError, ValueError, RuntimeError):
         path = Path(str(mi.file_resolver().resolve(name)))
         return path.resolve() if name and path.exists() else None
     return None
 
 
 def _root_of(text: str) -> Element:
-    """Parse XML and return its root element; raise an error if the XML contains a DOCTYPE."""
     try:
         return fromstring(text, forbid_dtd=True)
     except DefusedXmlException:

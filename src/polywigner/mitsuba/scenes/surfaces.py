@@ -1,12 +1,8 @@
 """Emitters, sensors and shapes of a scene, and the end points of rays.
 
-If Mitsuba merges meshes, the order of its lists changes each time a scene is loaded. Therefore the
-order of results is the order of sorted ids. Objects with equal or empty ids are sorted by position.
-
-Mitsuba starts a ray at the distance 9e-5 (1 + |p|) from a surface at the point p. Mitsuba also ends
-a shadow ray before the light, by 9e-4 of the length of the ray, so walls in the last 9 cm of a path
-of 100 m are missed. In this package, a ray ends at a height above the plane of a source or receiver
-that only compensates for rounding errors of single precision.
+Objects are sorted by id, because Mitsuba's order changes if it merges meshes. Mitsuba also ends
+shadow rays early by 9e-4 of their length. Rays of this package end at a height that exceeds only
+the rounding error of single precision.
 """
 
 from __future__ import annotations
@@ -24,12 +20,12 @@ import numpy as np
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.parts import connected
-from polywigner.geometry.silhouettes import Obstacle, Silhouette
+from polywigner.geometry.silhouettes import Obstacle, Silhouette, is_convex
 from polywigner.numerics import Floats, Indices
 
 
 def sorted_emitters(scene: mi.Scene) -> list[mi.Emitter]:
-    """Return the emitters of a scene, sorted by the ids of their shapes or by their own ids."""
+    """Return the emitters of a scene, sorted by the ids of their shapes."""
     return sorted(scene.emitters(), key=_emitter_key)
 
 
@@ -50,29 +46,25 @@ def _emitter_key(emitter: mi.Emitter) -> _Key:
 
 def _shape_key(shape: mi.Shape) -> _Key:
     emitter = shape.emitter()
-    # Sources are sorted by their poses, because `hide_emitters` changes the bounds of their meshes.
+    # `hide_emitters` changes the bounds of the meshes of sources, but not their poses.
     if hasattr(emitter, "spec"):
         return shape.id(), np.ravel(emitter.spec.pose).tolist(), ""
     return shape.id(), bounds_of(shape).ravel().tolist(), ""
 
 
 def is_source(emitter: mi.Emitter) -> bool:
-    """Return whether an emitter belongs to a ``wigner`` shape."""
     return getattr(type(emitter), "is_wigner", False)
 
 
 def wigner_emitters(scene: mi.Scene) -> list[mi.Emitter]:
-    """Return the coherent sources of a scene, sorted by the ids of their shapes."""
     return list(filter(is_source, sorted_emitters(scene)))
 
 
 def is_receiver(sensor: mi.Sensor) -> bool:
-    """Return whether a sensor is a ``wigner_receiver``."""
     return getattr(type(sensor), "is_wigner_receiver", False)
 
 
 def sensors_of(scene: Any) -> list[mi.Sensor]:
-    """Return the sensors of a scene; raise ArgumentError for any other object."""
     if not hasattr(scene, "sensors"):
         raise ArgumentError(
             f"expected scene as a mi.Scene, got {type(scene).__name__}; create one with "
@@ -82,10 +74,7 @@ def sensors_of(scene: Any) -> list[mi.Sensor]:
 
 
 def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
-    """Return the receivers of a scene, sorted by id, each with its index in the list of sensors.
-
-    Raises SceneError if the scene has no receiver.
-    """
+    """Return the receivers of a scene and their sensor indices, sorted by id; at least one."""
     receivers = [(k, sensor) for k, sensor in enumerate(sensors_of(scene)) if is_receiver(sensor)]
     if not receivers:
         raise SceneError(
@@ -95,11 +84,7 @@ def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
     return sorted(receivers, key=lambda item: (item[1].id(), item[0]))
 
 
-# ---- parts of Mitsuba objects --------------------------------------------------------------------
-
-
 def children_of(node: mi.Object) -> list[mi.Object]:
-    """Return the objects that are nested directly in a Mitsuba object."""
     children: list[mi.Object] = []
 
     class Callback(mi.TraversalCallback):  # The base class depends on the current variant.
@@ -131,38 +116,22 @@ def faces_of(mesh: mi.Mesh) -> Indices:
     return np.array(mi.traverse(mesh)["faces"], np.intp).reshape(-1, 3)
 
 
-# ---- starts and ends of rays ---------------------------------------------------------------------
-
 ROUNDING = 2.0**-20
-"""Height above a surface at which rays start and end, relative to the coordinates.
+"""Height above a surface at which rays start and end, relative to the coordinates."""
 
-The height is eight times the rounding unit of single precision.
-"""
-
-# Error of positions in single precision, relative to the largest coordinate. The position, its
-# rotation and its translation each have a rounding error of 6e-8.
+# Error of positions in single precision, relative to the largest coordinate.
 PLACE_ERROR = 5e-7
 
 
-# Class names of flat shapes and of instances, whose bounds determine rounding errors. Curved shapes
-# are not included, because they touch a plane only at a single point.
+# Flat shapes and instances, whose bounds determine rounding errors; curved shapes touch a plane at
+# one point only.
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
 def reach_at(scene: mi.Scene, corners: Floats) -> float:
-    """Return the largest coordinate of a source or receiver and of the flat surfaces that touch it.
+    """Return the largest coordinate of a source and of adjacent flat surfaces, in scene units.
 
-    Parameters
-    ----------
-    scene : mi.Scene
-        The scene.
-    corners : float array, shape (n, 3)
-        Corners of the source or receiver, in units of the scene.
-
-    Returns
-    -------
-    float
-        The largest absolute coordinate in units of the scene.
+    ``corners`` (n, 3) are the corners of the source.
     """
     low, high = corners.min(axis=0), corners.max(axis=0)
     result = float(np.abs(corners).max())
@@ -180,17 +149,13 @@ def reach_at(scene: mi.Scene, corners: Floats) -> float:
 
 
 def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
-    """Return the largest coordinate of the triangles whose bounds overlap a box."""
     corners = vertices_of(mesh)[faces_of(mesh)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
 
 
 def bounds_of(shape: mi.Shape) -> Floats:
-    """Return the bounding box of a shape in scene units, shape (2, 3).
-
-    Meshes that Mitsuba has merged are supported.
-    """
+    """Return the bounding box (2, 3) of a shape, also if Mitsuba has merged its mesh."""
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
         points = vertices_of(shape)
@@ -199,57 +164,47 @@ def bounds_of(shape: mi.Shape) -> Floats:
 
 
 def largest(point: Drjit) -> Drjit:
-    """Return the largest coordinate of a Mitsuba point."""
     return dr.max(dr.abs(point))
 
 
 def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) -> Drjit:
-    """Return the end point of a shadow ray, to be passed to Mitsuba's ``spawn_ray_to``.
+    """Return a point for ``spawn_ray_to`` such that the shortened shadow ray ends at ``end``.
 
-    ``spawn_ray_to`` shortens a ray by a fraction of its length. The returned point compensates for
-    this, so that the ray ends at the source.
-
-    Parameters
-    ----------
-    it : mi.Interaction3f
-        Start of the ray.
-    end : mi.Point3f
-        Point of the source.
-    normal : mi.Vector3f
-        Unit normal on the front of the source.
-    reach : Float
-        Largest coordinate of the source, see :func:`reach_at`.
-
-    Returns
-    -------
-    mi.Point3f
+    ``reach`` is the largest coordinate of the source, as in :func:`reach_at`, and ``normal`` its
+    unit normal.
     """
     p = dr.detach(it.p)
     short = end + normal * (ROUNDING * (largest(p) + reach))
-    # An interaction without a normal is not on a surface, so the ray starts exactly at its
-    # position.
+    # Without a normal, Mitsuba does not offset the start of the ray.
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
-    # The correction is detached, so that derivatives refer to the end point only.
+    # Derivatives refer to the end point only.
     return end + dr.detach(start + (short - start) * longer - end)
 
 
+def number_of(kind: str, thing: Any) -> Drjit:
+    """Return the registry number of a "Shape" or an "Emitter", or 0 for None."""
+    if not dr.is_jit_v(mi.Float):
+        return 0 if thing is None else id(thing)
+    return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
+
+
 class Reaches:
-    """Largest coordinates of the shapes of a scene, which determine rounding errors of hits."""
+    """Largest coordinates of the shapes of a scene, which limit the rounding of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
         self._table: Any = None
         self._sizes: dict[int, float] = {}
         shapes = scene.shapes()
         if dr.is_jit_v(mi.Float) and shapes:
-            numbers = [int(_number(mi.ShapePtr(shape))[0]) for shape in shapes]
+            numbers = [int(number_of("Shape", shape)[0]) for shape in shapes]
             self._last = max(numbers)
             sizes = np.zeros(self._last + 1)
             sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
             self._table = mi.Float(sizes.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
-        """Return the largest coordinate of an intersection and of the shape that is hit."""
+        """Return the largest coordinate of an intersection and its shape."""
         result = largest(si.p)
         if not dr.is_jit_v(mi.Float):
             key = id(si.shape)
@@ -258,36 +213,30 @@ class Reaches:
             return max(result, self._sizes[key])
         if self._table is None:
             return result
-        number = _number(si.shape)
-        # Registry numbers above the number of the last shape belong to instances.
+        number = number_of("Shape", si.shape)
+        # Instances have higher registry numbers.
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
     def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
-        """Return a ray that leaves a surface, on the side to which its direction points."""
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
 
 
-def _number(pointer: Drjit) -> Drjit:
-    return dr.reinterpret_array(mi.UInt32, pointer)
-
-
-# ---- opaque bodies ------------------------------------------------------
-
-# Largest distance in wavelengths between a curved shape and the chords that approximate it.
+# Largest distance between a curved shape and its chords [wavelengths].
 _SAGITTA = 0.01
-# Radius in wavelengths of the largest sphere that is approximated with this accuracy, and largest
-# number of chords around a circle.
+# Radius of the largest sphere with this accuracy [wavelengths], and largest number of chords around
+# a circle.
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
-# Largest total number of faces of all obstacles, which take about 1 GB of memory.
+# Largest total number of faces, which take about 1 GB.
 _MOST_FACES = 1 << 21
+# Largest height of vertices in a common plane, relative to the size of the body.
+_FLATNESS = 1e-6
 _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
 def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
-    """Yield vertices and triangles of all opaque shapes of a scene, in scene units."""
     groups = {
         shape.id(): children_of(shape)
         for shape in children_of(scene)
@@ -308,7 +257,6 @@ def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indi
 def _triangles(
     shape: mi.Shape, groups: dict[str, list[Any]], wavelength: float
 ) -> Iterator[tuple[Floats, Indices]]:
-    """Yield vertices and triangles of an opaque shape, or of all shapes of an instance."""
     params = mi.traverse(shape)
     if shape.class_name() == "Instance":
         name = str(shape).split('name = "', 1)[1].rsplit('",\n    prim_count', 1)[0]
@@ -341,12 +289,10 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
 
 
 def _chords(radius: float) -> int:
-    """Return the number of chords that approximate a circle with a radius in wavelengths."""
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
-    """Return a surface of revolution about z from a profile of radii and heights."""
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
@@ -358,7 +304,7 @@ def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
 
 
 def _sphere(radius: float) -> tuple[Floats, Indices]:
-    """Return a sphere of up to 83,000 triangles, with edges along circles of latitude."""
+    """Return a unit sphere, whose ``radius`` in wavelengths determines its resolution."""
     radius = min(radius, _LARGEST_SPHERE)
     latitudes = np.linspace(-math.pi / 2, math.pi / 2, _chords(radius) // 2 + 1)
     sizes = np.cos(latitudes)
@@ -375,7 +321,7 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
-    """Return the connected parts of a mesh, after merging vertices at the same position."""
+    """Return the connected parts of a mesh, after merging equal vertices."""
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
     a, b, c = np.moveaxis(points[faces], 1, 0)
@@ -393,7 +339,7 @@ def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
-    """Return the obstacles that meshes of vertices and triangles form."""
+    """Return the obstacles of several meshes."""
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
@@ -404,41 +350,33 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
     size = float(np.ptp(points, axis=0).max())
     units = normals / np.linalg.norm(normals, axis=1)[:, None]
-    # Triangles in the same plane belong to one face.
     height = np.einsum("tk,tk->t", units, points[faces[:, 0]] - points[0]) / size
     planes = np.column_stack([units, height]).round(5) + 0.0
     _, first, owner = np.unique(planes, axis=0, return_index=True, return_inverse=True)
     owner = owner.ravel()
     if not is_solid:
-        flat = np.abs((points - points[0]) @ units[0]).max() <= 1e-6 * size
+        flat = np.abs((points - points[0]) @ units[0]).max() <= _FLATNESS * size
         return Obstacle(points, faces, owner, normals[first], False, bool(flat))
     inner = points - points.mean(axis=0)
-    # The sum is six times the volume of the body. A negative sum means that the normals point
-    # inwards.
+    # The normals of a body point inwards if its signed volume is negative.
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:
         return _body(points, faces[:, ::-1], -normals)
-    # A body is convex if no face is in front of the plane of a neighbouring face.
-    order, other = np.argsort(forth), np.argsort(back)
-    face = np.tile(np.arange(len(faces)), 3)
-    opposite = np.concatenate([faces[:, (k + 2) % 3] for k in range(3)])
-    near, across = face[order], opposite[other]
-    height = np.einsum("ek,ek->e", points[across] - points[faces[near, 0]], units[near])
-    convex = bool((height <= 1e-6 * size).all())
+    convex = is_convex(points, faces, normals, _FLATNESS)
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
 
-# Height above the plane of a source, in wavelengths, below which edges are ignored.
+# Height above the plane of a source below which edges are ignored [wavelengths].
 BEHIND = 1e-3
 
 
 def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
-    """Return an obstacle in the frame of a pose, with lengths multiplied by ``scale``."""
+    """Return an obstacle in the frame of a pose, scaled by a factor."""
     vertices = (body.vertices - pose[:3, 3]) @ pose[:3, :3] * scale
     return replace(body, vertices=vertices, normals=body.normals @ pose[:3, :3])
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the parts of silhouette edges in front of the plane of the source."""
+    """Return the edges of a silhouette in front of the source plane."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
