@@ -7,18 +7,18 @@ spherical wave is exp(+i k R)/R (docs/conventions). Fields have the unit of the 
 module                  content
 ======================  ========================================================================
 ``point_grids``         checked points, angles and method names; grids of points
-``irradiances``         |U|^2 at points, also of partially coherent light and of bands
+``irradiances``         |U|^2 at points, also for partially coherent or broadband light
 ``wigner_rays``         irradiance by Wigner rays, to a tolerance
 ``partial_coherence``   irradiance of partially coherent light
-``lag_sums``            irradiance of light whose coherence width is far below the source's size
+``lag_sums``            irradiance of light with a coherence width much smaller than the source
 ``amplitudes``          the complex field at points, by boundary integrals and in the far field
 ``boundary``            boundary integrals over panels of edges, to a tolerance
 ``vector_fields``       electric near and far fields of polarised sources
 ``screens``             opaque plates and openings in front of point sources and plane waves
 ``shadows``             fields behind opaque bodies
 ``equivalent_points``   point sources that replace a source behind bodies
-``source_nodes``        few nodes that replace these points
-``edge_sums``           the waves of edges from nodes of the source
+``source_nodes``        a few nodes that replace these points
+``edge_sums``           fields behind bodies, as sums over near and far edges
 ``collins``             fields behind first-order systems; point spread functions
 ``curved_fields``       fields of curved waves, as sums over cells of the source
 ``far_fields``          far fields as functions of direction, radiated power, beam and steering
@@ -27,7 +27,7 @@ module                  content
 ``far_field_tables``    readers of far-field files of simulators
 ``array_patterns``      patterns of arrays with errors; two-way patterns of radars
 ``element_patterns``    far fields from tables: interpolation, and fits by aperture fields
-``horns``               mouths of horns, and their textbook directivity
+``horns``               horn apertures, and their textbook directivity
 ``beams``               data-sheet numbers: gain, beamwidths, sidelobes
 ``datasets``            fields on lines, planes, hemispheres and in volumes, W and A on grids of
                         four coordinates: in memory, lazy, or stored

@@ -50,12 +50,12 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Relative rounding error of a Fourier transform, over the upper bound `Radiator.content`.
+# Rounding error of a Fourier transform, relative to the upper bound `Radiator.content`.
 _FOURIER_ERROR = 1e-13
 
 
 class AmplitudeOptions(TypedDict, total=False):
-    """Keywords of :func:`amplitude`."""
+    """Keyword arguments of :func:`amplitude`."""
 
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
     obstacles: Obstacle | Sequence[Obstacle] | None
@@ -93,7 +93,7 @@ def amplitude(
     Parameters
     ----------
     source : Aperture, Array, Wavefront, Screen or PointSource
-        Apertures in the plane z = 0 with any illuminations. The exact field of a curved wave is a
+        Apertures in the plane z = 0 with any illumination. The exact field of a curved wave is a
         sum over nodes on the source (docs/curved.md, (Q7)). A :class:`Screen` is illuminated from
         behind.
     points : array_like, shape (..., 3), or (..., 2) with ``through``
@@ -106,16 +106,16 @@ def amplitude(
         (parabolic waves, for points near the axis) or "fraunhofer" (far field about the centre of
         the source).
     through : FirstOrder or sequence, optional
-        First-order system from the plane of the source to the plane of ``points``, or a sequence
-        of systems and stops in the order in which the light passes them. The field is Collins'
+        First-order system from the plane of the source to the plane of ``points``, or a sequence of
+        systems and stops in the order in which the light passes them. The field is Collins'
         integral (O4) without the factor exp(ikL) of the axial path length L, and ``method`` is not
-        used. If the points lie in an image of the source (B = 0), the field is the image of u.
-        Stops are Apertures and Arrays, whose transmission is their field (O8).
+        used. If the points lie in an image plane of the source (B = 0), the field is the image of
+        u. A stop is an Aperture or an Array whose field is its transmission (O8).
     obstacles : Polyhedron, placed Aperture or sequence, optional
-        Opaque black bodies, and plates as apertures in a pose (:meth:`Aperture.placed`). Each ray
-        is diffracted by at most one edge (docs/shadows.md, (SB1)). The field is smooth across the
-        boundaries of shadows, and zero in bodies. Obstacles cannot be combined with ``through``,
-        "fresnel" and "fraunhofer".
+        Opaque black bodies and plates. A plate is an aperture placed in space
+        (:meth:`Aperture.placed`). Each ray is diffracted by at most one edge (docs/shadows.md,
+        (SB1)). The field is smooth across the boundaries of shadows, and zero in bodies. Obstacles
+        cannot be combined with ``through``, "fresnel" and "fraunhofer".
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
         zero. Soft and hard obstacles are plates in one plane, and reflect (docs/shadows.md, (SB9)).
@@ -126,11 +126,11 @@ def amplitude(
         Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
         Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude,
-        or of the field with all parts of the source in phase if this field is smaller. The latter
-        is |u| area/(wavelength distance), or, within a wavelength of the source, the static field
-        |u| area/(2 pi distance^2). With obstacles the tolerance is a fraction of the largest field
-        at three or more wavelengths from the source; the default is 1e-6, and the smallest value is
-        1e-8. The tolerance is not used by "fraunhofer" without an aberration.
+        or of the field with all parts of the source in phase if this field is smaller. This
+        in-phase field is |u| area/(wavelength distance), or, within a wavelength of the source, the
+        static field |u| area/(2 pi distance^2). With obstacles the tolerance is a fraction of the
+        largest field at three or more wavelengths from the source; the default is 1e-6, and the
+        smallest value is 1e-8. The tolerance is not used by "fraunhofer" without an aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
@@ -144,7 +144,7 @@ def amplitude(
     ------
     ArgumentError
         For arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the source,
-        systems that require too many nodes, and edges of more than 2e8 wavelengths.
+        systems that require too many nodes, and edges with a total length above 2e8 wavelengths.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
     EngineError

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 # Complex numbers per block (64 MiB).
 _BLOCK = 2**22
-# Largest rms error or fraction, and its description in error messages.
+# Upper limit of each error, and the description of its range in error messages.
 _ERRORS = {
     "amplitude": (40.0, "an rms error from 0 to 40 dB"),
     "phase": (2 * math.pi, "an rms error from 0 to 2 pi rad"),
@@ -250,10 +250,10 @@ def two_way_pattern(
 ) -> xarray.Dataset:
     """Return the two-way pattern of a radar: the product of the transmit and receive patterns.
 
-    The field is the product of both far fields, and the level is the sum of both directivities in
-    dBi. A target of radar cross section c at the distance r returns the fraction
+    The field is the product of the two far fields, and the level is the sum of the two
+    directivities in dBi. A target of radar cross section c at the distance r returns the fraction
     ``G_t G_r c wavelength^2/((4 pi)^3 r^4)`` of the transmitted power, where G_t and G_r are the
-    gains of both antennas.
+    gains of the two antennas.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def two_way_pattern(
     -------
     xarray.Dataset
         Over theta and phi: the directivities ``transmit`` and ``receive`` in dBi, their sum
-        ``two_way`` in dB, and the complex product ``field`` of both far fields.
+        ``two_way`` in dB, and the complex product ``field`` of the two far fields.
 
     Raises
     ------

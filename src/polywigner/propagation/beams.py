@@ -24,19 +24,21 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Half power [dB].
+# Half-power level below the peak [dB].
 _HALF = 10 * math.log10(2.0)
 # Finite stand-in for minus infinity [dBi].
 _DARK = -400.0
-# Largest level difference [dB] for a fitted parabola, which is inaccurate near nulls.
+# Largest level difference [dB] between samples for which a parabola is fitted. The fit is
+# inaccurate near nulls.
 _STEEP = 10.0
-# Level [dB] below the beam at which a cut contains rounding errors only.
+# A cut whose peak is more than this [dB] below the beam contains only rounding errors.
 _NOTHING = 150.0
 # Polarisation ratio [dB] above which the weaker component is a rounding error.
 _LINEAR = 200
-# Level difference [dB] above which a warning reports that all cuts miss the beam.
+# Level difference [dB] between the beam and the best cut above which a warning reports that all
+# cuts miss the beam.
 _MISSED = 0.1
-# Samples per half-power beamwidth below which the beamwidth has an error of some percent.
+# Samples per half-power beamwidth below which the beamwidth has an error of a few percent.
 _LEAST_SAMPLES = 6
 # Angle [rad] below which the beam counts as normal to the aperture.
 _SAME_ANGLE = 1e-9
@@ -73,7 +75,7 @@ class CutMetrics:
     half_power_beamwidth: float
     """Angle in rad between the half-power directions; NaN if the cut ends before one of them."""
     sidelobe_levels: tuple[float, float]
-    """Floats in dB of the first sidelobe on each side, relative to the peak of the cut.
+    """Levels in dB of the first sidelobe on each side, relative to the peak of the cut.
 
     The first sidelobe is the first maximum beyond the half-power direction. The side of smaller
     angles comes first.
@@ -83,11 +85,11 @@ class CutMetrics:
     first_nulls: tuple[float, float] = _NAN_PAIR
     """Angles in rad of the first minimum beyond the half-power direction on each side.
 
-    NaN stands for a minimum beyond the end of the cut.
+    An angle is NaN if the minimum lies beyond the end of the cut.
     """
     peak_sidelobe_level: float = math.nan
-    """Largest level in dB beyond the first nulls, relative to the peak of the cut; NaN without a
-    null."""
+    """Largest level in dB beyond the first nulls, relative to the peak of the cut; NaN if there is
+    no null."""
     peak_sidelobe_angle: float = math.nan
     """Angle in rad of the highest sidelobe."""
     kind: CutKind = "theta"
@@ -122,7 +124,7 @@ class BeamMetrics:
     radiated_fraction: float
     """Radiated power divided by the integral of |u|^2 over the source.
 
-    NaN stands for a pattern, or an element pattern, that was read from a file.
+    NaN if the pattern, or the pattern of its elements, was read from a file.
     """
     cuts: tuple[CutMetrics, ...]
     """Metrics of each meridian of the pattern, or of each great circle of :func:`beam_cuts`."""
@@ -218,12 +220,12 @@ def beam_metrics(
     which end at the horizon:
 
     - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. If theta
-      is never negative, columns at phi and phi + pi are joined to a meridian.
-    - ``beam_cuts`` : two great circles through the beam, over angles from the beam. They are exact
-      for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi covers the full
-      circle. For a pattern of single meridians the tuple is empty.
+      is never negative, columns at phi and phi + pi are joined into one meridian.
+    - ``beam_cuts`` : two great circles through the beam, as functions of the angle from the beam.
+      They are exact for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi
+      covers the full circle. For a pattern of single meridians the tuple is empty.
 
-    Floats between samples are interpolated by parabolas. With ten samples within the half-power
+    Values between samples are interpolated by parabolas. With ten samples within the half-power
     beamwidth, the relative error of the beamwidth is below 3e-3.
 
     Parameters
@@ -316,7 +318,7 @@ def _warn_of_samples(
 
 
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
-    """Return the metrics of a cut of a pattern with a beam of ``beam`` dBi."""
+    """Return the metrics of a cut through a pattern whose beam has ``beam`` dBi."""
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
     peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
     angle, level = _vertex(angles, levels, peak)
@@ -357,10 +359,10 @@ class _Side(NamedTuple):
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan
-    """First sidelobe."""
+    """Level of the first sidelobe."""
     angle: float = math.nan
     peak_level: float = -math.inf
-    """Highest sidelobe beyond the first null."""
+    """Level of the highest sidelobe beyond the first null."""
     peak_angle: float = math.nan
 
 

@@ -55,7 +55,7 @@ class _Element:
 
 @dataclass(frozen=True)
 class Radiator:
-    """A source in the plane z = 0 as outlines with plane waves."""
+    """A source in the plane z = 0, represented by outlines and plane waves."""
 
     elements: tuple[_Element, ...]
     low: Floats
@@ -69,7 +69,7 @@ class Radiator:
 
     @property
     def amplitude(self) -> float:
-        """Upper bound on |u| of any element."""
+        """Upper bound on |u| over all elements."""
         return max(
             float(np.abs(e.weights).max() * np.abs(e.amplitudes).sum()) for e in self.elements
         )
@@ -130,8 +130,8 @@ class _Panels(NamedTuple):
     """Table of panels, one row for each plane wave. Lengths are in wavelengths."""
 
     rows: Floats
-    """Shape (m, 12): first end (2) from the source centre, direction (2), length, direction cosines
-    p_x, p_y and |p_z|, their rounding errors (3), phase at the first end in cycles."""
+    """Shape (m, 12): first end relative to the source centre (2), direction (2), length, direction
+    cosines p_x, p_y and |p_z|, their rounding errors (3), phase at the first end in cycles."""
     amplitudes: Complex
     """Shape (m,)."""
     evanescent: NDArray[np.bool_]
@@ -146,7 +146,7 @@ def panels_of(
     paraxial: bool,
     is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
 ) -> Iterator[_Panels]:
-    """Yield panels of at most ``longest`` wavelengths, in blocks of about ``count``.
+    """Yield blocks of about ``count`` panels, each at most ``longest`` wavelengths long.
 
     ``is_wanted`` selects plane waves by the direction cosine p_z.
     """
@@ -217,26 +217,27 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
     return first, (edge / length[:, None])[owner], (length / pieces)[owner]
 
 
-# Cost of the boundary integral of an edge, in units of its Fourier transform.
+# Cost of an edge in a boundary integral, relative to its cost in a Fourier transform.
 _TERMS = 16
-# Largest number of panels: 2 GB, and one second per point on one core.
+# Largest number of panels. They take 2 GB, and one second per point on one core.
 _MOST_PANELS = 1 << 24
-# Upper limit of the source distance, and longest panels [wavelengths]. Panels twice as long as the
-# distance need the fewest nodes.
+# Pairs (upper limit of the distance from the source, length of the longest panels) [wavelengths].
+# Panels twice as long as the distance need the fewest nodes.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
 # Panels per block.
 _ROWS = 1 << 14
-# Increase of the number of digits in each round, and largest number of rounds.
+# Factor by which the number of digits grows in each round, and largest number of rounds.
 _HARDER, _ROUNDS = 1.6, 4
 # Additional digits per panel [natural logarithm], because the errors of panels add up.
 _MARGIN = 2.7
-# Pairs (point, panel) per call: about one second on two cores, during which Ctrl-C has no effect.
-# Fewer points than _FEWEST_POINTS take less time than the overhead of a call.
+# Number of pairs (point, panel) per call. The call takes about one second on two cores, during
+# which Ctrl-C has no effect. Fewer than _FEWEST_POINTS points take less time than the overhead of a
+# call.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
-# Smallest height [wavelengths] and direction cosine p_z for steepest descent. They bound the
-# stationary phase from below, which is N'/2 in (B3).
+# Smallest height [wavelengths] and direction cosine p_z for steepest descent. These limits bound
+# the stationary phase N'/2 of (B3) from below.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
-# Rounds of steepest descent before panels replace it.
+# Number of rounds of steepest descent before panels are used instead.
 _STEEP_ROUNDS = 2
 
 
@@ -291,7 +292,7 @@ def _summed(
     engine: str,
 ) -> FieldEstimate:
     paraxial = method == "fresnel"
-    # Second boundary term of (B3), absent in Fresnel fields.
+    # Weight of the second boundary term of (B3), which is absent in Fresnel fields.
     share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
@@ -302,7 +303,7 @@ def _summed(
     edges = _TERMS * sum(element.edges for element in radiator.elements)
     chosen = resolved(engine, len(points), edges)
     edge_sums = partial(_edge_sums, radiator, wavelength, share, paraxial, chosen)
-    # The bound adds the static field, which dominates within a wavelength.
+    # The bound includes the static field, which dominates within a wavelength of the source.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     allowed = tolerance * np.minimum(radiator.amplitude, bound)
@@ -391,7 +392,7 @@ def _edge_sums(
 def strata_of(
     radiator: Radiator, points: Floats, wavelength: float
 ) -> Iterator[tuple[Indices, float]]:
-    """Yield indices of points at similar distances, and their longest panels in wavelengths."""
+    """Yield indices of points at similar distances, and their panel length [wavelengths]."""
     distance = radiator.distance(points) / wavelength
     low = 0.0
     for high, longest in _STRATA:

@@ -37,9 +37,9 @@ from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
 PublicSource = Aperture | Array
 
 _ULP = 2.0**-52
-# Relative difference of equal curvatures, over the condition number of B.
+# Relative difference below which curvatures count as equal, divided by the condition number of B.
 _EQUAL = 8 * _ULP
-# Relative rounding error of Fourier transforms and images, over the integral of |u|.
+# Rounding error of Fourier transforms and images, relative to the integral of |u|.
 _CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
 # Additional nodes of the two quadrature rules whose difference is the error estimate.
@@ -47,11 +47,11 @@ _EXTRA = (8.0, 12.0)
 _FINEST = 1e-13
 # Largest number of pairs (node on a stop, point). About 1e9 pairs take a minute.
 _MOST_WORK = 2e10
-# Cost of the incident field at a node, in complex exponentials.
+# Cost of the incident field at a node, in units of a complex exponential.
 _NODE_COST = 1000
-# Complex multiplications per complex exponential, in computing time.
+# Number of complex multiplications that take as long as a complex exponential.
 _PRODUCTS = 50
-# Largest ratio of lattice points to frequencies.
+# Largest ratio of lattice points to frequencies for which the lattice is used.
 _SPARSE = 4
 # Pairs (node, point) per block.
 _BLOCK = 1 << 21
@@ -200,7 +200,8 @@ def field_behind(
 ) -> tuple[Complex, Floats]:
     """Return the field at points (..., 2) behind first-order systems and stops, and its error.
 
-    Raises ArgumentError if a value of ``others`` is not None. These are arguments for free space.
+    ``others`` are arguments that apply only to free space. Raises ArgumentError if any of them is
+    not None.
     """
     for name, value in others.items():
         if value is not None:
@@ -392,7 +393,7 @@ class FrequencyLattice:
         if size > _SPARSE * len(nu):
             self.axes, self.index, size = [*nu.T], None, len(nu) * _PRODUCTS
         self.work = _NODE_COST + sum(map(len, self.axes)) + size / _PRODUCTS
-        """Cost of a node, in complex exponentials."""
+        """Cost of a node, in units of a complex exponential."""
 
     def summed(self, nodes: Floats, waves: Complex) -> Complex:
         """Return ``sum_k waves_k exp(-2 pi i nu.x_k)`` over nodes x_k for all frequencies nu."""

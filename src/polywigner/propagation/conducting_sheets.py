@@ -23,10 +23,11 @@ from polywigner.propagation.equivalent_points import RadiatingPoint
 Edge = Literal["black", "soft", "hard"]
 EDGES = ("black", "soft", "hard")
 
-# Flatness of plates in single precision, as a fraction of their extent.
+# Allowed distance of plates from their common plane, as a fraction of their extent. Coordinates may
+# be in single precision.
 _UNEVEN = 1e-6
-# Distance [wavelengths] from the source below which the field loses digits, step of the replacement
-# points, and weights of their fourth-order mean.
+# Distance [wavelengths] from the source below which the field loses digits. A fourth-order mean
+# over points at multiples of _STEP replaces the field there.
 _CLOSE, _STEP = 1e-4, 1e-3
 _WEIGHTS = {1: 4 / 6, -1: 4 / 6, 2: -1 / 6, -2: -1 / 6}
 
@@ -56,7 +57,8 @@ class Sheet:
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
         """Return the silhouette of the plates for each source position (n, 3)."""
-        # A view from outside the plane has the same edges, even for a source in the plane.
+        # Seen from a point off the plane, the plates have the same edges, even if the source lies
+        # in the plane.
         centre, extent = bodies.vertices.mean(axis=0), np.ptp(bodies.vertices, axis=0).max()
         views = []
         for side in (-1.0, 1.0):
@@ -111,7 +113,7 @@ def change_by_sheet(
     """Return the change of the field by soft or hard plates, the free field and the error.
 
     ``compute`` returns the same results for black plates. Positions (n, 3) within ``least`` (n,) of
-    a plate lie on its illuminated side.
+    a plate are treated as lying on its illuminated side.
     """
     sheet, count = Sheet.of(bodies), len(positions)
     origins = np.array([point.position for point in sources])

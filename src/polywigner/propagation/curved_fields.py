@@ -26,8 +26,8 @@ from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 
 # Gauss nodes along each side of a cell.
 _NODES = 20
-# Cycles of phase along a side of a cell, for 13 digits. Points at half a side from the cell have as
-# many digits in the static field 1/R^2.
+# Largest number of phase cycles along a side of a cell, for an accuracy of 13 digits. At points
+# half a side away from the cell, the static field 1/R^2 is equally accurate.
 _MOST_CYCLES = 4.0
 # Rounding error of a sum over nodes, relative to the sum of moduli.
 _ROUNDING = 1e-13
@@ -102,7 +102,7 @@ def _parts(wave: Wavefront) -> Iterator[_Part]:
 
 
 def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
-    """Yield the parts of a curved source and their cells (k, 3, 2), for any plane wave."""
+    """Yield parts of a curved source, and cells (k, 3, 2) small enough for any plane wave."""
     for part in _parts(wave):
         cells = part.triangles
         while len(cells):

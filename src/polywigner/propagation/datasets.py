@@ -63,14 +63,14 @@ if TYPE_CHECKING:
 
 Quantity = Literal["irradiance", "amplitude", "phase"]
 
-# Other methods imply the obliquity by their boundary condition.
+# Methods that accept an obliquity. The boundary condition of any other method implies it.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
 # Options that :func:`irradiance` and :func:`amplitude` do not accept.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
 # Points per block in memory: tens of megabytes, enough for the full speed of compiled engines.
 _BLOCK = 1 << 17
-# Largest and smallest number of samples of a chunk, and number of chunks. The largest is 4 MB of
-# float32, and 64 chunks store their first results within a minute.
+# Largest and smallest number of samples per chunk, and target number of chunks. The largest chunk
+# has 4 MB of float32. With 64 chunks, the first results are stored within a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
 # Unit and long name.
 _QUANTITIES = {
@@ -148,7 +148,8 @@ def _dataset(
                 settings.pop("obliquity", None)
             block = partial(_field_values, radiator, grid, length, method, quantity, number_type)
             if is_lazy or len(methods) > 1:
-                # Computing one point reports invalid arguments before hours of work.
+                # Compute one point first, so that invalid arguments are reported before hours of
+                # work.
                 block({**settings, "engine": "numpy"}, (0,) * len(shape), (1,) * len(shape))
             attrs = _field_attrs(method, quantity, settings)
             variables[method] = partial(block, settings), number_type, attrs
@@ -203,7 +204,7 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue the warnings of a block at its end, once for texts that differ only in numbers."""
+    """Issue the warnings of a block at its end, without repeats that differ only in numbers."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
@@ -271,8 +272,8 @@ def plane(
         Source in the plane z = 0.
     where : array_like, shape (2, 3) or (3, 3)
         Opposite corners in m of a rectangle parallel to two axes, with one pair of equal
-        coordinates and ascending others; or three corners of a rectangle in any orientation, of
-        which the first is adjacent to the other two. All corners must have z > 0.
+        coordinates and the other pairs ascending; or three corners of a rectangle in any
+        orientation, the first of which is adjacent to the other two. All corners must have z > 0.
     shape : tuple of int
         Number of points along both axes, edges included.
     wavelength : float
@@ -360,8 +361,8 @@ def hemisphere(
     radius : float
         Distance from ``centre`` in m.
     theta : array_like, shape (n,)
-        Angles from the z axis in rad. A negative angle theta at phi is the direction of its
-        absolute value at phi + pi.
+        Angles from the z axis in rad. A negative angle theta at phi is the same direction as -theta
+        at phi + pi.
     phi : array_like, shape (m,) or ()
         Angles from the x axis in rad.
     wavelength : float
@@ -460,10 +461,10 @@ def wigner_table(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[TableOptions],
 ) -> xarray.Dataset:
-    """Return the Wigner function W(x, y, nu_x, nu_y) of a plane source on a grid.
+    """Return the Wigner function W(x, y, nu_x, nu_y) of a planar source on a grid.
 
     With ``out`` the table is written to disk chunk by chunk, and may be larger than memory
-    (docs/large_runs.md). The accuracy is described at :func:`wigner`.
+    (docs/large_runs.md). See :func:`wigner` for the accuracy.
 
     Parameters
     ----------
@@ -513,7 +514,7 @@ def ambiguity_table(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[TableOptions],
 ) -> xarray.Dataset:
-    """Return the ambiguity function of a plane source on a grid of its four coordinates.
+    """Return the ambiguity function of a planar source on a grid of its four coordinates.
 
     Parameters
     ----------
@@ -555,8 +556,8 @@ def _values(
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Kernels are fastest with x (W) or xi (A) as the leading axes, which share slices of the
-    # source.
+    # Kernels compute the slice of the source at each x (for W) or xi (for A) only once if these are
+    # the leading axes.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)

@@ -44,20 +44,21 @@ Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-# Near edges: distance [wavelengths] from the point, and end of the blend as a multiple of the near
-# limits.
+# An edge within _CLOSE [wavelengths] of the point is near. The blend between near and far edges
+# ends at _OVERLAP times the near limits.
 _CLOSE, _OVERLAP = 1.0, 1.1
 # Pairs (point, edge) or (point, source point) per block, about 100 MB.
 _PAIRS = 1 << 19
-# Pairs per block for arrays in the processor's cache.
+# Number of pairs per block whose arrays fit in the processor's cache.
 _CACHED = 1 << 14
-# Far nodes per table row, and the step of their number, which limits the number of compiled
-# kernels.
+# Largest number of far nodes per table row. The number is rounded up to a multiple of _STEP, which
+# limits the number of compiled kernels.
 _PER_ROW, _STEP = 40, 4
-# Below these numbers, a direct sum over the equivalent points is faster. _MOST_LEVELS limits the
-# samples from which the largest free field is estimated.
+# With fewer than _LEAST_POINTS equivalent points, or fewer than _LEAST_PAIRS edge waves, a direct
+# sum over the equivalent points is faster. The largest free field is estimated from up to
+# _MOST_LEVELS positions.
 _LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
-# Costs of a sample and of a boundary wave, in units of one far node at a sample.
+# Costs of a sample and of a boundary wave, relative to the cost of one far node at a sample.
 _SAMPLE_COST, _POINT_COST = 8.0, 100.0
 _NONE = np.zeros(1)
 _OPS: Any = NumpyOperations()
@@ -79,7 +80,7 @@ class Targets(NamedTuple):
 
 @dataclass(frozen=True)
 class EdgeSum:
-    """A source, the edges that it sees, and its interpolation nodes."""
+    """A source, the edges visible from it, and its interpolation nodes."""
 
     bodies: Obstacles
     points: Sequence[RadiatingPoint]
@@ -103,9 +104,9 @@ class EdgeSum:
         error: float,
         engine: str,
     ) -> EdgeSum | None:
-        """Return the sum for fields at positions (n, 3), None if a sum over all points is faster.
+        """Return the sum for positions (n, 3), or None if a sum over all source points is faster.
 
-        ``error``: allowed error over the largest free field.
+        ``error``: allowed error, relative to the largest free field.
         """
         is_shared = all(silhouette is seen[0] for silhouette in seen)
         views = [
@@ -232,7 +233,7 @@ class EdgeSum:
         return total
 
     def _nodes_at(self, samples: Floats, number: Indices) -> Floats:
-        """Return rows of directions and waves of far nodes at samples (q, 3) of edges.
+        """Return table rows with the directions and waves of far nodes at edge samples (q, 3).
 
         Zero weights pad the last row of a sample.
         """
@@ -243,7 +244,7 @@ class EdgeSum:
         if not self.sees.all():
             waves = [wave * self.sees[:, number].T for wave in waves]
         waves = [wave @ source.fractions.T for wave in waves]
-        # (SB5): z derivative of the source, divided by -ik.
+        # (SB5): derivative with respect to the source's z, divided by -ik.
         waves[1:] = [wave * (-0.5j / math.pi) / length for wave in waves[1:]]
         count = len(source.positions)
         parts = math.ceil(count / _PER_ROW)
@@ -270,7 +271,7 @@ def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
 
 
 def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error: float) -> Indices:
-    """Return the number of samples of each edge (m,) for waves at positions (n, 3)."""
+    """Return the number of samples (m,) that each edge needs for waves at positions (n, 3)."""
     source, at, ops = nodes.far, tuple(positions.T), _OPS
     reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
     digits, centre, numbers = -math.log(error), tuple(source.centre), []
@@ -280,7 +281,8 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
         slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
         distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
         phase = math.pi * (ops.maximum(*slopes) + 2.0 * reach * length / distance)
-        # Distance between the edge and the line from source to point, measured at the edge.
+        # lateral: distance between the edge and the line from source to point, measured at the
+        # edge.
         away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
         part = away / (distance + away)
         lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - reach * part
@@ -338,9 +340,9 @@ def _angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
 
 
 def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:
-    """Return the waves of several nodes over one sample of an edge (SB8).
+    """Return the wave of one edge sample, summed over several nodes (SB8).
 
-    ``width``: numbers per node, for its direction, wave, and optionally dipole.
+    ``width``: number of values per node: its direction, wave, and optionally dipole.
     """
     at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
     part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)
@@ -355,7 +357,7 @@ def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> 
         below = 1.0 / ops.maximum(1.0 - dot(away, ray), 1e-14)
         factor = dot(away, normal) * below
         real, imag = real + factor * row[k + 3], imag + factor * row[k + 4]
-        if width > 5:  # weights of the derivative in z of the source, (SB5)
+        if width > 5:  # derivative with respect to the source's z (SB5)
             rate = (normal[2] - factor * (away[2] - ray[2])) * below
             real, imag = real + rate * row[k + 5], imag + rate * row[k + 6]
     wave = unit_wave(ops, distance).scaled(inverse * part) * Pair(real, imag)

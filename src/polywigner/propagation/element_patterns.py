@@ -30,33 +30,35 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Rounding error of angles in pattern files [rad].
+# Allowed rounding error of angles in pattern files [rad].
 _EVEN = 1e-6
-# Samples per interpolated value on an open meridian. The error is 1e-6 for 8 samples per lobe, and
-# rounding errors grow less than a hundredfold (docs/patterns.md).
+# Number of samples from which a value on an open meridian is interpolated. The error is 1e-6 for 8
+# samples per lobe, and rounding errors grow by less than a factor of 100 (docs/patterns.md).
 _STENCIL = 12
 # Backward radiation below this fraction of the largest field counts as zero.
 _NOTHING = 1e-9
 # Directions per block.
 _ROWS = 4096
-# Largest table: steps of a quarter degree, 16 MB, and 0.1 GB for its interpolation matrices.
+# Size of the largest table. It has steps of a quarter degree, and takes 16 MB, and 0.1 GB for its
+# interpolation matrices.
 MOST_THETA, MOST_PHI = 721, 1440
-# Quadrature nodes beyond the bandwidth of the field. The error, a Bessel function of high order, is
-# then negligible.
+# Number of quadrature nodes beyond the bandwidth of the field. The error, a Bessel function of high
+# order, is then negligible.
 _MARGIN = 40
 
 
 class ElementPattern:
     """Far field of an antenna, interpolated over evenly spaced angles theta and phi.
 
-    It is a trigonometric polynomial along phi, and along theta if the table covers the sphere.
-    Otherwise polynomials of degree 11 interpolate along theta.
+    The interpolant is a trigonometric polynomial along phi, and along theta if the table covers the
+    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
         """Prepare the interpolation of E_theta and E_phi, shape (n, m).
 
-        ``theta`` (n,) reaches from 0 to pi/2 or pi, ``phi`` (m,) around the circle, in rad.
+        ``theta`` (n,) extends from 0 to pi/2 or pi, and ``phi`` (m,) around the full circle, in
+        rad.
         """
         if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
@@ -99,7 +101,8 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        # For an even number of samples, the highest order is a cosine: half a wave of each sign.
+        # For an even number of samples, the highest order is a cosine: two waves of opposite order
+        # and half the amplitude.
         if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
@@ -129,7 +132,7 @@ class ElementPattern:
         return _vector(theta[:, None], phi, *self.components(theta, phi))
 
     def vectors(self, directions: Floats) -> Complex:
-        """Return far-field vectors in given directions, as unit vectors."""
+        """Return far-field vectors in given directions (unit vectors)."""
         flat = directions.reshape(-1, 3)
         field = np.empty(flat.shape, np.complex128)
         for k in range(0, len(flat), _ROWS):
@@ -143,8 +146,8 @@ class ElementPattern:
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
         """Return the radiated power in W of the antenna, or of an array of such antennas.
 
-        ``factor`` is the array factor of directions, ``lag`` 2 pi times the array size in
-        wavelengths.
+        ``factor`` returns the array factor in given directions. ``lag`` is 2 pi times the array
+        size in wavelengths.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
@@ -238,12 +241,12 @@ def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
 
 
 class FittedPattern(NamedTuple):
-    """Aperture field that :func:`fit_pattern` returns, with measures of its quality."""
+    """Aperture field returned by :func:`fit_pattern`, with measures of its quality."""
 
     aperture: Aperture
     """Aperture with the fitted field."""
     residual: float
-    """Square root of the power of the far field's error, divided by the power of the pattern."""
+    """Relative rms error of the far field: sqrt(power of the error/power of the pattern)."""
     power_ratio: float
     """Integral of |u|^2 over the aperture, divided by the radiated power.
 
@@ -252,10 +255,11 @@ class FittedPattern(NamedTuple):
 
 
 _POOR = 0.3
-# Period of the plane waves over the extent of the outline. Twice the extent would halve the
-# residual with 2.6 times as many waves.
+# Period of the sum of plane waves, as a multiple of the extent of the outline. A multiple of 2
+# would halve the residual, but requires 2.6 times as many waves.
 _PERIODS = 1.25
-# Largest number of plane waves: some seconds for an outline of 12 wavelengths.
+# Largest number of plane waves. The fit then takes some seconds, for an outline 12 wavelengths
+# wide.
 _MOST_WAVES = 1200
 
 
@@ -289,7 +293,7 @@ def fit_pattern(
         the pattern contributes to the residual.
     method : str, default "huygens"
         Equivalent currents "huygens", "magnetic" (an opening in a metal screen) or "electric", for
-        use as a polarised source. For use without a polarisation pass "rayleigh-sommerfeld-1", the
+        use as a polarised source. For use without a polarisation, pass "rayleigh-sommerfeld-1", the
         default method of :func:`amplitude`.
     cut_off : float, default 1e-2
         Smallest used singular value, as a fraction of the largest one. Smaller values of

@@ -1,7 +1,7 @@
 """Point sources with the far field of an aperture (B8).
 
-They lie at Gauss nodes on the bounding box of the source, with weights fitted to its far field in
-the required directions. Lengths are in wavelengths.
+The points lie at Gauss nodes on the bounding box of the source, with weights fitted to its far
+field in the required directions. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_source
 
 _MOST_SOURCES = 1 << 15
-# Additional nodes along a side, tried in turn: beyond the number for uniform apertures, then beyond
-# the number for any source.
+# Additional nodes along a side, tried in turn: first beyond the number that a uniform aperture
+# needs, then beyond the number that resolves any source.
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
 # Relative singular values below this limit are rounding errors.
 _ROUNDING = 1e-9
-# Margin of the required sines, over the side of the bounding box in wavelengths.
+# Margin of the required sines, multiplied by the side of the bounding box in wavelengths.
 _MARGIN = 4.0
 # Triangles per block, with 400 nodes each.
 _CELLS = 1 << 6
@@ -47,12 +47,12 @@ class EquivalentGrid:
     """Point sources at Gauss nodes on the bounding box of a source."""
 
     nodes: tuple[Floats, Floats]
-    """Along x and y, from the centre, in units of half a side."""
+    """Coordinates along x and y from the centre, in units of half a side."""
     half: Floats
     """Half the sides in wavelengths, shape (2,)."""
     weights: tuple[Complex, ...]
     """Weights (nx, ny) of the field and of the normal derivative, in units of u times a square
-    wavelength, without the terms that the boundary condition lacks."""
+    wavelength, without the terms that are absent from the boundary condition."""
 
 
 Sines = tuple[tuple[float, float], tuple[float, float]]
@@ -76,7 +76,7 @@ def equivalent_grid(
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
-    # Phase difference over half a side, between the outermost and the central direction.
+    # Phase difference [cycles] over half a side between the outermost and the central direction.
     cycles = half * widths
     waves: list[Floats] = []
     spectra: list[Complex] = []
@@ -175,7 +175,7 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
         closest, farthest = (np.linalg.norm(part[:, others], axis=1) for part in (near, far))
         margin = _MARGIN / max(high[k] - low[k], 1e-9)
         # The sine along an axis increases with the displacement along this axis. A positive sine
-        # decreases with the other components.
+        # decreases with the displacement along the other axes.
         largest = last[:, k] / np.hypot(last[:, k], np.where(last[:, k] > 0.0, closest, farthest))
         least = first[:, k] / np.hypot(first[:, k], np.where(first[:, k] < 0.0, closest, farthest))
         lowest = max(-1.0, float(least.min()) - margin)

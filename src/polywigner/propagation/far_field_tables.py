@@ -82,7 +82,7 @@ _ADVICE = (
 
 
 def unit_of(text: str) -> Unit | None:
-    """Return the unit for a name such as "dBV/m", None if it is not supported."""
+    """Return the unit for a name such as "dBV/m", or None if it is not supported."""
     name = re.sub(r"\s|\.$", "", text).replace("²", "2").replace("^", "")
     if name.lower() in _NAMED:
         return _NAMED[name.lower()]
@@ -122,7 +122,7 @@ _PARTS = {
     **dict.fromkeys(("", "mag", "abs", "db", "db10", "db20"), "size"),
     **dict.fromkeys(("phase", "arg", "ang", "ang_deg", "cang_deg", "ang_rad", "cang_rad"), "phase"),
 }
-# Such as mag(rETheta) in HFSS, and Re(Etheta) and Gain(Total) in FEKO.
+# Matches names such as mag(rETheta) in HFSS, and Re(Etheta) and Gain(Total) in FEKO.
 _NAME = re.compile(
     r"(?:(?P<part>[a-z_0-9]+)\()?(?P<quantity>[a-z]+?)(?P<is_feko>\()?"
     r"(?P<component>theta|phi|total)\)?"
@@ -156,7 +156,7 @@ class Column(NamedTuple):
 
 
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
-    """Return the column for a title and a unit, None for unknown titles.
+    """Return the column for a title and a unit, or None for an unknown title.
 
     ``name``: the title in the notation of HFSS.
     """
@@ -235,7 +235,7 @@ def _check_header(columns: Sequence[Column | None]) -> None:
         )
 
 
-# Smallest compared intensity over the maximum, since tables are rounded.
+# Intensities below this fraction of the maximum are not compared, because tables are rounded.
 _COMPARED = 1e-2
 # Largest level difference [dB] due to rounded tables.
 SAME_LEVEL = 0.1
@@ -319,7 +319,7 @@ def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
     """Raise FileFormatError if a column of magnitudes contradicts the field components.
 
-    Columns of other quantities than ``sources`` may differ by a constant factor, such as the
+    Columns of quantities other than ``sources`` may differ by a constant factor, such as the
     radiated power.
     """
     squares = np.square(np.abs(fields)) / (2 * FREE_SPACE)
@@ -490,4 +490,4 @@ LOADERS: dict[str, Callable[[list[str]], Iterator[FarFieldTable]]] = {
     ".ffe": _feko_far_field,
     ".cut": _grasp_cuts,
 }
-"""Readers by suffix, which yield a far field for each frequency."""
+"""Readers by file suffix. Each reader yields one far field per frequency."""

@@ -170,18 +170,21 @@ def _intensity(
 ) -> NDArray[np.float64]:
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
-    # The factor cos(theta) of "paper" is included; the default condition requires cos^2(theta).
+    # `radiant_intensity` includes the factor cos(theta) of "paper". The default condition requires
+    # cos^2(theta).
     factor = 1.0 if name == "paper" else directions[:, 2]
     return np.asarray(radiant_intensity(source, directions, wavelength) * factor)
 
 
-# Samples of a direction cosine, enough for the obliquity factor of small sources.
+# Smallest number of samples along a direction cosine, enough for the obliquity factor of small
+# sources.
 _LEAST_STEPS = 16
 # Directions per block, some megabytes.
 _BLOCK = 1 << 17
-# Directions in a search of the whole hemisphere, a tenth of a second.
+# Largest number of directions in a search of the whole hemisphere, which takes a tenth of a second.
 _MOST = 1 << 20
-# Search radius about the plane waves of wide sources, in widths of an element's main lobe.
+# Search radius about the directions of plane waves for wide sources, in widths of an element's main
+# lobe.
 _LOBES = 4.0
 # Relative frequency difference between element and array that causes a warning.
 _OTHER_FREQUENCY = 0.01
@@ -212,7 +215,7 @@ class FarField:
     on_grid: Callable[[Values, Values], Values] | None = None
     """Function that returns the field over theta (n,) and phi (m,), if it is faster than ``at``."""
     how: dict[str, Any] = field(default_factory=dict)
-    """Keywords ``precision`` and ``engine`` of ``at``."""
+    """Keyword arguments ``precision`` and ``engine`` of ``at``."""
 
     def grid(self, theta: Values, phi: Values) -> Values:
         """Return the field (n, m), or its vectors (n, m, 3), over theta and phi."""
@@ -229,7 +232,7 @@ class FarField:
     def beam(self) -> tuple[float, float, float]:
         """Largest |E|^2 in front of the plane in W/sr, and theta and phi of its direction.
 
-        Of equal maxima, the smallest theta, then the smallest phi is used.
+        Among equal maxima, the direction with the smallest theta, then the smallest phi, is used.
         """
         if self.known_beam is not None:
             return self.known_beam
@@ -278,13 +281,13 @@ class FarField:
 
 
 # The spectrum |F|^2 of a source of width D is at least cos^2(pi d D) times the peak at the distance
-# d from it, along an axis. This bounds the sample next to the largest peak from below. _WINDOW is
-# the number of samples on each side of the search window, and the factor by which it shrinks in
-# each of _ROUNDS rounds. The position is accurate to 4^-8 steps, and the height, which is
-# quadratic, to about 1e-9.
+# d from the peak, along an axis. This is a lower bound on the sample next to the largest peak.
+# _WINDOW is the number of samples on each side of the centre of the search window, and the factor
+# by which the window shrinks in each of _ROUNDS rounds. The position of the peak is accurate to
+# 4^-8 steps. The height varies quadratically and is accurate to about 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
-# Largest number of samples with a local search.
+# Largest number of samples from which a local search starts.
 _MOST_REFINED = 256
 
 
@@ -419,10 +422,10 @@ _MOST_WAVES = 4096
 def steered_direction(
     source: PlaneSource | Wavefront | None, wavelength: float, beam: tuple[float, float]
 ) -> tuple[float, float] | None:
-    """Return theta and phi in rad to which a source is steered, None if unknown.
+    """Return theta and phi in rad to which a source is steered, or None if unknown.
 
     This requires an array whose phases are linear apart from signs, or an aperture with a real
-    taper times a plane wave. Grating lobes are resolved by the angles of ``beam``.
+    taper times a plane wave. The angles of ``beam`` select one of several grating lobes.
     """
     if source is None or isinstance(source, Wavefront):
         return None
@@ -458,7 +461,7 @@ def _of_weights(
 
 
 def _of_waves(illumination: Any, wavelength: float) -> Values | None:
-    """Return the central direction cosines of symmetric plane waves, None otherwise."""
+    """Return the central direction cosines of symmetric plane waves, or None for other waves."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

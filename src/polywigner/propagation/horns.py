@@ -1,4 +1,4 @@
-"""Apertures of horns: the TE10 mode of a rectangular waveguide, with the phase of the flare.
+"""Horn apertures: the TE10 mode of a rectangular waveguide, with the phase of the flare.
 
 The electric field is parallel to y. The mode is a cosine along x (H plane) and constant along y (E
 plane). Textbooks denote the width of the mouth and the radius along x by a_1 and rho_2, and the

@@ -50,16 +50,16 @@ Compute = Callable[[LightSource, float, ArrayLike], Floats]
 """Function of source, wavelength in m and points that returns irradiances and errors (2, ...)."""
 
 _TOLERANCE = 1e-3
-# Error of a mean over tilts and wavelengths, as a fraction of the tolerance.
+# Allowed error of a mean over tilts and wavelengths, as a fraction of the tolerance.
 _OF_MIXTURE = 1e-4
-# Largest error of such a mean of exact fields, over the largest irradiance.
+# Upper limit of this error for exact fields, relative to the largest irradiance.
 _OF_EXACT = 1e-7
-# Error of fields behind obstacles, as a fraction of the tolerance.
+# Allowed error of fields behind obstacles, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
 
 
 class IrradianceOptions(TypedDict, total=False):
-    """Keywords of :func:`irradiance`."""
+    """Keyword arguments of :func:`irradiance`."""
 
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None
     obstacles: Obstacle | Sequence[Obstacle] | None
@@ -154,8 +154,8 @@ def irradiance(
     Warns
     -----
     PolywignerWarning
-        If points are nearer than two wavelengths, where rays are not valid; if the tolerance is not
-        met; and in the cases in which :func:`amplitude` warns.
+        If points are less than two wavelengths from the source, where rays are not valid; if the
+        tolerance is not met; and in the cases in which :func:`amplitude` warns.
 
     See Also
     --------

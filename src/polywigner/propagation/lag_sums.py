@@ -34,7 +34,7 @@ from polywigner.transforms import ambiguity
 Channel = Floats | None
 """None for the field, or the spatial frequency (2,) of a plane wave for its normal derivative."""
 
-# Longest lag [coherence widths], where the degree of coherence is below 1e-10.
+# Longest lag [coherence widths]. The degree of coherence at longer lags is below 1e-10.
 _LONGEST = 6.8
 # Error of the coarsest rule for a plane wave.
 _ERROR = 1e-7
@@ -46,7 +46,7 @@ _LEVELS = (0, 2, 5, 10, 18)
 _MOST_KINKS = 2000
 # Largest number of lags behind first-order systems.
 _MOST_NODES = 1 << 20
-# Numbers per block.
+# Array elements per block.
 _BLOCK = 1 << 22
 
 
@@ -56,7 +56,7 @@ def _sum_over_lags(
     rates: Floats,
     error: float,
 ) -> Floats | None:
-    """Integrate over lags by successive rules; return None without convergence.
+    """Integrate over lags by successive rules; return None if they do not converge.
 
     ``irradiance(lags, weights, extra)``: contribution of lags (m, 2) with ``extra`` additional
     nodes. ``error`` is relative to the largest irradiance.
@@ -77,7 +77,10 @@ def _longest_lags(source: Wavefront) -> Floats:
 
 
 def _lag_cells(source: Wavefront) -> Cells:
-    """Return trapezoids that tile half of the lags, not crossed by up to _MOST_KINKS kinks."""
+    """Return trapezoids that tile half of the lags.
+
+    No kink of the ambiguity function crosses a trapezoid if there are at most _MOST_KINKS kinks.
+    """
     # Kinks lie on the segments V - E of all vertices V and edges E.
     reach = _longest_lags(source)
     half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
@@ -134,9 +137,10 @@ def summed_over_lags(
     return _sum_over_lags(irradiance, cells, largest, error)
 
 
-# Computing time [ns] per pair of source points and field point, and per vertex of an overlap.
+# Computing time [ns] for each lag: per pair of source points and field point, and per vertex of the
+# overlapping outlines.
 _PAIR, _CUT = 60.0, 2e4
-# Computing time of the two coarsest rules, relative to the coarsest.
+# Computing time of the two coarsest rules together, relative to the coarsest rule.
 _TWO_RULES = 2.5
 # Tilt [standard deviations] up to which plane waves must not graze the source plane.
 _GRAZING = 5.0
@@ -144,7 +148,7 @@ _GRAZING = 5.0
 _MEAN_ERROR = 1e-8
 # Lags per block.
 _LAGS = 256
-# Pairs and field points per block, which fit in the processor's cache.
+# Number of pairs and of field points per block, small enough for the processor's cache.
 _PAIRS, _POINTS = 1 << 12, 4
 
 
@@ -172,8 +176,8 @@ def summed_over_pairs(
 ) -> Floats | None:
     """Return the irradiance of partially coherent light at points (n, 3) by (PC11).
 
-    The result is None if the estimated time exceeds ``longest_time`` in ns, without convergence, or
-    if normal derivatives of curved or grazing waves are required.
+    The result is None if the estimated time exceeds ``longest_time`` in ns, if the rules do not
+    converge, or if normal derivatives of curved or grazing waves are required.
     """
     width, form = source.coherence_width, normal_form(source)
     steepest = np.linalg.norm(form.frequencies, axis=1).max() + _GRAZING / (2 * np.pi * width)
@@ -233,8 +237,8 @@ def summed_over_pairs(
 def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
     """Return the degrees of coherence (a, b, n) of two channels at lags xi (n, 2).
 
-    They are means of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t. The factor p is 1 for the
-    field, and the direction cosine p_z of the tilted wave for a normal derivative.
+    The degrees are means of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t. The factor p is 1 for
+    the field, and the direction cosine p_z of the tilted wave for a normal derivative.
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
@@ -304,14 +308,14 @@ def _sum_of_waves(
 
 # Pairs (edge, vertex height) per block.
 _BATCH = 1 << 20
-# Poles at the distance d from a cell of size 2 a need _POLE/arcsinh(d/a) more nodes.
+# Poles at the distance d from a cell of size 2 a require _POLE/arcsinh(d/a) additional nodes.
 _POLE = 4.0
 
 
 def _trapezoids_in(
     polygons: Sequence[shapely.Polygon] | NDArray[np.object_],
 ) -> tuple[Cells, Indices]:
-    """Return trapezoids that tile polygons, cut through all vertices, and their polygon indices."""
+    """Return trapezoids that tile polygons, cut at all vertices, and their polygon indices."""
     rings, of_ring = shapely.get_rings(polygons, return_index=True)
     vertices, ring = shapely.get_coordinates(rings, return_index=True)
     is_edge = ring[1:] == ring[:-1]
@@ -365,7 +369,10 @@ def node_counts(cells: Cells, rates: Floats, error: float, nearest: float = math
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
-    """Return the highest frequencies along x and y [1/m] of field times wave, for each point."""
+    """Return the highest frequencies [1/m] along x and y of the field times the wave to a point.
+
+    The result has the shape (n, 2) for n points.
+    """
     low, high = np.reshape(source.bounds, (2, 2))
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     away = corners - points[:, None, :2]

@@ -1,9 +1,9 @@
 """Irradiance of partially coherent light, with parabolic or spherical waves.
 
-The irradiance is a mean over random tilts of a coherent source, in cycles per metre, with a
-standard deviation of 1/(2 pi width) for the coherence width (PC2). Parabolic waves need a
-convolution (PC9). For spherical waves, all tilts share samples of the source. For small coherence
-widths, :mod:`.lag_sums` is faster.
+The irradiance is a mean over random tilts of a coherent source. The tilts, in cycles per metre,
+have a standard deviation of 1/(2 pi width) for the coherence width (PC2). Parabolic waves need a
+convolution (PC9). For spherical waves, all tilts use the same samples of the source. For small
+coherence widths, :mod:`.lag_sums` is faster.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Return irradiances and errors (2, n), None if separate fields of all tilts are faster.
+    """Return irradiances and errors (2, n), or None if separate fields of all tilts are faster.
 
     Points have the shape (n, 2) behind a first-order system, otherwise (n, 3). ``error`` is
     relative to the largest irradiance.
@@ -58,7 +58,7 @@ def partly_coherent_irradiance(
         return _in_parabolic_waves(compute, source, points, wavelength, system, error)
     if method not in CONDITIONS:
         return None
-    # Raises the errors of invalid arguments.
+    # This call raises the errors of invalid arguments.
     compute(coherent_source(source), points[:1])
     values = _in_spherical_waves(source, points, wavelength, CONDITIONS[method], error)
     return None if values is None else _with_error(values, error)
@@ -72,7 +72,7 @@ def _with_error(values: Floats, error: float) -> Floats:
 _SHORT = 30.0
 # Largest lattice of shifts in a plane, and largest number of field points in all planes.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
-# Numbers per block.
+# Array elements per block.
 _BLOCK = 1 << 22
 
 
@@ -151,8 +151,8 @@ def _convolution(
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
     """Return m nodes, and a function of values (k, m) that returns their means (k, n); or None.
 
-    Either a trapezoidal rule on a common lattice or Gauss-Hermite rules about each point, whichever
-    has fewer nodes.
+    The rule is either a trapezoidal rule on a common lattice, or a Gauss-Hermite rule about each
+    point, whichever has fewer nodes.
     """
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
@@ -215,7 +215,7 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
     half = math.ceil(steps * spread / step)
     origin = float(along.min())
     centre = np.rint((along - origin) / step).astype(np.intp)
-    # The lattice is sparse between distant points.
+    # Only the lattice nodes near a point are kept.
     numbers = np.unique(np.unique(centre)[:, None] + np.arange(-half, half + 1))
     near = np.searchsorted(numbers, centre - half)[:, None] + np.arange(2 * half + 1)
     nodes = origin + step * numbers
@@ -224,21 +224,22 @@ def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _
     return _LatticeAxis(nodes, near, weights / weights.sum(axis=1, keepdims=True))
 
 
-# The factor exp(2 pi i t.x) of a tilt t separates into x and y. A product of matrices transforms
-# each row of nodes from y to t_y, and a second product all rows from x to t_x.
+# The factor exp(2 pi i t.x) of a tilt t separates into x and y. One matrix product transforms each
+# row of nodes from y to t_y, and a second product transforms all rows from x to t_x.
 
-# Relative error on the source.
+# Relative error of the quadrature over the source.
 _QUADRATURE = 1e-9
-# Resolved fraction of the largest tilt. Larger tilts have negligible weights.
+# Fraction of the largest tilt that the quadrature resolves. Larger tilts have negligible weights.
 _RESOLVED = 0.8
-# Points per quadrature rule, numbers per spectrum over tilts, and numbers per block.
+# Largest number of points per quadrature rule, of elements per spectrum over tilts, and of elements
+# per block.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Computing time [ns] per point of sums over tilts: per node, and per row and tilt.
+# Computing time [ns] of sums over tilts at one point: per node, and per row and tilt.
 _NODE, _TILT = 60.0, 2.0
-# Computing time [ns] per point and tilt of boundary integrals: per wavelength of edge, and per
-# edge.
+# Computing time [ns] of boundary integrals at one point for one tilt: per wavelength of edge
+# length, and per edge.
 _WAVELENGTH, _EDGE = 250.0, 1e4
-# Longest computing time [ns] per point of sums over pairs.
+# Longest computing time [ns] of sums over pairs, per point.
 _LONGEST_TIME = 1e10
 
 
@@ -275,9 +276,9 @@ class _TiltSum(NamedTuple):
 def _in_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
 ) -> Floats | None:
-    """Return the irradiance at points (n, 3), None if boundary integrals are fastest.
+    """Return the irradiance at points (n, 3), or None if boundary integrals are fastest.
 
-    Other methods are sums over tilts (Q7) and over pairs of points (PC11).
+    The other methods are sums over tilts (Q7) and over pairs of points (PC11).
     """
     tail = math.sqrt(2 * math.log(8 / error))
     reaches = sides_of(source.bounds) / source.coherence_width + tail
@@ -352,7 +353,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
     """Return integrals over the source, with axes (channel, t_x, t_y, point).
 
     The first half of a tilt axis contains factors cos(2 pi x t), t >= 0, the second half sin(2 pi x
-    t). ``counts``: rows of constant x, and nodes per row, for each element and cell.
+    t). ``counts``: number of rows of constant x, and of nodes per row, for each element and cell.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
@@ -405,7 +406,7 @@ def _samples(
 
 
 def _waves(x: Floats, axis: _TiltAxis) -> Floats:
-    """Return cos(2 pi x t), then sin(2 pi x t), t >= 0, shape (..., 2 (half + 1), n)."""
+    """Return cos(2 pi x t), then sin(2 pi x t), for t >= 0, shape (..., 2 (half + 1), n)."""
     factor = np.exp(2j * math.pi * axis.step * x)[..., None, :]
     powers = np.repeat(factor, axis.half + 1, axis=-2)
     powers[..., 0, :] = 1.0
@@ -422,5 +423,5 @@ def _of_both_signs(sums: Complex, axis: int) -> Complex:
 
 
 def _product(table: Floats, values: Complex) -> Complex:
-    """Multiply a real by a complex matrix, for which BLAS has no function."""
+    """Multiply a real matrix by a complex matrix, for which BLAS has no function."""
     return np.asarray((table @ values.view(np.float64)).view(np.complex128))

@@ -55,12 +55,12 @@ from polywigner.source.polarisation import checked_polarisation
 if TYPE_CHECKING:
     import xarray
 
-# Relative tolerance of requested frequencies.
+# Relative tolerance for matching a requested frequency.
 _SAME_FREQUENCY = 1e-3
 # Largest difference [dB] between the stated and the integrated directivity. Missing directions and
 # coarse steps cause smaller differences.
 _CONTRADICTION = 1.0
-# Relative difference of repeated fields, such as at phi = 0 and 360 degrees.
+# Largest relative difference between repeated fields, such as at phi = 0 and 360 degrees.
 _SAME_FIELD = 1e-3
 # Meridians required to integrate the radiated power.
 _LEAST_MERIDIANS = 8
@@ -82,10 +82,10 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     ======  =====================================================================================
 
     Headers specify the units. Fields are in V (rE) or V/m (E at 1 m). Powers are in W/sr, W, or
-    W/m2 (at 1 m). Both may have prefixes or be in dB, such as dBuV/m and dBm/m2. Gain and
-    directivity are ratios or in dBi or dBd, and angles are in deg or rad. Other units raise an
-    error. Columns that repeat the magnitude of the field, such as Abs(Dir.) and GainTotal, must
-    agree with the field components to 0.1 dB.
+    W/m2 (at 1 m). Units of fields and powers may have prefixes or be in dB, such as dBuV/m and
+    dBm/m2. Gain and directivity are ratios or in dBi or dBd, and angles are in deg or rad. Other
+    units raise an error. Columns that repeat the magnitude of the field, such as Abs(Dir.) and
+    GainTotal, must agree with the field components to 0.1 dB.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def _about(
 
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360."""
-    # Unit vectors at (-theta, phi) and (theta, phi + 180) have opposite signs.
+    # The unit vectors along theta and phi change sign between (-theta, phi) and (theta, phi + 180).
     theta = theta.round(6) % 360
     beyond = theta > 180
     theta = np.where(beyond, 360 - theta, theta).round(6)
@@ -282,7 +282,7 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
 
 
 def _radiated_power(table: FarFieldTable, integral: float) -> float:
-    """Return the radiated power in W by the directivity in a file, by default ``integral``."""
+    """Return the radiated power in W from the directivity in a file, by default ``integral``."""
     squares = np.square(np.abs(table.fields)).sum(axis=0)
     peak = int(squares.argmax())
     strongest = float(squares[peak]) / (2 * FREE_SPACE)

@@ -40,17 +40,18 @@ if TYPE_CHECKING:
 
 Values = NDArray[Any]
 
-# Tolerances [rad] of angles on the horizon and of opposite meridians, after conversion from
-# degrees.
+# Tolerances [rad] for angles on the horizon and for opposite meridians. Angles converted from
+# degrees have rounding errors.
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
-# Samples per lobe of width wavelength/D, for nulls some 30 dB deep.
+# Number of samples per lobe of width wavelength/D, enough to resolve nulls some 30 dB deep.
 _STEPS_PER_LOBE = 64
 # Smallest and largest number of samples per half circle.
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
 # Interpolated samples per angular step of a table.
 _STEPS_PER_ANGLE = 4
-# Level difference [dB] below which the beam counts as normal, with circles along x and y.
+# If the level along the normal is within this difference [dB] of the beam, the great circles are
+# along x and y.
 _NORMAL = 0.1
 # Meridians required for interpolation over phi.
 _LEAST_MERIDIANS = 8
@@ -87,8 +88,8 @@ def radiation_pattern(
     wavelength : float
         Wavelength in m.
     theta : array_like, shape (n,)
-        Angles from the normal in rad, from -pi to pi. A negative angle theta at phi is the
-        direction of its absolute value at phi + pi.
+        Angles from the normal in rad, from -pi to pi. A negative angle theta at phi is the same
+        direction as -theta at phi + pi.
     phi : array_like, shape (m,) or ()
         Angles from the x axis in rad.
     obliquity : str, default "rayleigh-sommerfeld-1"
@@ -329,7 +330,7 @@ def described(
     variables: dict[str, Values],
     about: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return a dataset with units, long names and its source."""
+    """Return a dataset with units, long names and the source."""
     from polywigner import __version__
 
     convention = {
@@ -460,7 +461,7 @@ def circles_through_beam(pattern: Any) -> list[Cut]:
     if "field" not in pattern or not fine_enough or not covers_front(polar, azimuths):
         return []
     is_scalar = "cross_field" not in pattern
-    # As a field along x (Ludwig's third definition), a scalar field is smooth at the pole.
+    # A scalar field, treated as a field along x (Ludwig's third definition), is smooth at the pole.
     if is_scalar:
         pattern = pattern.assign(cross_field=0 * pattern["field"])
         pattern = pattern.assign_attrs(polarisation=[1.0, 0.0, 0.0, 0.0])

@@ -48,14 +48,14 @@ def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
 def unit_vectors(theta: Floats, phi: Floats) -> Floats:
     """Return unit vectors (n, m, 3) at angles theta (n,) and phi (m,) in rad."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # In floating point, cos(pi/2) is 6e-17, but the horizon belongs to front and back.
+    # In floating point, cos(pi/2) is 6e-17, but the horizon belongs to both the front and the back.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
 
 
 def checked_angles(values: Any, name: str, largest: float) -> Floats:
-    """Return angles in rad; raise ArgumentError if a modulus exceeds ``largest``."""
+    """Return angles in rad; raise ArgumentError if an absolute value exceeds ``largest``."""
     expected = f"expected {name} as angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
@@ -74,7 +74,7 @@ METHODS: tuple[str, ...] = get_args(Method)
 DEFAULT_TOLERANCE = 1e-9
 """Default relative error of fields."""
 
-# Some tens of rounding errors.
+# Smallest tolerance: some tens of rounding errors.
 _LEAST = 1e-13
 
 
@@ -154,7 +154,7 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 
 
 def box_grid(box: Any, shape: Any) -> Grid:
-    """Return the grid of a box, faces included."""
+    """Return a grid in a box, faces included."""
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
@@ -167,7 +167,7 @@ def box_grid(box: Any, shape: Any) -> Grid:
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
-    """Return the grid of a rectangle, from a flat box or three corners."""
+    """Return a grid on a rectangle, specified by a flat box or by three corners."""
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = _checked(where, expected, 3)
     counts = _counts(shape, 2)
@@ -197,7 +197,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 
 
 def line_grid(ends: Any, samples: Any) -> Grid:
-    """Return the grid of a line over the distance from its first end."""
+    """Return a grid along a line, as distances from its first end."""
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
@@ -209,7 +209,7 @@ def line_grid(ends: Any, samples: Any) -> Grid:
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
-    """Return the grid of a hemisphere over theta and phi."""
+    """Return a grid on a hemisphere, with the axes theta and phi."""
     length = checked_length(radius, "radius")
     origin = _checked(centre, "expected a centre (3,)", 3)
     if origin.ndim != 1:

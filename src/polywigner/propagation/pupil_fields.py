@@ -38,9 +38,10 @@ from polywigner.transforms.pupil_gradients import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Pairs (node, point) per block, some tens of megabytes, and per call. About 1e9 take a minute.
+# Largest number of pairs (node, point) per block, some tens of megabytes, and per call. About 1e9
+# pairs take a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
-# Points for the error estimate.
+# Number of points at which the error is estimated.
 _CHECKED = 32
 
 

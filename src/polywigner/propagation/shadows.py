@@ -62,8 +62,9 @@ DEFAULT_TOLERANCE = 1e-6
 """Default relative error behind obstacles, far below the error of the black-edge model."""
 LEAST_TOLERANCE = 1e-8
 
-# Smallest tolerance, quadrature rule, coarser rule for the error estimate. Largest relative errors
-# of both rules on 40,000 random edges: 1.5e-6 and 2e-5, 5e-9 and 3e-7, 4e-10 and 2e-7.
+# Rows: smallest tolerance, quadrature rule, and coarser rule for the error estimate. The largest
+# relative errors of the two rules on 40,000 random edges are 1.5e-6 and 2e-5 for the first row,
+# 5e-9 and 3e-7 for the second, and 4e-10 and 2e-7 for the third.
 _RULES = (
     (1e-4, EdgeRule.of(1.0, 12, 5), EdgeRule.of(1.0, 10, 4)),
     (1e-6, EdgeRule.of(2.0, 24, 5), EdgeRule.of(2.0, 20, 5)),
@@ -81,9 +82,10 @@ _FINE, _ROUNDED = 1e-9, 1e-14
 _ON_SURFACE = 4.0
 # Number of pairs (edge, point) below which launching a compiled kernel takes longer than NumPy.
 _FEW = 10_000
-# Distances from the line through source and corner, over the square root of the source distance
-# [square root of a wavelength]. Derivatives lose digits below _CORNER, but not at _BESIDE. _ALIGNED
-# is a relative limit of the search.
+# Distances from the line through the source and a corner, divided by the square root of the source
+# distance [square root of a wavelength]. Derivatives lose digits at distances below _CORNER, but
+# not at _BESIDE. The search is limited to angles from the corner with 1 - cos(angle) below
+# _ALIGNED.
 _CORNER, _BESIDE, _ALIGNED = 1e-5, 1e-4, 1e-8
 # Clearance [wavelengths] below which the neglected evanescent waves matter.
 _NEAR = 1.0
@@ -100,7 +102,7 @@ def shadow_of(
     with_error: bool = False,
     edge: Edge = "black",
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
-    """Return the change of the field at points (n, 3) in m that obstacles cause.
+    """Return the change of the field at points (n, 3) in m due to obstacles.
 
     Also return a mask of the points inside bodies, where the field is zero, and the estimated
     errors (n,), which are zero unless ``with_error`` is true. ``bodies`` are in wavelengths. Raises
@@ -196,7 +198,7 @@ def _seen(
     method: str,
     tolerance: float,
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
-    """Return the equivalent points of a source, and their silhouettes of the bodies."""
+    """Return the equivalent points of a source, and the silhouettes seen from these points."""
     boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
     targets = np.concatenate([np.stack(boxes), np.stack([positions, positions], axis=1)])
     error = _OF_GRID * tolerance
@@ -301,7 +303,7 @@ def _summed(
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
-    """Return the lengths (n,) that are rounding errors at points (n, 3)."""
+    """Return the lengths (n,) at points (n, 3) that are as small as rounding errors."""
     if not len(ends):
         return np.zeros(len(points))
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -326,8 +328,8 @@ def _edge(
     """Return the change of the field by one edge for one source point, and its error (SB3), (SB5).
 
     ``row``: a row of ``_Edges.groups``. ``sample``: point, displaced point, and 1 if edge angles
-    determine visibility. For blocked edges also the thickness of surfaces and the complex
-    transmission.
+    determine visibility. For blocked edges, ``sample`` also contains the thickness of surfaces and
+    the complex transmission.
     """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
@@ -377,8 +379,8 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
 
 # ---- surfaces behind edges -----------------------------------------------------------------------
 
-# Edge diffraction far from the shadow boundary: amplitude 1/(_STEEP sqrt(detour)) of the free wave,
-# with the detour in wavelengths.
+# Far from the shadow boundary, the amplitude of an edge wave is 1/(_STEEP sqrt(detour)) times the
+# amplitude of the free wave, with the detour in wavelengths.
 _STEEP = 2.0 * math.pi * math.sqrt(2.0)
 # Detour [wavelengths] that attenuates doubly diffracted waves to 1/e. They only keep the field
 # continuous across the second shadow boundary.
@@ -396,7 +398,7 @@ class Blocker:
     triangles: Floats
     """Triangles that face the origin, shape (t, 3, 3)."""
     rim: Floats
-    """Silhouette of the surface from the origin, shape (m, 2, 3)."""
+    """Silhouette of the surface, seen from the origin, shape (m, 2, 3)."""
 
     def hides(self, points: Floats, within: Floats) -> NDArray[np.bool_]:
         """Return a mask of the points (n, 3) that the surface hides from the origin.
@@ -412,7 +414,7 @@ class Blocker:
         return hidden
 
     def transmission(self, ops: Any, point: Point, hidden: Any) -> Pair:
-        """Return the ratio of the wave from the origin at a point to the free wave."""
+        """Return the wave from the origin at a point, relative to the free wave."""
         detour, amplitude = 1e30, 0.0
         for edge in self.rim:
             origin, start, end = (tuple(p) for p in (self.origin, *edge))

@@ -26,21 +26,22 @@ Complex = NDArray[np.complex128]
 EDGE_AMPLITUDE = 1.0 / (math.sqrt(8.0) * math.pi)
 """Ratio of an edge wave to the free wave, times the square root of the detour."""
 NEAR = 0.3
-# Number of nodes along x or y: largest estimated interpolation error, over the largest free field.
-# Odd numbers include the centre. The estimate is four to ten times too large.
+# Largest estimated interpolation error for each number of nodes along x or y, relative to the
+# largest free field. Odd numbers include the centre. The estimate is four to ten times too large.
 _LIMITS = {1: 1e-3, 3: 8e-3, 5: 8e-3, 7: 8e-3}
 # Relative error below which the centre alone represents the source.
 _BY_CENTRE = 5e-4
-# Smallest detour that divides near edges from far ones, and the multiples of it that are tried.
+# Lower limit of the detour that separates near from far edges, and the multiples of the smallest
+# detour that are tried.
 _LEAST_DETOUR, _RATIOS = 0.05, tuple(1.5**k for k in range(10))
 _MOST_NODES = 225
-# Smallest distance of far edges from the line of sight, over half the source size.
+# Smallest distance between far edges and the line of sight, in units of half the source size.
 _CLEAR = 1.5
-# Allowed ratio of the estimated to the requested error. For plates, boxes and balls the estimate
-# was at least ten times too large.
+# Allowed ratio of the estimated to the requested error for far edges. For plates, boxes and balls
+# the estimate was at least ten times too large.
 _FAR_ERROR = 5.0
 _FAR_COST = 0.1
-# Number of direction cosines along each axis for the search of the largest far field.
+# Number of direction cosines along each axis in the search for the largest far field.
 _DIRECTIONS = 33
 # Pairs (edge position, source point) per block, about 100 MB.
 _BLOCK = 1 << 21
@@ -84,7 +85,7 @@ class SourceNodes:
         """Return the waves (q, k + 1) of nodes at points (q, 3), relative to unit spherical waves.
 
         The last column is the wave of the entire source relative to a unit wave from its centre.
-        Also return the detours (q,) from which this column is accurate enough.
+        Also return the detours (q,) above which this column is accurate enough.
         """
         parts, detours = zip(*map(self._waves_at, self.blocks_of(places)), strict=True)
         return np.concatenate(parts), np.concatenate(detours)
@@ -171,11 +172,11 @@ class Interpolation(NamedTuple):
 def interpolation_for(
     points: Sequence[RadiatingPoint], edges: Floats, error: float, overlap: float, is_shared: bool
 ) -> Interpolation | None:
-    """Return the cheapest nodes for edges with ends (m, 2, 3), None if too many would be needed.
+    """Return the cheapest nodes for edges with ends (m, 2, 3), or None if too many are needed.
 
     ``error``: allowed error of an edge wave, times the source distance. ``overlap``: largest detour
-    of near edges over the smallest detour of far edges. ``is_shared``: whether all points see the
-    same edges.
+    of near edges, as a multiple of the smallest detour of far edges. ``is_shared``: whether all
+    points see the same edges.
     """
     every = all_points(points)
     waves = _WavesAtEdges.of(every, edges)
@@ -199,7 +200,7 @@ class _WavesAtEdges:
     """Waves of the equivalent points at positions on edges, summed over x or over y."""
 
     distance: Floats
-    """From the centre of the source, shape (q,)."""
+    """Distances from the centre of the source, shape (q,)."""
     axes: list[tuple[Floats, Complex]]
     """For x and y: coordinates (k,) about the centre, and waves (q, k)."""
 
@@ -252,13 +253,14 @@ def _divided_at(detour: float) -> EdgeWave:
 def _few_nodes(
     every: SourceNodes, waves: _WavesAtEdges, wave: EdgeWave, allowed: Mapping[int, float]
 ) -> SourceNodes:
-    """Return the fewest nodes whose interpolation error is allowed.
+    """Return the smallest set of nodes whose interpolation error is allowed.
 
-    ``allowed``: error for each number of nodes along an axis, times the distance of the edge.
+    ``allowed``: largest error for each number of nodes along an axis, times the distance of the
+    edge.
     """
     numbers = []
     for at, sums in waves.axes:
-        # Points in a line along the other axis need a single node.
+        # If the points lie on a line along the other axis, a single node is enough on this axis.
         for count in [count for count in allowed if count == 1 or len(at) > 1]:
             nodes, fractions = _axis(at, count)
             distance = waves.distance[:, None]

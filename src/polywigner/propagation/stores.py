@@ -57,11 +57,12 @@ Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
 # Timeout [s] for a scheduler and its first worker.
 _PATIENCE = 10.0
 
-# Samples in memory (16 GiB of float32). Some systems accept allocations of any size.
+# Largest number of samples in memory (16 GiB of float32). The limit is needed because some systems
+# accept allocations of any size.
 _MOST_IN_MEMORY = 1 << 32
 
 LARGEST_CHUNK = 1 << 22
-"""Samples per chunk (16 MiB of float32), enough for the full speed of kernels."""
+"""Largest number of samples per chunk (16 MiB of float32), enough for the full speed of kernels."""
 
 
 def required(*names: str) -> ModuleType:
@@ -116,8 +117,8 @@ def results_on_grid(
     """Return a dataset in memory, lazy with ``chunks``, or stored with ``out``.
 
     ``options`` contains StoreOptions and ``out``. ``block_size`` and ``chunk_size`` limit the
-    samples of a block in memory and of a stored chunk. If ``compiled`` is true, all threads compute
-    each chunk; otherwise each thread computes a chunk. Raises ArgumentError, StoreError,
+    samples of a block in memory and of a stored chunk. If ``compiled`` is true, all threads work on
+    the same chunk; otherwise each thread computes its own chunk. Raises ArgumentError, StoreError,
     EngineError or MissingExtraError.
     """
     from polywigner import __version__
@@ -204,7 +205,7 @@ def _complete(
 ) -> None:
     """Compute the missing chunks of a store, which is created if necessary.
 
-    ``default``: dask scheduler without the option ``scheduler``.
+    ``default``: dask scheduler if the option ``scheduler`` is not specified.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     required("zarr", "dask")
@@ -221,7 +222,7 @@ def _complete(
     bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
     with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
         try:
-            # A failed connection leaves no store.
+            # Create the store after connecting, so that a failed connection leaves no store.
             if is_new:
                 _create(folder, dataset)
             with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):

@@ -34,13 +34,15 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Largest step of positions over the narrowest width, which is the width of W along x.
+# Largest step of positions, as a fraction of the narrowest width of the source. W has the same
+# width along x.
 _OF_WIDTH = 0.5
-# Samples per axis. More samples are a sign of wrong units.
+# Largest number of samples per axis. Larger numbers indicate wrong units.
 _MOST_SAMPLES = 1 << 53
 # Largest theta, since fields are not computed in the plane z = 0.
 _GRAZING = math.radians(89.5)
-# Points along box axes, theta and phi. Local frequencies vary slowly.
+# Number of points along each box axis, theta and phi at which local frequencies are computed. Few
+# points are enough, because local frequencies vary slowly.
 _POINTS, _THETA, _PHI = 17, 31, 24
 
 
@@ -265,7 +267,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
 
 
 def _narrowest(element: Aperture | Slits) -> float:
-    """Return the width of the narrowest strip, ring or slit; half a square's side."""
+    """Return the width of the narrowest strip, ring or slit; for a square, half its side."""
     if isinstance(element, Slits):
         return float(np.diff(element.intervals, axis=1).min())
     return min(2 * part.area / part.length for part in element.polygons.geoms)

@@ -1,9 +1,9 @@
 """Electric fields of polarised sources, from equivalent currents (VP1).
 
 A source with the scalar field u and the polarisation p is replaced by magnetic currents (an opening
-in a metal screen), by electric currents, or by half of both (Huygens). Their electric fields are
-``(q d/dz - z q.grad) Phi/(ik)`` and ``q Phi + grad (q.grad Phi)/k^2``, with the unit normal z,
-``q = (p_x, p_y, 0)``, and the potential ``Phi = int u exp(ikR)/(i wavelength R) dx``.
+in a metal screen), by electric currents, or by half of each (Huygens). Their electric fields are
+``(q d/dz - z q.grad) Phi/(ik)`` and ``q Phi + grad (q.grad Phi)/k^2``, with the unit normal z, ``q
+= (p_x, p_y, 0)``, and the potential ``Phi = int u exp(ikR)/(i wavelength R) dx``.
 
 Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u over their direction cosines
 p_z, and dPhi/dz/(ik) is the first. Derivatives along the plane become factors of the plane waves,
@@ -68,9 +68,9 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Grazing waves cannot be divided by p_z. As the field is analytic in the frequency, a mean of four
-# neighbours replaces them. Their phases differ by this angle [rad] across half of the source. The
-# relative error is 1e-11.
+# Grazing waves cannot be divided by p_z. The field is analytic in the frequency, so the mean over
+# four neighbouring frequencies replaces each grazing wave. The phases of neighbours differ by this
+# angle [rad] across half of the source. The relative error is 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 # Rounding error of each part of a field.
@@ -80,7 +80,7 @@ _LEAST = 1e-13
 def polarised_parts(
     source: PlaneSource | Wavefront, polarisation: Any
 ) -> list[tuple[PlaneSource | Wavefront, Complex]]:
-    """Return a polarised source as scalar sources with unit vectors (3,)."""
+    """Return a polarised source as scalar sources, each with a polarisation vector (3,)."""
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -110,7 +110,7 @@ def field(
     Parameters
     ----------
     source : Aperture, Array or Wavefront
-        Apertures in the plane z = 0 with any illuminations, or a curved wave.
+        Apertures in the plane z = 0 with any illumination, or a curved wave.
     points : array_like, shape (..., 3)
         Points in m with z > 0, at any distance from the source.
     wavelength : float
@@ -122,7 +122,7 @@ def field(
     method : {"huygens", "magnetic", "electric"}, default "huygens"
         Model of the equivalent currents. "magnetic" is for an opening in a metal screen, where u p
         is the tangential electric field. "electric" is for electric currents alone, where u z x p
-        is the tangential magnetic field. "huygens" is half of both, for black surroundings, horns
+        is the tangential magnetic field. "huygens" is half of each, for black surroundings, horns
         and waveguide openings in free space.
     tolerance : float, default 1e-9
         Allowed error of each component, as in :func:`amplitude`, at least 1e-13. Within a
@@ -198,7 +198,7 @@ def _dipole_terms(
 
 
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
-    """Return the electric field of equivalent currents on a square wavelength at the origin.
+    """Return the electric field of equivalent currents on one square wavelength at the origin.
 
     ``ahead`` (..., 3): positions in wavelengths.
     """
@@ -224,7 +224,10 @@ def _near_field(
     q: Complex,
     currents: Currents,
 ) -> tuple[Complex, Floats, Floats]:
-    """Return the electric field at points (n, 3) for the polarisation q, its error and limit."""
+    """Return the electric field at points (n, 3) for the polarisation q, and two error arrays.
+
+    The arrays (n,) are the estimated error and the allowed error.
+    """
     radiator, (m, e) = radiator_of(source), currents
     without_grazing = _not_grazing(radiator, wavelength)
     field = np.zeros((len(points), 3), np.complex128)
@@ -309,9 +312,10 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 
 # Pairs (point, panel) per block, and panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
-# Cost of a pair, in units of an edge in a Fourier transform.
+# Cost of a pair (point, panel), relative to the cost of an edge in a Fourier transform.
 _TERMS = 16
-# Fraction of the tolerance, since integrals of edges may cancel.
+# Allowed error of edge integrals, as a fraction of the tolerance. It is small because these
+# integrals may cancel.
 _FRACTION = 1e-2
 
 
@@ -325,9 +329,9 @@ class EdgeIntegrals:
     where: NDArray[np.intp]
     """Indices of the points, shape (n,)."""
     points: Floats
-    """From the centre of the source, shape (n, 3)."""
+    """Positions relative to the centre of the source, shape (n, 3)."""
     begin: Floats
-    """First ends of the panels from the centre of the source, shape (m, 2)."""
+    """First ends of the panels relative to the centre of the source, shape (m, 2)."""
     along: Floats
     """Shape (m, 2)."""
     plane: Floats
@@ -411,7 +415,7 @@ def far_vectors(
 
 
 def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return the far field of currents over the scalar far field ``F/(i wavelength)`` (VP2)."""
+    """Return the far field of currents, relative to the scalar one ``F/(i wavelength)`` (VP2)."""
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
     far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)

@@ -44,7 +44,7 @@ from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
 # Below this fraction of the largest possible irradiance (T2), the allowed error is absolute.
 _FLOOR = 1e-3
-# Edges above which rays take seconds, a hundred times longer than the exact field.
+# Number of edges above which rays take seconds, a hundred times longer than the exact field.
 _MANY_EDGES = 50
 # Distance [wavelengths] below which rays are a rough approximation.
 _NEAREST = 2.0
@@ -52,13 +52,13 @@ _NEAREST = 2.0
 # Additional nodes along a side, for successive rules. Two nodes are exact on small triangles, where
 # W is quadratic.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
-# Triangles above which a rule with one additional node comes first.
+# Number of triangles above which a rule with one additional node is used first.
 _MANY_TRIANGLES = 500
 # Largest number of nodes, 64 MiB.
 _MOST_NODES = 1 << 22
 # Points whose highest frequencies agree within this fraction of 1/wavelength share a rule.
 _RATE_STEP = 0.25
-# Fraction of the allowed error below which a point is not refined.
+# A point whose error is below this fraction of the allowed error is not refined.
 _SETTLED = 0.03
 
 NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
@@ -181,8 +181,9 @@ def _refined_sums(
     """Return the irradiance at points and its error, from successive quadrature rules.
 
     The allowed error is ``tolerance`` times the irradiance, or times ``floor`` if that is larger.
-    The complex singularities of a point at the distance d give nodes of spacing h a relative error
-    exp(-2 pi d/h). Above 1/e, two wrong rules may agree, so the error is infinite.
+    Because of the complex singularities of a point at the distance d, a rule with node spacing h
+    has a relative error of exp(-2 pi d/h). Above 1/e, two wrong rules may agree, so the estimated
+    error is set to infinity.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))
@@ -236,14 +237,14 @@ def _phase_rates(
     return rates + bent
 
 
-# Largest number of kinks (some seconds), and of their intersections.
+# Largest number of kinks, which take some seconds, and of their intersections.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
-# Sampled kinks for the estimated number of intersections.
+# Number of kinks from which the number of intersections is estimated.
 _SAMPLE = 256
 
 
 def _kinks(source: Aperture | Array) -> Floats | None:
-    """Return the segments (m, 2, 2) on which W has kinks (T1), None if there are too many."""
+    """Return the segments (m, 2, 2) on which W has kinks (T1), or None if there are too many."""
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
@@ -275,11 +276,11 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def _triangles(source: Aperture | Array) -> Triangles:
-    """Return triangles that tile the automean, not crossed by kinks unless there are too many."""
+    """Return triangles that tile the automean. No kink crosses them unless kinks are too many."""
     segments, support = _kinks(source), mutual_support(source).polygons
     if segments is None or _intersection_count(segments) > _MOST_INTERSECTIONS:
-        # Across most kinks, the gradient of W is continuous. Errors are of fourth order in the
-        # size.
+        # Across most kinks, the gradient of W is continuous, so errors are of fourth order in the
+        # size of the triangles.
         return quartered(triangles_of(list(support.geoms))[0])
     grid = grid_size(segments.reshape(-1, 2))
     noded = shapely.union_all(shapely.linestrings(segments), grid_size=grid)

@@ -170,7 +170,7 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
     (point,) = points.values()
     if execution.is_drjit(point):
         zero = 0.0 * point
-    elif name == "lag_marginal" and is_uniform and isinstance(flat, Aperture):
+    elif name == "lag_marginal" and is_uniform and isinstance(source, Aperture):
         # The lag marginal of a uniform aperture is an area, which requires no sines.
         return True, name, points
     full = {label: points.get(label, zero) for label in TRANSFORMS[declared.full].points}
