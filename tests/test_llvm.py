@@ -252,6 +252,7 @@ def test_the_library_of_a_loaded_drjit_is_judged_by_its_version(
 
 
 def test_the_version_is_the_last_word_that_the_kernels_print(machine, monkeypatch):
+    monkeypatch.delitem(sys.modules, "drjit", raising=False)
     library(machine / "system", "libLLVM.so")
     child = subprocess.CompletedProcess([], 0, "jit_init(): 1 warning\n20.1.8\n", "")
     monkeypatch.setattr(module, "run_in_child", lambda script, library: child)
