@@ -48,8 +48,10 @@ def pytest_configure(config: pytest.Config) -> None:
         config.addinivalue_line("markers", f"{name}: {meaning}")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Sort the longest files first, then by the number of tests, so that workers end together."""
+    if not hasattr(config, "workerinput"):
+        return  # one process, which keeps the given order
     count = Counter(item.path for item in items)
     place = {f"test_{name}.py": number for number, name in enumerate(_LONGEST)}
 

@@ -8,6 +8,7 @@ import pytest
 
 from polywigner.cli import main
 from polywigner.cli.options import check_writable, targets, writing
+from polywigner.cli.sources import frequency_text
 from polywigner.errors import ArgumentError
 
 HEAVY = ("numpy", "shapely", "matplotlib", "drjit", "mitsuba", "rich")
@@ -19,7 +20,7 @@ def test_help_imports_no_heavy_library():
         f"print('HEAVY', [m for m in {HEAVY} if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert "HEAVY []" in run.stdout
+    assert "HEAVY []" in run.stdout and not run.stderr
     assert all(command in run.stdout for command in ("render", "transform", "doctor"))
 
 
@@ -109,3 +110,17 @@ def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
         check_writable([tmp_path / "folder.png"])
     check_writable([tmp_path / "new" / "a.png"])
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("wavelength", "text"),
+    [(299792458 / 94e9, "94 GHz"), (1e-6, "299.8 THz"), (3e9, "0.09993 Hz")],
+)
+def test_titles_state_the_frequency_of_a_wavelength(wavelength, text):
+    assert frequency_text(wavelength) == text
+
+
+def test_a_range_profile_may_have_65536_bins(capsys):
+    for bins, words in (("65536", "none.xml"), ("65537", "--bins")):
+        assert main(["receive", "none.xml", "--range", "9 m", "--bins", bins]) == 2
+        assert words in capsys.readouterr().err

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.special import j0
 
 import polywigner as pw
 from polywigner.errors import IlluminationError
 from polywigner.propagation.far_fields import far_field
-from polywigner.source.obliquities import OBLIQUITIES, times_direction_cosine
+from polywigner.source.obliquities import OBLIQUITIES, Forms, times_direction_cosine
 
 WAVELENGTH = 3e-3
 # Rounding of sums of a few terms of order one.
@@ -49,3 +50,15 @@ def test_kirchhoff_s_mean_lets_grazing_waves_radiate():
     grazing = pw.shapes.square(1e-3).with_illumination(pw.Illumination([1], [(1 / WAVELENGTH, 0)]))
     ((_, forms),) = OBLIQUITIES["kirchhoff"].terms(grazing, WAVELENGTH)
     assert forms.radiance(0.5) == 0.125  # (cos/2)^2/cos
+
+
+def test_radiance_factors_and_their_transforms_are_those_of_the_irradiance_factor():
+    """The disc of directions has the element sin(theta) cos(theta) d theta d phi."""
+    forms, q = Forms(0.3, 0.5, 0.7), np.array([0.4, 3.0, 25.0])
+    assert forms.irradiance(0.5) == pytest.approx(0.3 / 4 + 0.5 / 2 + 0.7, rel=ROUNDING)
+    assert forms.radiance(0.5) == pytest.approx(forms.irradiance(0.5) / 0.5, rel=ROUNDING)
+    node, weight = np.polynomial.legendre.leggauss(60)
+    theta = (node + 1) * np.pi / 4
+    sine, ring = np.sin(theta), weight * np.pi / 4 * 2 * np.pi * np.sin(theta)
+    expected = j0(q[:, None] * sine) @ (ring * forms.irradiance(np.cos(theta)))
+    assert forms.at_lags(q) == pytest.approx(expected, rel=100 * ROUNDING)

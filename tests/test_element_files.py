@@ -91,6 +91,10 @@ def test_slits_and_many_elements_that_overlap_are_reported_as_well() -> None:
         pw.phased_array(pw.Slits([0, 1e-3]), [0, 0.7e-3])
     with pytest.warns(PolywignerWarning, match="overlap by 1e-06"):
         pw.phased_array(SQUARE, np.zeros((2000, 2)))
+    row = pw.arrays.grid_positions(80, 1, 1e-3)
+    row[79] = row[70] + (0.25e-3, 0.0)
+    with pytest.warns(PolywignerWarning, match="70 and 79 .* overlap by 7.5e-07 m"):
+        pw.phased_array(SQUARE, row)
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,9 @@ def test_the_scene_picture_states_reference_unit_and_floor():
     (picture,) = figure.axes[0].images
     assert picture.get_clim() == (-35.0, 0.0)
     assert picture.get_array().shape == (4, 6) and figure.axes[0].get_aspect() == 1.0
+    assert picture.colorbar.extend == "max"  # 1 is above the reference
+    (dark,) = draw_scene(np.ones((4, 6)), reference=2.0, floor_db=-35).axes[0].images
+    assert dark.colorbar.extend == "neither"
 
 
 def test_slices_agree_with_the_transforms_at_single_points():

@@ -15,6 +15,7 @@ from oracles import exact
 from outlines import CHEVRON, apertures, cells, poses, relaxed, rotated, square_at, tours
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, shapes
+from polywigner.geometry.rings import shoelace
 
 # Welding moves rounded vertices by at most 64 ulp of the largest coordinate.
 WELD = 64 * 2.0**-52
@@ -35,6 +36,12 @@ def test_area_is_that_of_the_vertices_in_rational_arithmetic(ring, pose):
     expected = exact.area(exact.oriented([(pose(ring), [])]))
     straightening = 1e-14  # vertices within 2^-48 area/diameter of a line are removed
     assert aperture.area == pytest.approx(expected, rel=straightening)
+
+
+def test_sums_of_signed_areas_are_exact():
+    line, triangle = np.array([(0, 0), (1, 3), (2, 6)]) / 8, np.array([(0, 0), (1, 0), (0, 1)]) / 8
+    assert shoelace([]) == 0 == shoelace([line])
+    assert shoelace([triangle, triangle[::-1], triangle]) == 1 / 128
 
 
 @relaxed

@@ -71,7 +71,8 @@ def imports_of(text: str, package: str, at_run_time: bool = False) -> Iterator[s
     ``package`` is the module's package, for relative imports. ``at_run_time`` excludes imports for
     type checkers.
     """
-    aliases, nodes = {"polywigner"}, nodes_of(text, at_run_time)
+    aliases = {"polywigner"}
+    nodes = [node for node, runs in nodes_of(text) if runs or not at_run_time]
     for node in nodes:
         if isinstance(node, ast.Import):
             for alias in node.names:
@@ -97,21 +98,19 @@ def imports_of(text: str, package: str, at_run_time: bool = False) -> Iterator[s
 
 
 @cache
-def tree_of(text: str) -> ast.Module:
-    return ast.parse(text)
-
-
-def nodes_of(text: str, at_run_time: bool) -> list[ast.AST]:
-    """Return the syntax nodes that may contain imports."""
-    result, left = [], [tree_of(text)]
+def nodes_of(text: str) -> list[tuple[ast.AST, bool]]:
+    """Return the syntax nodes that may contain imports, and whether they run."""
+    result: list[tuple[ast.AST, bool]] = []
+    left: list[tuple[ast.AST, bool]] = [(ast.parse(text), True)]
     while left:
-        node = left.pop()
+        node, runs = left.pop()
         if isinstance(node, ast.Import | ast.ImportFrom | ast.Call | ast.Attribute):
-            result.append(node)
-        if at_run_time and isinstance(node, ast.If) and is_for_type_checkers(node):
-            left += node.orelse
+            result.append((node, runs))
+        if isinstance(node, ast.If) and is_for_type_checkers(node):
+            left += [(child, runs) for child in node.orelse]
+            left += [(child, False) for child in node.body]
         else:
-            left += ast.iter_child_nodes(node)
+            left += [(child, runs) for child in ast.iter_child_nodes(node)]
     return result
 
 

@@ -154,6 +154,7 @@ def test_commands_write_spots_and_transfer_functions(tmp_path: Any, pupil_file: 
         assert (tmp_path / f"pupil_{kind}.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("unrendered_figures")
 def test_commands_take_zernike_coefficients_and_a_numerical_aperture(
     tmp_path: Any, pupil_file: Any
 ) -> None:
@@ -186,6 +187,9 @@ def test_figures_mark_reversed_contrast_and_masks() -> None:
         {"defocus": [1.0], "direction": ["x", "y"], "frequency": [0.0, 50.0, 100.0]},
     )
     figure = pw.figures.draw_mtf(values)
+    drawn = {line.get_label(): line.get_xydata() for line in figure.axes[0].get_lines()}
+    (along_x,) = [drawn[name] for name in drawn if str(name).startswith("along x")]
+    assert along_x.T.tolist() == [[0.0, 50.0, 100.0], [1.0, 0.2, 0.1]]
     names = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert "contrast reversed" in names and "without aberrations" in names
     x = np.linspace(-2e-6, 2e-6, 5)

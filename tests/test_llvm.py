@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -214,6 +215,7 @@ def test_without_a_usable_library_the_status_names_the_reason_and_the_remedy(
     paths = [library(machine / "system", f"libLLVM-{n}.so.1") for n in (16, 15)]
     status = module.prepare()
     reason = "LLVM 16 is too old; 17 or newer is required"
+    assert not status.usable
     assert status.problem == f"No LLVM library is usable: {paths[0]} ({reason}) and 1 more."
     assert ("--install-llvm" in status.remedy) == (tool == "apt-get")
     assert [path for path, _ in status.refused] == paths
@@ -231,6 +233,41 @@ def bare_machine(machine, monkeypatch):
 
 def failing_child(script, library=""):
     return subprocess.CompletedProcess([], 1, "", "NameError: name '_drjit_ext' is not defined")
+
+
+@pytest.mark.parametrize(("version", "usable"), [((20, 1, 8), True), ((16, 19, 0), False)])
+def test_the_library_of_a_loaded_drjit_is_judged_by_its_version(
+    machine, monkeypatch, version, usable
+):
+    loaded = SimpleNamespace(
+        has_backend=lambda backend: True,
+        JitBackend=SimpleNamespace(LLVM=1),
+        detail=SimpleNamespace(llvm_version=lambda: version),
+    )
+    monkeypatch.setitem(sys.modules, "drjit", loaded)
+    status = module.prepare()
+    assert status.usable == usable
+    assert (status.version if usable else status.problem) is not None
+    assert usable or "loaded LLVM 16.19.0, which is too old" in status.problem
+
+
+def test_the_version_is_the_last_word_that_the_kernels_print(machine, monkeypatch):
+    monkeypatch.delitem(sys.modules, "drjit", raising=False)
+    library(machine / "system", "libLLVM.so")
+    child = subprocess.CompletedProcess([], 0, "jit_init(): 1 warning\n20.1.8\n", "")
+    monkeypatch.setattr(module, "run_in_child", lambda script, library: child)
+    assert module.prepare().version == "20.1.8"
+    monkeypatch.setattr(module, "run_in_child", failing_child)
+    monkeypatch.setattr(module, "_status", None)
+    assert module.prepare().version == "20.1.8"  # as remembered
+
+
+# --- installation ------------------------------------------------------------------------------
+
+
+def test_each_supported_version_may_be_installed():
+    supported = range(module.OLDEST_VERSION, 22)
+    assert {f"libllvm{number}" for number in supported} <= set(module._LLVM)
 
 
 # Simulates apt-get: finds packages after `update` only, and copies LLVM from a file $LLVM.

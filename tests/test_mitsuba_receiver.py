@@ -80,6 +80,20 @@ def test_scenes_read_what_quadrature_finds(name, samples, model):
     assert error < 0.03 * expected
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_steered_receiver_weighs_the_side_that_it_points_to(axis):
+    use("scalar_rgb")
+    powers = []
+    for side in (1.0, -1.0):
+        x, y = 3000.0 * np.array([0.3, 0.2]) * np.where(np.arange(2) == axis, side, 1.0)
+        to_world = mi.ScalarTransform4f().look_at([x, y, 2800.0], [0, 0, 0], [0, 1, 0])
+        lamp = {"type": "rectangle", "to_world": to_world.scale(400.0)}
+        lamp["emitter"] = {"type": "area", "radiance": SKY["radiance"]}
+        made = furnace(STEERED, estimator="exact") | {"sky": lamp}
+        powers.append(pwm.render(mi.load_dict(made), spp=256, seed=1).sum())
+    assert powers[0] > 3 * powers[1]
+
+
 def test_the_reference_is_the_radar_equation_far_away():
     """Cross sections 4 rho A cos^2 of a Lambertian plate, and 8/3 pi a^2 rho of a sphere."""
     use("scalar_rgb")

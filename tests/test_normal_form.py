@@ -45,6 +45,15 @@ def test_a_source_made_of_its_normal_form_has_the_same_transform(source):
     assert result == pytest.approx(values(source, form.dimension), rel=1e-14, abs=1e-14)
 
 
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+def test_waves_are_proportional_whatever_their_amplitudes(scale):
+    waves = [TILT, pw.Illumination([1.0, 0.6j], TILT.frequencies)]
+    for second, count in zip(reversed(waves), (2, 1), strict=True):
+        fields = [pw.Illumination(scale * w.amplitudes, w.frequencies) for w in (TILT, second)]
+        one, other = (SQUARE.with_illumination(field) for field in fields)
+        assert len(normal_form(pw.Array([one, other.moved((4.0, 0.0))])).groups) == count
+
+
 @SOURCE
 def test_the_field_of_a_normal_form_is_the_field_of_its_source(source):
     form = normal_form(source)

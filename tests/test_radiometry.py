@@ -14,6 +14,7 @@ from scipy.special import j1
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
 from polywigner.errors import ArgumentError, GeometryError
+from polywigner.radiometry.directions import longest_path
 
 WAVELENGTH = 299792458 / 94e9
 K = 2 * math.pi / WAVELENGTH
@@ -236,6 +237,13 @@ def test_rays_of_a_wide_curved_wave_carry_its_power_but_for_its_edges() -> None:
         shares.append((cosines @ weights - power) / (WIDE.polygons.length * wavelength))
     assert shares[0] == pytest.approx(EDGES["rayleigh-sommerfeld-1"], rel=0.1)
     assert shares[1] == pytest.approx(shares[0], rel=2e-3)
+
+
+def test_paths_of_a_curved_wave_differ_by_its_sag_as_well() -> None:
+    curved, off_centre = SQUARE.curved(0.2, WAVELENGTH), SQUARE.curved(0.2, WAVELENGTH, (5e-3, 0.0))
+    assert longest_path(SQUARE) == pytest.approx(math.hypot(10e-3, 10e-3))
+    assert longest_path(curved) == pytest.approx(longest_path(SQUARE) + 50e-6 / 0.4)
+    assert longest_path(off_centre) == pytest.approx(longest_path(SQUARE) + 125e-6 / 0.4)
 
 
 def test_elements_that_touch_radiate_as_one() -> None:

@@ -227,7 +227,7 @@ def test_white_shapes_hide_what_lies_below_and_are_open_alone(
 
 
 @pytest.mark.parametrize(
-    "fill", ['fill="yellow"', 'fill="white" opacity="0.5"', 'fill="white" fill-opacity="50%"',
+    "fill", ['fill="yellow"', 'fill="white" opacity="0.8"', 'fill="white" fill-opacity="50%"',
              'fill="#ffffff80"', 'fill="#fefefe"'],
 )  # fmt: skip
 def test_other_colours_on_each_other_are_refused_with_advice(read: Read, fill: str) -> None:

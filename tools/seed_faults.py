@@ -5,17 +5,26 @@
 A fault is a changed comparison, sign, constant or logical operator, a dropped term, or two swapped
 arguments. The same seed selects the same faults as long as the code does not change. Tests run
 against a copy of the code until the first failure; tests that take more CPU time than --seconds
-count as "too long". The option --lines names a table (JSON such as {"geometry/io/svg.py:17":
-["tests/...", ...]}) of the tests that run each line. Without the table, the test files of the area
-run (AREAS).
+count as "too long". Without --lines, the test files of the area run, as AREAS defines them.
+
+The option --lines uses the tests that run the changed line, shortest first, as recorded by
+
+    COVERAGE_FILE=out/lines pytest -n 2 -m "not slow" --cov=polywigner --cov-context=test \\
+        --cov-report= --junitxml=out/lines.xml
+    tools/seed_faults.py --lines out/lines --count 50 --out out/faults.csv
+
+(pytest-cov is not among the dependencies). A line that no test runs, such as a constant of a
+module, uses the tests of its module. The list tests/data/seeded_faults.csv was made in this way;
+"no effect" there marks faults that change no result beyond rounding, judged by hand. The option
+--again repeats the faults of such a list, except those without effect.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import csv
 import importlib
-import json
 import os
 import random
 import resource
@@ -23,13 +32,16 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from importlib.util import cache_from_source
+from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
+from xml.etree import ElementTree
 
 ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src/polywigner"
 AREAS = {  # subpackages of an area, and parts of the names of its test files
     "geometry": (
         "geometry",
@@ -61,7 +73,8 @@ AREAS = {  # subpackages of an area, and parts of the names of its test files
 }
 # Imported once for all forked processes, except Dr.Jit, whose threads do not survive a fork.
 LIBRARIES = ("hypothesis", "matplotlib.pyplot", "mpmath", "pytest", "scipy", "shapely", "xarray")
-Table = dict[str, list[str]]
+SHORTEST, SECONDS = 12, 30.0  # number of tests that run first; sum of the durations of all tests
+Table = dict[tuple[str, int], list[str]]
 
 _COMPARED = {"Lt": "GtE", "LtE": "Lt", "Gt": "LtE", "GtE": "Gt", "Eq": "NotEq", "NotEq": "Eq"}
 _COMPARED |= {"Is": "IsNot", "IsNot": "Is", "In": "NotIn", "NotIn": "In"}
@@ -118,23 +131,75 @@ def faults_of(raw: bytes) -> Iterator[tuple[int, slice, ast.AST]]:
             yield node.lineno, slice(begin, end), changed
 
 
-def drawn(area: str, count: int, seed: int, table: Table | None) -> Iterator[tuple[Any, bytes]]:
-    """Yield faults as (path, line, before, after), at most one per line, and the faulty source."""
-    rng, package = random.Random(f"{area} {seed}"), ROOT / "src/polywigner"
-    rooms = AREAS[area][0].split()
-    files = [
-        p for room in rooms for p in (*package.glob(f"{room}.py"), *(package / room).rglob("*.py"))
-    ]
-    lines = {
-        (p.relative_to(package).as_posix(), n) for p in files for n, *_ in faults_of(p.read_bytes())
-    }
-    known = sorted(lines if table is None else {x for x in lines if f"{x[0]}:{x[1]}" in table})
-    for name, line in rng.sample(known, min(count, len(known))):
-        raw = (package / name).read_bytes()
-        _, place, changed = rng.choice([fault for fault in faults_of(raw) if fault[0] == line])
+class Fault(NamedTuple):
+    area: str
+    file: str
+    line: int
+    before: str
+    after: str
+
+
+def faults_in(area: str, file: str) -> Iterator[tuple[Fault, bytes]]:
+    """Yield the possible faults of a file, and the source with each fault."""
+    raw = (PACKAGE / file).read_bytes()
+    for line, place, changed in faults_of(raw):
         after = f"({ast.unparse(changed)})"
-        fault = (name, line, raw[place].decode(), after)
-        yield fault, raw[: place.start] + after.encode() + raw[place.stop :]
+        source = raw[: place.start] + after.encode() + raw[place.stop :]
+        yield Fault(area, file, line, raw[place].decode(), after), source
+
+
+def drawn(area: str, count: int, seed: int) -> Iterator[tuple[Fault, bytes]]:
+    """Yield faults, at most one a line, and the source with each fault."""
+    rng, rooms = random.Random(f"{area} {seed}"), AREAS[area][0].split()
+    files = [
+        p for room in rooms for p in (*PACKAGE.glob(f"{room}.py"), *(PACKAGE / room).rglob("*.py"))
+    ]
+    names = [p.relative_to(PACKAGE).as_posix() for p in files]
+    lines = sorted({(name, fault.line) for name in names for fault, _ in faults_in(area, name)})
+    rng.shuffle(lines)
+    for name, line in lines[:count]:
+        yield rng.choice([found for found in faults_in(area, name) if found[0].line == line])
+
+
+def listed(path: Path, area: str) -> Iterator[tuple[Fault, bytes]]:
+    """Yield the faults of an area in a list, where their code now stands."""
+    with path.open(newline="") as rows:
+        for row in csv.DictReader(rows):
+            if row["area"] == area and row["result"] != "no effect":
+                old = int(row["line"])
+                same = [
+                    (abs(fault.line - old), fault, source)
+                    for fault, source in faults_in(area, row["file"])
+                    if (fault.before, fault.after) == (row["before"], row["after"])
+                ]
+                if same:
+                    yield min(same)[1:]
+
+
+def tests_of_lines(database: Path) -> Table:
+    """Return the tests that run each line, and under line 0 those of each file, shortest first."""
+    from coverage import CoverageData
+
+    seconds = {
+        f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}": float(
+            case.get("time", "inf")
+        )
+        for case in ElementTree.parse(database.with_suffix(".xml")).iter("testcase")
+    }
+    data, tests = CoverageData(str(database)), defaultdict[tuple[str, int], set[str]](set)
+    data.read()
+    for path in data.measured_files():
+        file = Path(path).relative_to(PACKAGE).as_posix()
+        for line, contexts in data.contexts_by_lineno(path).items():
+            found = {context.rpartition("|")[0] for context in contexts} & seconds.keys()
+            tests[file, line] |= found
+            tests[file, 0] |= found
+    table = Table()
+    for line, found in tests.items():
+        timed = sorted((seconds[test], test) for test in found)
+        sums = accumulate(second for second, _ in timed)
+        table[line] = [test for (_, test), sum_ in zip(timed, sums, strict=True) if sum_ < SECONDS]
+    return table
 
 
 def apart(call: Callable[[], int], seconds: int) -> int:
@@ -153,20 +218,35 @@ def apart(call: Callable[[], int], seconds: int) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def tried(module: Path, source: bytes, chosen: list[str], seconds: int) -> str:
+def tried(module: Path, source: bytes, batches: list[list[str]], seconds: int) -> str:
     """Return the result of tests with a faulty module, and restore the module."""
     import pytest
 
-    arguments = ["-xq", "-m", "not slow", "-p", "no:cacheprovider", *chosen]
+    arguments = ["-xq", "-m", "not slow", "-p", "no:cacheprovider"]
     kept, compiled = module.read_bytes(), Path(cache_from_source(str(module)))
     module.write_bytes(source)
     compiled.unlink(missing_ok=True)  # Python compares times and sizes too coarsely here
-    status = apart(lambda: int(pytest.main(arguments)), seconds) if chosen else 5
+    result = "not run"
+    for tests in filter(None, batches):
+        status = apart(lambda: int(pytest.main([*arguments, *tests])), seconds)  # noqa: B023
+        if status == 0:
+            result = "missed"
+        elif status != 5:  # no test is selected
+            is_late = -status in (signal.SIGXCPU, signal.SIGKILL, signal.SIGALRM)
+            result = "too long" if is_late else "caught"
+            break
     module.write_bytes(kept)
     compiled.unlink(missing_ok=True)
-    if -status in (signal.SIGXCPU, signal.SIGKILL, signal.SIGALRM):
-        return "too long"
-    return {0: "missed", 5: "not run"}.get(status, "caught")
+    return result
+
+
+def check_names(table: Table, seconds: int) -> None:
+    """Raise SystemExit if tests of a table no longer exist, which pytest reports as an error."""
+    import pytest
+
+    names = sorted({name for found in table.values() for name in found})
+    if apart(lambda: int(pytest.main(["--collect-only", "-q", *names])), seconds):
+        raise SystemExit("expected the names of existing tests; record --lines again")
 
 
 def main() -> None:
@@ -177,34 +257,49 @@ def main() -> None:
     ):  # fmt: skip
         parser.add_argument(f"--{name}", type=int, default=default, help=meaning)
     parser.add_argument("--tests", type=Path, default=ROOT / "tests", help="their folder")
-    parser.add_argument("--lines", type=Path, help="JSON table of the tests that run each line")
-    parser.add_argument(
-        "--out", type=Path, help="JSON lines: each fault, and whether it was caught"
-    )
+    parser.add_argument("--lines", type=Path, help="coverage data: the tests that run each line")
+    parser.add_argument("--again", type=Path, help="repeat the faults of this list (CSV)")
+    parser.add_argument("--out", type=Path, help="append the faults and results to this list (CSV)")
     options = parser.parse_args()
     for library in LIBRARIES:
         importlib.import_module(library)
-    table = json.loads(options.lines.read_text()) if options.lines else None
-    tests = options.tests.resolve()
+    table = tests_of_lines(options.lines) if options.lines else None
+    tests, again = options.tests.resolve(), options.again and options.again.resolve()
+    options.out = options.out and options.out.resolve()
+    done = set()
+    if options.out and options.out.exists():
+        with options.out.open(newline="") as rows:
+            done = {tuple(row[:-1]) for row in csv.reader(rows)}
+    elif options.out:
+        options.out.write_text(f"{','.join(Fault._fields)},result\n")
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "src"
         shutil.copytree(ROOT / "src", copy)
-        sys.path.insert(0, str(copy))
+        sys.path[:0] = [str(copy), str(ROOT)]  # tests also import benchmarks and paper
         os.environ |= {"PYTHONPATH": str(copy), "HYPOTHESIS_STORAGE_DIRECTORY": folder}
         os.chdir(tests.parent)
+        if table is not None:
+            check_names(table, options.seconds)
         for area in options.area or AREAS:
-            words, count = AREAS[area][1].split(), Counter()
+            words, count = AREAS[area][1].split(), Counter[str]()
             files = [
                 str(f) for f in sorted(tests.glob("test_*.py")) if any(w in f.name for w in words)
             ]
-            for fault, source in drawn(area, options.count, options.seed, table):
-                chosen = [*map(str, files)] if table is None else table[f"{fault[0]}:{fault[1]}"]
-                result = tried(copy / "polywigner" / fault[0], source, chosen, options.seconds)
+            faults = listed(again, area) if again else drawn(area, options.count, options.seed)
+            for fault, source in faults:
+                if tuple(map(str, fault)) in done:
+                    continue
+                chosen = [files]
+                if table is not None:
+                    found = table.get((fault.file, fault.line)) or table.get((fault.file, 0), [])
+                    chosen = [found[:SHORTEST], found[SHORTEST:]]
+                module = copy / "polywigner" / fault.file
+                result = tried(module, source, chosen, options.seconds)
                 count[result] += 1
-                print(area, *fault, result, sep=" | ", flush=True)
+                print(*fault, result, sep=" | ", flush=True)
                 if options.out:
-                    with options.out.open("a") as out:
-                        out.write(json.dumps([area, *fault, result]) + "\n")
+                    with options.out.open("a", newline="") as out:
+                        csv.writer(out, lineterminator="\n").writerow([*fault, result])
             print(area, dict(count), flush=True)
 
 
