@@ -70,7 +70,7 @@ class DrjitOperations(RowByRow):
         return self.plain_sum(0, len(rows), of_row, values)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of terms with ``clips`` clipped edges, unrolled if this compiles fast."""
+        """Return sums of terms with ``clips`` clipped edges, unrolled if compilation is fast."""
         if len(rows) * clips <= _MOST_CUTS_AS_CODE:
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
@@ -89,7 +89,7 @@ class DrjitOperations(RowByRow):
         return any(self._dr.grad_enabled(value) for value in values)
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index] for valid indices, which may be floats."""
+        """Return table[index] for valid indices. The indices may be floats."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
