@@ -5,7 +5,7 @@ module               content
 ===================  ==========================================================================
 ``operations``       operations of kernels on NumPy arrays and Python floats
 ``drjit_operations`` operations of kernels on Dr.Jit arrays
-``choice``           choice of the engine and the strategy of a call
+``choice``           choice of the engine and the strategy for a call
 ``evaluation``       evaluation of kernels at NumPy points; Fourier transforms on grids
 ``chunks``           chunks of samples, threads, aligned memory for Dr.Jit
 ``progress``         progress bars on a terminal

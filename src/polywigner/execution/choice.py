@@ -1,4 +1,4 @@
-"""Choice of the engine (NumPy, LLVM or CUDA) and of the strategy of a call."""
+"""Choice of the engine (NumPy, LLVM or CUDA) and the strategy for a call."""
 
 from __future__ import annotations
 
@@ -28,19 +28,21 @@ DATA = "edges as data"
 CODE = "edges as code"
 SUM = "sum of terms"
 
-# Number of samples from which compiled code that reads the source from memory is faster than NumPy.
-# benchmarks/default_regret.py measures all thresholds of this module.
+# Smallest number of samples for which compiled code that reads the source from memory is faster
+# than NumPy. benchmarks/default_regret.py measures all thresholds of this module.
 _LEAST_SAMPLES = 1000
-# Number of terms (samples × edges × waves × copies) from which a kernel compiled for one source is
-# faster than NumPy.
+# Smallest number of terms (samples × edges × waves × copies) for which a kernel compiled for one
+# source is faster than NumPy.
 _LEAST_TERMS = 1 << 18
-# Number of samples, for F and per clipped edge for W and A, from which edges as constants are
-# faster than edges in memory. Code with many edges takes longer to compile.
+# Smallest number of samples (F), and of samples per clipped edge (W and A), for which edges as
+# constants are faster than edges in memory. Code with many edges takes longer to compile.
 _LEAST_SAMPLES_AS_CODE, _LEAST_SAMPLES_PER_EDGE = 1 << 18, 1 << 14
-# Numbers of frequencies per position and of edges from which compiled code reads listed slices.
-# With fewer edges, clipping again is as fast.
+# Smallest number of frequencies per position, and smallest number of edges, for which compiled code
+# reads the parts of edges of each slice from a list. With fewer edges, clipping the edges again is
+# as fast.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Number of terms per family of parallel edges from which grids use their axes, (F4).
+# Smallest number of terms per family of parallel edges for which a Fourier transform is computed
+# from the axes of the grid, (F4).
 _TERMS_PER_FAMILY = 1 << 10
 
 
@@ -59,7 +61,7 @@ class Plan:
 
     @property
     def reason(self) -> str:
-        """Numbers of samples and terms, and further conditions that determine the strategy."""
+        """Numbers of samples and terms, and other conditions that determine the strategy."""
         parts = [f"{self.samples} samples of {self.terms} terms"]
         parts += [f"engine={self.requested!r}"] if self.requested != "auto" else []
         return ", ".join([*parts, self.detail] if self.detail else parts)

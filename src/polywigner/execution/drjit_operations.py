@@ -73,7 +73,7 @@ class DrjitOperations(RowByRow):
         return self.plain_sum(0, len(rows), of_row, values)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of terms with ``clips`` clipped edges, unrolled if this compiles fast."""
+        """Return sums of terms with ``clips`` clipped edges, unrolled if compilation is fast."""
         if len(rows) * clips <= _MOST_CUTS_AS_CODE:
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
@@ -110,7 +110,7 @@ class DrjitOperations(RowByRow):
         return value[0] if self._dr.depth_v(value) > 1 else value
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index] for valid indices, which may be floats."""
+        """Return table[index] for valid indices. The indices may be floats."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 

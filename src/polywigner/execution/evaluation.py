@@ -25,9 +25,11 @@ from polywigner.kernels.functions.slices import SliceSum
 
 Array = npt.NDArray[Any]
 
-# Number of frequencies along both axes from which grids use their axes.
+# Smallest number of frequencies along each axis for which a Fourier transform is computed from the
+# axes of the grid.
 _LEAST_SIDE = 8
-# Frequencies along each axis of a block, to limit the memory of the tables along the axes.
+# Largest number of frequencies along each axis of a block. It limits the memory for the tables
+# along the axes.
 _TILE = 512
 # Largest fraction of frequencies too close to the origin for (F4). Such frequencies take 20 times
 # as long.
@@ -49,7 +51,7 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Number of families of parallel edges. All edges along the axes count as one family."""
+        """Number of families of parallel edges. Edges parallel to the axes form one family."""
         oblique = sum(not family.is_straight for family in self.tables.families)
         return oblique + (oblique < len(self.tables.families))
 
@@ -105,7 +107,7 @@ def plan_for_grid(
 
 
 def _is_grid(x: Array, y: Array) -> bool:
-    # The corners quickly exclude most arrays that are not a grid.
+    # Comparing the corners quickly excludes most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
     return bool((x == x[:, :1]).all() and (y == y[:1]).all())
@@ -140,11 +142,12 @@ _CHUNK = 3 << 12
 # Samples per block if frequencies share slices, on NumPy and in compiled code. Compiled code stores
 # only positions and frequencies, so its blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Number of frequencies per position from which slices are shared.
+# Smallest number of frequencies per position for which all frequencies share the slice.
 _LEAST_COLUMNS = 64
-# Largest number of (table row, point) pairs in memory, which take 32 MiB in float64.
+# Largest number of (table row, point) pairs in memory. One array of pairs takes 32 MiB in float64.
 _BLOCK = 1 << 22
-# Table rows × samples per block. Temporary arrays take 2 MB for each result of a term.
+# Largest product of table rows and samples per block. Temporary arrays take 2 MB for each result of
+# a term.
 _ROWS = 1 << 18
 
 _HOST = NumpyOperations()
@@ -170,7 +173,7 @@ def evaluate(
     Parameters
     ----------
     components : sequence of ndarray
-        Components of the points in float64 or float32, which broadcast against each other.
+        Components of the points in float64 or float32. They must broadcast against each other.
     double : bool
         Whether sums are computed in float64.
     engine : str
@@ -467,6 +470,6 @@ def evaluate_rows(
     for start in range(0, len(table), step):
         rows = tuple(table[start : start + step].T[:, :, None])
         terms = term(_HOST, rows, columns, tuple(constants.tolist()))
-        shape = len(rows[0]), len(samples)  # terms may not depend on the row
+        shape = len(rows[0]), len(samples)  # a term may be the same for all rows
         total += [np.broadcast_to(part, shape).sum(axis=0) for part in terms]
     return tuple(total)

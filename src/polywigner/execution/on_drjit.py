@@ -2,7 +2,7 @@
 
 A kernel with the coordinates of an outline as constants ("as code") compiles in 0.1 s and occupies
 some hundred kilobytes until the process ends. A kernel that reads outlines from memory ("as data")
-is compiled once for all outlines, but runs at a half to a third of the speed.
+is compiled once for all outlines, but runs at a third to a half of the speed.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
-# Limits of the cached recordings, and of the recordings of each function. Arguments with a single
-# entry need a separate recording.
+# Largest number of cached functions, and largest number of recordings of each function. Arguments
+# with a single entry require a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
 # Samples per chunk. Launching a kernel takes little time compared with such a chunk. The arguments
 # of a chunk take some 10 MB.
@@ -111,7 +111,7 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            # References to the owners keep their ids from being reused.
+            # References to the owners prevent their ids from being reused.
             _known[key] = _Frozen(function, owners)
             while len(_known) > _MOST:
                 _known.popitem(last=False)
@@ -209,8 +209,9 @@ def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # Literals would compile a kernel for each number of columns. The quotient is correct for fewer
-    # than 2^21 samples, because two float32 rounding errors are then smaller than half a sample.
+    # With literals, Dr.Jit would compile a kernel for each number of columns. The quotient is
+    # correct for fewer than 2^21 samples, because two float32 rounding errors are then smaller than
+    # half a sample.
     row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
     return row, index - row * drjit.opaque(type(index), columns)
 
@@ -241,7 +242,7 @@ def row_sums(
     return tuple(np.array(part) for part in ops.fold(0, end, start, step))
 
 
-# Number of edges from which samples are sorted by cell (benchmarks/call_rates.py).
+# Smallest number of edges for which samples are sorted by cell (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
 # Samples per cell from which a lane of a vector computes several samples.
 _LEAST_PER_CELL = 8
@@ -330,7 +331,8 @@ class _Slices:
         ]
         self.forms = list(map(type, self.pairs.values()))
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # Quadrature nodes and tables of waves are other memory.
+        # A recorded function must not read other arrays in memory, such as quadrature nodes and
+        # tables of waves.
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:

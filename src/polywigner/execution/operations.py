@@ -18,7 +18,7 @@ from polywigner.numerics.grid_arithmetic import accurate_cross, product_error
 
 # Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
-# Largest number of listed table rows. Rows that do not contribute are then removed.
+# Largest number of table rows listed at once, before rows that do not contribute are removed.
 _LISTED = 1 << 17
 
 Numbers: TypeAlias = Any
@@ -98,8 +98,8 @@ class NumpyOperations(_Unfused):
     ) -> Values:
         """Return the sums of ``term(*row)`` over all rows.
 
-        Rows are evaluated in blocks that fit into the cache, on an additional first axis. ``like``
-        has the shape of the samples, and ``values`` is the number of results of ``term``.
+        Rows are evaluated along an additional first axis, in blocks that fit into the cache.
+        ``like`` has the shape of the samples, and ``values`` is the number of results of ``term``.
         """
         table, axes = np.array(rows, np.float64), (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, int(np.size(like))))
@@ -119,7 +119,7 @@ class NumpyOperations(_Unfused):
     exp = staticmethod(np.exp)
 
     def on_device(self, table: Table) -> Numbers:
-        """Return a copy of a table in the memory layout for :meth:`gather`."""
+        """Return a copy of a table in the memory layout that :meth:`gather` requires."""
         # Contiguous columns stay in the cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 

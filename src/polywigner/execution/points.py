@@ -105,8 +105,8 @@ def on_components(
 ) -> Drjit:
     """Return ``function(points)`` as the kind of Dr.Jit array that the caller uses.
 
-    Other points become component arrays if another argument is a component array, and tensors
-    otherwise.
+    Points that are not Dr.Jit arrays become component arrays if another argument is a component
+    array, and tensors otherwise.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def on_components(
     ArgumentError
         If types, backends, precisions or numbers of points disagree.
     EngineError
-        If the arrays are of the LLVM backend and no usable LLVM library is loaded.
+        If the arrays use the LLVM backend and no usable LLVM library is loaded.
     """
     import drjit
 

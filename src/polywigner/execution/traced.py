@@ -27,14 +27,15 @@ from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest number of samples for edges as data. Compiling edges as code would take longer.
+# Largest number of samples for which edges are data. Compiling edges as code would take longer.
 _MOST_AS_DATA = 1 << 16
-# Numbers of samples and edges from which samples are sorted by cell. Sorting waits for the
-# arguments and takes about 30 ns per sample.
+# Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
+# Sorting waits for the arguments and takes about 30 ns per sample.
 _LEAST_SORTED, _LEAST_EDGES = 1 << 12, 40
 
 Numbers = tuple[Any, Any]
-"""Two arrays of coordinates or of complex parts. While a kernel is traced, two tuples of arrays."""
+"""Two arrays: coordinates, or real and imaginary parts. While a kernel is traced, two tuples of
+arrays."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ class _Accumulator:
 
 
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
-    """Return zeros in memory with the derivatives of two arrays. Loops would lose constants."""
+    """Return zeros in memory with the derivatives of two arrays. Loops would lose literal zeros."""
     import drjit as dr
 
     if pair is None or isinstance(pair[0], tuple):

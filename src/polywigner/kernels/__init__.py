@@ -4,12 +4,12 @@
 module              content
 ==================  ===========================================================================
 ``outline``         edges, weights and fields of a source in normalised coordinates
-``wave_pairs``      plane waves on a source, and their pairs in W and A
+``wave_pairs``      plane waves on a source, and the pairs of waves for W and A
 ``cut``             parts of edges inside a shifted or mirrored copy of the source
 ``functions``       W, A and F
 ``boundary``        exact fields along edges
 ``gradients``       closed-form derivatives of F, W and A
-``kernel``          the three steps of a transform, of which the second sums over edges
+``kernel``          the three steps of a transform; the second step sums over edges
 ``array_factors``   array factors of arrays and lattices
 ``lattice_arrays``  W and A of arrays on a lattice, from the element and array factors
 ``element_pairs``   W, A and R of equal elements at any positions, from pairs of elements

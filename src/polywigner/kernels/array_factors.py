@@ -33,7 +33,8 @@ Row = tuple[float, ...]
 
 # Number of coefficients that Dr.Jit reads with one load instruction.
 _PACKET = 4
-# Largest number of terms in a temporary array, some tens of megabytes with intermediate results.
+# Largest number of terms in a temporary array. With intermediate results, such an array takes some
+# tens of megabytes.
 _BLOCK = 1 << 18
 
 
@@ -82,8 +83,8 @@ class ProfileFactor:
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
         """Return the array factor of all pairs of elements with the same midpoint or difference.
 
-        ``number`` is the sum of both indices if ``by_mean``, and their difference plus count - 1
-        otherwise. ``cycles`` is a frequency in cycles per period.
+        ``number`` is the sum of the two indices if ``by_mean`` is true, and their difference plus
+        count - 1 otherwise. ``cycles`` is a frequency in cycles per period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -134,10 +135,10 @@ class _Series:
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the trigonometric sum of a row, which is 0 if the row does not exist."""
+        """Return the trigonometric sum of a row, or 0 if the row does not exist."""
         exists = (row >= 0.0) & (row <= last)
         # float32 rounds integers above 2^24, and tables of profiles with more than 8,200 elements
-        # have more rows.
+        # have more than 2^24 rows.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5
@@ -242,12 +243,12 @@ def pair_factor(
     return first * second
 
 
-# Largest deviation of elements from a lattice, relative to the lattice's extent D. At |nu| D = 1000
-# the phase error in radians is 6e3 times this fraction. Rounded multiples of a pitch deviate by
-# less.
+# Largest deviation of element positions from a lattice, relative to the extent D of the lattice. At
+# |nu| D = 1000 the phase error in radians is 6e3 times this fraction. Positions that are rounded
+# multiples of a pitch deviate by less than this.
 _MISFIT = 2.0**-52
-# Number of elements from which the array factor of a lattice is a product. For fewer elements a
-# plain sum is as fast and compiles in less time (benchmarks/array_cost.py).
+# Smallest number of elements for which the array factor of a lattice is computed as a product. For
+# fewer elements, a plain sum is as fast and compiles in less time (benchmarks/array_cost.py).
 _LEAST_SITES = 16
 
 
@@ -256,8 +257,8 @@ class _Tables:
     frame: LinearFrame
     """Frame whose rows are the basis vectors of the lattice; it has no rows for other arrays."""
     rows: tuple[Row, ...] = ()
-    """Position relative to the centre, each coordinate as two floats, and weight of each element;
-    empty for a lattice."""
+    """For each element, the position relative to the centre (two floats per coordinate) and the
+    weight. Empty for a lattice."""
     factors: tuple[ProfileFactor, ...] = ()
     constant: complex = 1.0
     cycles: tuple[float, ...] = ()

@@ -21,7 +21,7 @@ from polywigner.source.lattices import Sites
 
 _TRANSFORMS = ("autocorrelation", "wigner", "ambiguity")
 
-# Kernels by transform and kind of source, which is a Python type or a key of `_SPECIAL`.
+# Kernels by transform and kind of source. The kind is a Python type or a key of `_SPECIAL`.
 _KERNELS: dict[tuple[str, Any], Kernel] = {
     (name, kind): getattr(home, name.replace(" ", "_").upper())
     for kind, home, names in (
@@ -42,7 +42,7 @@ _KERNELS: dict[tuple[str, Any], Kernel] = {
     ("autocorrelation", "lattice"): element_pairs.AUTOCORRELATION,
 }
 
-# Conditions for faster kernels, in descending priority.
+# Conditions for faster kernels, in descending order of priority.
 _SPECIAL: dict[str, Callable[[Any], bool]] = {
     "product": lambda source: isinstance(source, Aperture) and is_separable(source),
     "lattice": lambda source: isinstance(source, Array) and lattice_arrays.is_on_lattice(source),
@@ -57,16 +57,16 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 
 MOST_WIDTHS = 1 << 15
-"""Largest number of coherence widths in the area of a source for which W is an average over tilts,
-with four tilts for each coherence width."""
-# Largest number of array elements for the closed form of W in partially coherent light, whose cost
-# is proportional to the number of element pairs. The second limit applies if an average over tilts
-# would need too many tilts.
+"""Largest area of a source, in squared coherence widths, for which W is computed as an average over
+tilts. The average needs four tilts per unit of area."""
+# Largest number of array elements for which W in partially coherent light is computed in closed
+# form, at a cost proportional to the number of element pairs. The second limit applies if an
+# average would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
 def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
-    """Return the kernel of W in partially coherent light, or None if W is an average over tilts.
+    """Return the kernel of W in partially coherent light, or None if W is averaged over tilts.
 
     The kernel ignores the curvature of the wavefront, which the caller represents by shifted
     frequencies.
@@ -90,8 +90,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     Raises
     ------
     ArgumentError
-        For other objects, and for phase-space functions of polyhedra (six dimensions) and of placed
-        apertures, whose plane differs from the plane of x.
+        For unsupported objects, and for phase-space functions of polyhedra (six dimensions) and of
+        placed apertures, whose plane differs from the plane of x.
     GeometryError
         For phase-space functions of arrays outside the plane z = 0.
     """

@@ -88,12 +88,13 @@ class DeviceTable:
         return self.copies[ops.key]
 
 
-# Number of elements from which W and A are sums over pairs. An array of fewer elements is faster as
-# a single source (benchmarks/array_cost.py).
+# Smallest number of elements for which W and A are computed as sums over pairs. An array with fewer
+# elements is faster to compute as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
-# Bound on the error of a position rounded to 24 bits, relative to its distance from the centre.
+# Bound on the rounding error of a position in 24 bits, relative to its distance from the centre.
 _MARGIN = 2.0**-21
-# Largest number of cells, and of cells per pair. More cells do not shorten the lists of pairs.
+# Largest number of cells, and largest number of cells per pair. More cells would not shorten the
+# lists of pairs.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 
@@ -109,8 +110,8 @@ def is_scattered(array: Array) -> bool:
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     """Return the records of all pairs of elements.
 
-    ``view`` is ``MIRRORED`` for W, ``BEHIND`` for A, and None for R, where each element forms a
-    pair with itself only. A record contains the midpoint and the difference of both positions (for
+    ``view`` is ``MIRRORED`` for W, ``BEHIND`` for A, and None for R, for which each element forms a
+    pair only with itself. A record contains the midpoint and the difference of both positions (for
     A in reverse order), the product of one weight and the conjugate of the other, and half of the
     width and height of the box in which the pair contributes. Each coordinate is the sum of two
     floats.
@@ -145,7 +146,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         total, lost = phases.difference(high[first], high[second])
         apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # Copies of an element overlap if their distance is below the sum of both half-widths.
+        # Copies of an element overlap if the distance between them is below the sum of their
+        # half-widths.
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
@@ -166,9 +168,9 @@ def _columns(vector: phases.Doubled, double: bool) -> list[Floats]:
 class PairLists:
     """Pairs of elements of an array, sorted by the cells of a grid.
 
-    A pair contributes to samples inside a box, and belongs to the cell with the lower corner of the
-    box. Boxes are no larger than cells, so the pairs of a sample belong to four adjacent cells.
-    Their records form two contiguous ranges of the table.
+    A pair contributes to the samples inside a box, and belongs to the cell that contains the lower
+    corner of the box. Boxes are no larger than cells, so the pairs of a sample belong to four
+    adjacent cells. Their records form two contiguous ranges of the table.
     """
 
     low: tuple[float, float]
@@ -241,7 +243,7 @@ def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Va
 
 
 def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
-    """Return each number as the sum of two floats. The first float has single precision."""
+    """Return each number as the sum of two floats. The first float is exact in single precision."""
     return tuple(half for number in numbers for half in phases.halves(ops, number))
 
 

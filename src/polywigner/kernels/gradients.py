@@ -104,9 +104,9 @@ class Axes:
         return Pair(-x.imag, x.real), Pair(-y.imag, y.real)
 
 
-# Argument x below which spherical Bessel functions are power series, because the upward recurrence
-# loses 3/x^3 ulps. At x = 1 the first omitted term of j_2 is 1e-17 with _DOUBLE terms and 2e-9 with
-# _SINGLE terms.
+# Argument x below which spherical Bessel functions are computed from power series, because the
+# upward recurrence loses 3/x^3 ulps. At x = 1 the first omitted term of j_2 is 1e-17 with _DOUBLE
+# terms and 2e-9 with _SINGLE terms.
 _BELOW, _DOUBLE, _SINGLE = 1.0, 9, 4
 
 
@@ -235,7 +235,7 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _WavePairGradients:
-    """Derivatives of the contribution of a pair of plane waves to W or A, including weights."""
+    """Derivatives of W or A for a pair of plane waves, also with respect to weights."""
 
     values = 12
 
@@ -336,9 +336,10 @@ class GradientKernel:
     gradients: Callable[..., Gradients]
     """Function (ops, tables, accumulator, *arguments in the frame) that returns `Gradients`."""
     arguments: int
-    """Number of arguments of ``gradients``, which are the last arguments of the kernel."""
+    """Number of arguments of ``gradients``. They are the last arguments of the kernel."""
     parts: Callable[[Pair], tuple[Any, ...]]
-    """Function that converts a complex value to the results of the kernel's sum over edges."""
+    """Function that converts a complex value to the values that the kernel's sum over edges
+    returns."""
     points: tuple[str, ...]
     """Kind of each argument of the kernel, ``"frequency"`` or ``"position"``."""
 

@@ -33,8 +33,8 @@ from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
 from polywigner.source.normal_form import normal_form
 
-# Number of elements from which W and A of a lattice use array factors. An array with fewer elements
-# is computed as a single source (benchmarks/array_cost.py).
+# Smallest number of elements for which W and A of a lattice use array factors. An array with fewer
+# elements is computed as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
 # Distance from the ends of an interval, in node spacings, within which a node contributes less than
 # rounding errors.
@@ -57,7 +57,8 @@ class _Nodes:
         """Return the first contributing node, and (x, y) minus this node in the element's frame."""
         i, j = (
             0.0 * x + float(start)
-            # Copies of an element larger than the lattice all overlap, so every node contributes.
+            # If an element is larger than the lattice, all copies overlap, so every node
+            # contributes.
             if high - low >= steps
             else ops.round((x * row[0] + y * row[1]) * (1 / self.scale) - high + 0.5)
             for (low, high, start, steps), row in zip(self.windows, frame.inverse, strict=True)
@@ -67,7 +68,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps and the vectors from the first to all contributing nodes."""
+        """Return the steps and the vectors from the first node to all contributing nodes."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -116,7 +117,7 @@ class _ArrayFrame:
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # W of the element vanishes outside its hull, and A at lags beyond its size.
+    # W of an element vanishes outside its hull, and A vanishes at lags beyond its size.
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1

@@ -32,8 +32,8 @@ from polywigner.kernels.wave_pairs import (
 from polywigner.numerics import Floats, phases
 from polywigner.source.normal_form import Source
 
-# Aspect ratio from which frames are rotated and stretched. At smaller aspect ratios, rounding
-# errors of the frame are smaller than rounding errors of the kernels.
+# Aspect ratio above which frames are rotated and stretched. At smaller aspect ratios, the rounding
+# errors of the frame are smaller than the rounding errors of the kernels.
 NEEDLE_ASPECT = 8.0
 
 Matrix = tuple[tuple[Any, ...], ...]
@@ -96,7 +96,7 @@ class Frame:
 
     @property
     def axes(self) -> tuple[int, int] | None:
-        """Indices of the user's axes that are parallel to the frame's axes; None if rotated."""
+        """Indices of the user's axes parallel to the frame's axes; None for a rotated frame."""
         for axes in ((0, 1), (1, 0)):
             if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
                 return axes
@@ -173,7 +173,7 @@ def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
 
 
 def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
-    """Return the determinant of a matrix, which is exact if the entries are exact numbers."""
+    """Return the determinant of a matrix. The result is exact if the entries are exact numbers."""
     if len(matrix) == 1:
         return matrix[0][0]
     minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
@@ -214,7 +214,7 @@ def frame_along(
 ) -> Frame:
     """Return the frame with the specified direction of its first axis.
 
-    ``sizes`` are the units of length along both axes, which are powers of two.
+    ``sizes`` are the units of length along the two axes, which must be powers of two.
     """
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
@@ -230,7 +230,7 @@ def power_of_two(size: float) -> float:
     return math.ldexp(1.0, math.frexp(size)[1])
 
 
-# Cost of each plane wave after the first, in edge pairs.
+# Cost of each plane wave after the first wave, in units of the cost of an edge pair.
 _EDGES_PER_WAVE = 24
 # Largest number of edges that are constants in compiled code. Such code is two to four times as
 # fast as code that reads edges from memory, but takes 1 ms to compile for each edge pair and wave
@@ -245,9 +245,9 @@ class Tables:
 
     frame: Frame
     edges: Floats
-    """Start and end of each edge, and complex weight of its element. Shape (n, 6)."""
+    """For each edge: start, end, and complex weight of its element. Shape (n, 6)."""
     names: npt.NDArray[np.intp]
-    """Indices of the start vertex, the end vertex, the element and the group of each edge. Shape
+    """For each edge: indices of the start vertex, the end vertex, the element and the group. Shape
     (n, 4)."""
     apertures: tuple[Aperture, ...]
     weights: tuple[Any, ...]
@@ -276,7 +276,7 @@ class Tables:
 
     @cached_property
     def clips(self) -> int:
-        """Cost of one slice, in edge pairs."""
+        """Cost of one slice, in units of the cost of an edge pair."""
         return len(self.edges) * (len(self.edges) + _EDGES_PER_WAVE * (self.waves_per_cut - 1))
 
     @cached_property
@@ -289,7 +289,7 @@ class Tables:
 
     @cached_property
     def fits_code(self) -> bool:
-        """Whether edges may be constants in compiled code, as for few edges and one plane wave."""
+        """Whether edges may be constants in compiled code: few edges, one wave, coherent light."""
         is_short = len(self.edges) <= _MOST_EDGES_AS_CODE and self.waves_per_cut == 1
         return is_short and self.coherence is None
 

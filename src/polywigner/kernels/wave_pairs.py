@@ -41,14 +41,14 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """Return the carrier frequency of a source, the centre of all its wave frequencies."""
+    """Return the carrier frequency of a source: the centre of the frequencies of its waves."""
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
 
 
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
-    """Return the plane waves of an illumination in a frame. None is a uniform illumination."""
+    """Return the plane waves of an illumination in a frame. None specifies uniform illumination."""
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]
     else:
@@ -76,7 +76,7 @@ class WavePair:
     shift: Vector
     """Frequency to be subtracted from the frequency argument of W or A."""
     terms: tuple[tuple[Any, Vector], ...]
-    """Amplitude of each pair, and the frequency of its oscillation over positions or lags."""
+    """For each pair: the amplitude, and the frequency of its oscillation over positions or lags."""
     is_real: bool
     """Whether the terms include their complex conjugates, so that the sum is real."""
 

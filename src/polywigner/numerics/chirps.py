@@ -106,7 +106,7 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
 
 
 def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
-    """Return the integral for c > 0 from two tails, which is inaccurate for small phases."""
+    """Return the integral for c > 0 from two tails. The result is inaccurate for small phases."""
     root = np.sqrt(math.pi * c)
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
     first_step, first = fresnel_tail(begin, side)
@@ -117,16 +117,17 @@ def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
     return np.asarray(value * (np.exp(0.25j * math.pi) / np.sqrt(c)))
 
 
-# Largest phase along an edge [cycles]. More cycles would need gigabytes for a single point.
+# Largest phase along an edge [cycles]. A larger phase would need gigabytes for a single point.
 _MOST_CYCLES = 1e5
 # Phase on each piece of an edge [cycles], far below the limit of the largest Gauss rule.
 _CYCLES = 200.0
-# Only every fourth Gauss rule is used, so each factor of two in the number of nodes has two rules.
+# Only every fourth Gauss rule is used, so there are two rules for each doubling of the number of
+# nodes.
 _STRIDE = 4
 # Quadrature nodes per block, and (point, edge) pairs per block. A block fits into the cache of a
 # core.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
-# Quadrature nodes below which a batch is combined with the batch of the next larger rule.
+# Number of quadrature nodes below which a batch is combined with the batch of the next larger rule.
 _FEW = 1 << 9
 
 
@@ -173,15 +174,15 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
         for block in (members[k : k + step] for k in range(0, len(members), step)):
             owners = points[block]
             values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
-            # BLAS would start threads for a matrix product, which takes longer than the product
-            # itself.
+            # BLAS would start threads for a matrix product. Starting threads takes longer than the
+            # product.
             total = np.einsum("kn,n->k", values_at_nodes, weights)
             np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
 
 
 def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return an upper bound of the phase cycles of the integrand, shape (points, edges)."""
+    """Return an upper bound on the phase cycles of the integrand, shape (points, edges)."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))

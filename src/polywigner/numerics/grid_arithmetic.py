@@ -29,7 +29,7 @@ def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]
     return points[distinct], distinct
 
 
-# (side, vertex) pairs per block. Temporary arrays fit into the cache of a core.
+# Largest number of (side, vertex) pairs per block. Temporary arrays fit into the cache of a core.
 _BLOCK = 1 << 16
 
 

@@ -1,6 +1,6 @@
 """Automatic differentiation in forward mode, for formulas of kernels.
 
-A jet is a number with its derivatives. Jets of jets have second derivatives.
+A jet is a number with its derivatives. Jets of jets contain second derivatives.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any
 from polywigner.numerics import Mask, Number
 from polywigner.numerics.phases import cos_sin_cycles
 
-# Smallest divisor in derivatives. Derivatives of roots and angles are inaccurate closer to 0.
+# Smallest divisor in derivatives. Derivatives of roots and angles with a smaller divisor are
+# inaccurate.
 _LEAST = 1e-150
 
 Slopes = tuple[Any, ...]
@@ -147,7 +148,7 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
-    """Return jets and numbers with the structure of ``like`` from a list of :func:`flattened`."""
+    """Return jets and numbers with the structure of ``like``. Inverse of :func:`flattened`."""
     remaining = iter(parts)
     return [
         Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.slopes))

@@ -1,11 +1,11 @@
 """Gauss rules on intervals, triangles and trapezoids, with error estimates.
 
-An integrand on [-1, 1] that is bounded by M inside the ellipse with foci -1 and 1 and half-axes
-cosh u and sinh u has Legendre coefficients c_n of about M exp(-n u). The error of n nodes is about
-M exp(-2 n u). For a wave whose phase changes by w radians over half of the interval, M is exp(w
-sinh u). These formulas define the number of nodes. The error is then estimated as c_n^2/M from the
-values at the nodes, (B5). Triangles and trapezoids are bilinear images of the unit square, called
-cells, with products of two Gauss rules.
+An integrand on [-1, 1] that is bounded by M inside the ellipse with the foci -1 and 1 and the
+half-axes cosh u and sinh u has Legendre coefficients c_n of about M exp(-n u). The error of the
+rule with n nodes is about M exp(-2 n u). For a wave whose phase changes by w radians over half of
+the interval, M is exp(w sinh u). These formulas define the number of nodes. The error is then
+estimated as c_n^2/M from the values at the nodes, (B5). Triangles and trapezoids are bilinear
+images of the unit square, called cells, with products of two Gauss rules.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ Rules = tuple[npt.NDArray[np.float64], ...]
 """Quadrature rules as tables with the columns node, weight, and weights in the last two Legendre
 coefficients."""
 
-# Rules per factor of two in the number of nodes, and numbers of nodes of the smallest and largest
-# rule. The selected rule has on average a sixteenth more nodes than necessary.
+# Number of rules for each doubling of the number of nodes, and numbers of nodes of the smallest and
+# largest rules. The selected rule has on average a sixteenth more nodes than necessary.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
@@ -163,7 +163,7 @@ Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 @lru_cache(maxsize=64)
 def normal_rule(reach: float, error: float) -> Rule:
-    """Return the nodes and weights of a rule for the mean over a standard normal variable."""
+    """Return a quadrature rule for the mean of a function of a standard normal variable."""
     tail = math.sqrt(2 * math.log(2 / error))
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
     nodes: Any
@@ -182,7 +182,7 @@ def normal_rule(reach: float, error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
-    """Return the nodes and weights of a rule for the mean over independent normal variables.
+    """Return a quadrature rule for the mean of a function of independent normal variables.
 
     ``reaches`` contains the argument of :func:`normal_rule` for each variable. The nodes with the
     smallest weights are omitted; the sum of their weights is at most a tenth of ``error``.
@@ -197,7 +197,7 @@ def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
 
 @lru_cache(maxsize=64)
 def flat_rule(reach: float, error: float) -> Rule:
-    """Return the nodes and weights of a rule for the mean over t from -1 to 1.
+    """Return a quadrature rule for the mean of a function of t over the interval from -1 to 1.
 
     The rule has two more nodes than the error bound requires, because the integrand also contains
     powers of the frequency.
@@ -209,9 +209,10 @@ def flat_rule(reach: float, error: float) -> Rule:
 def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     """Return the numbers of Gauss-Legendre nodes for waves with a linear or quadratic phase.
 
-    The derivative of the phase on [-1, 1] is at most ``radians``. The error of n nodes is about the
-    sum of the Chebyshev coefficients of order 2n and higher: J_k(w) for exp(i w x), and J_k(w/4) of
-    order 2k for exp(i w x^2/2). Debye's approximation is J_k(k/cosh a) = exp(-k (a - tanh a)).
+    The derivative of the phase on [-1, 1] is at most ``radians``. The error of the rule with n
+    nodes is about the sum of the Chebyshev coefficients of order 2n and higher: J_k(w) for exp(i w
+    x), and J_k(w/4) of order 2k for exp(i w x^2/2). Debye's approximation is J_k(k/cosh a) = exp(-k
+    (a - tanh a)).
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))
@@ -241,8 +242,8 @@ Cells = NDArray[np.float64]
 # Quadrature nodes along a side per phase cycle of the field. W oscillates at twice the frequency of
 # the field, and Gauss rules converge with more than pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Largest number of quadrature nodes along a side. :func:`counts_for` returns more if it is
-# exceeded.
+# Largest number of quadrature nodes along a side. :func:`counts_for` returns a larger number if
+# more nodes are necessary.
 LARGEST = 4096
 
 
@@ -253,21 +254,21 @@ def areas(triangles: Triangles) -> Floats:
 
 
 def cells_of(triangles: Triangles) -> Cells:
-    """Return triangles as cells. The corner at u = 0 is opposite to the shortest side."""
+    """Return triangles as cells. The corner at u = 0 is opposite the shortest side."""
     order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
     return np.take_along_axis(triangles, order[:, :, None], axis=1)
 
 
 def _side_lengths(triangles: Triangles) -> Floats:
-    """Return the length of the side opposite to each corner, for each triangle."""
+    """Return the length of the side opposite each corner, for each triangle."""
     return np.asarray(np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1))
 
 
 def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats, Floats]]:
-    """Yield quadrature rules, together for all cells with the same numbers of nodes.
+    """Yield quadrature rules, one for each group of cells with the same numbers of nodes.
 
-    ``counts`` contains the numbers of nodes along u and v for each cell. Yields the indices of k
-    cells, the nodes, shape (k, nodes along u, nodes along v, 2), and the weights.
+    ``counts`` contains the numbers of nodes along u and v for each cell. A rule consists of the
+    indices of k cells, the nodes, shape (k, nodes along u, nodes along v, 2), and the weights.
     """
     for shared in np.unique(counts, axis=0):
         members = np.flatnonzero((counts == shared).all(axis=1))
@@ -317,7 +318,7 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats,
     """Return the nodes and weights of a Gauss rule on triangles.
 
     The integrand has up to ``rate`` phase cycles per metre. Along a side of length s the rule has
-    ``extra + 3.5 s rate`` nodes, at least 1.
+    ``extra + 3.5 s rate`` nodes, but at least 1.
     """
     nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
     return nodes, weights
@@ -352,7 +353,7 @@ def _counts(extents: Floats, rate: float, extra: float) -> Floats:
 
 
 def quartered(triangles: Triangles) -> Triangles:
-    """Return four adjacent triangles for each triangle, divided at the midpoints of its sides."""
+    """Divide each triangle at the midpoints of its sides into four consecutive triangles."""
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

@@ -43,7 +43,7 @@ def polynomial(ops: Any, coefficients: Sequence[float], x: Any) -> Number:
 
 
 def _sine_over_reduced(ops: Any, r: Any) -> Number:
-    """Return sin(2 pi r)/r for |r| up to 1/2, which is 2 pi at r = 0."""
+    """Return sin(2 pi r)/r for |r| up to 1/2. The value at r = 0 is 2 pi."""
     coefficients = _SINE_DOUBLE if ops.double else _SINE_SINGLE
     square = r * r
     return polynomial(ops, coefficients, square) * (0.25 - square)
@@ -263,7 +263,7 @@ def one_less_exp(ops: Any, x: Any, terms: int) -> Number:
 
 
 # Phase difference [cycles] below which a divided difference is a Taylor series. The recursion
-# divides by at least 0.63 rad, so errors grow by at most 1/0.63 per order.
+# divides by at least 0.63 rad, so errors grow by a factor of at most 1/0.63 per order.
 _SERIES_BELOW = 0.1
 # Number k of terms of the Taylor series. For triangles the first omitted term is (k+1)
 # 0.63^k/(k+2)!, which is 2e-18 and 7e-9. For tetrahedra it is (k+1)(k+2)/2 0.63^k/(k+3)!, which is
@@ -323,7 +323,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return the Taylor series of the conjugate divided difference at phases in radians."""
+    """Return the Taylor series of the conjugate divided difference for phases in radians."""
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:

@@ -36,19 +36,20 @@ Point = tuple[Any, ...]
 # Phase difference [cycles] below which the difference of two waves is computed as a product, to
 # avoid cancellation.
 _CLOSE = 0.5
-# A travelling wave grazes a point if the point is lower than _LOW wavelengths and the sine of its
-# angle to the mirrored ray is below _GRAZING.
+# A travelling wave grazes a point if the point is less than _LOW wavelengths above the plane and
+# the sine of its angle to the mirrored ray is less than _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
-# An evanescent wave grazes points at which it has decayed by less than exp(2 pi _LOST) = exp(pi).
+# An evanescent wave grazes a point if it has decayed there by a factor of less than exp(2 pi _LOST)
+# = exp(pi).
 _LOST = 0.5
-# Distance [half-lengths of the panel] that stands for "no singularity". It exceeds the largest
+# Distance [half-lengths of the panel] that represents "no singularity". It exceeds the largest
 # ellipse of the quadrature rules.
 _NONE = 100.0
 
 
 @dataclass(frozen=True)
 class PanelView:
-    """A straight piece of an edge in the coordinates of a point.
+    """A straight piece of an edge, in coordinates relative to a point.
 
     The position s along the panel runs from ``first`` to ``last``.
     """
@@ -56,8 +57,8 @@ class PanelView:
     first: Any
     last: Any
     length: Any
-    """Length last - first, which may be smaller than the rounding errors of ``first`` and ``last``.
-    Length last - first, which may be smaller than the rounding errors of ``first`` and ``last``."""
+    """Length last - first, which may be smaller than the rounding errors of ``first`` and
+    ``last``."""
     radius_first: Any
     radius_last: Any
     b: Any
@@ -81,8 +82,8 @@ class _Travelling:
 
         ``moment`` contains the components of p x (P - Q) along e, -n and z at the start of the
         panel, and is empty for waves along z. The data are the waves e and e', whether the wave
-        grazes the point, and the moment. The bounds are lower bounds on the sine of the angle to
-        the mirrored ray and on the distance from the mirrored ray. One bound is None.
+        grazes the point, and the moment. The two bounds are lower bounds on the sine of the angle
+        to the mirrored ray, and on the distance from the mirrored ray. One of the bounds is None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -266,16 +267,16 @@ class EdgeRule:
     """Quadrature rule for the boundary wave of a straight edge."""
 
     turns: float
-    """Excess of the path over the shortest path, in wavelengths, up to which the wave is integrated
-    along the edge."""
+    """Largest excess of the path over the shortest path, in wavelengths, for which the wave is
+    integrated along the edge."""
     nodes: tuple[tuple[float, float], ...]
     """Gauss-Legendre nodes on [-1, 1] with weights, for the part along the edge."""
     tails: tuple[tuple[float, float], ...]
-    """Gauss-Laguerre nodes with weights, for the complex path of integration beyond."""
+    """Gauss-Laguerre nodes with weights, for the complex path of integration beyond that part."""
 
     @classmethod
     def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
-        """Return the rule with ``nodes`` nodes along the edge and ``tails`` nodes beyond."""
+        """Return the rule with ``nodes`` nodes along the edge and ``tails`` complex nodes."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
@@ -308,11 +309,11 @@ class _EdgePaths:
         # over the line of the edge, and the distance from the source to the point.
         self.total = shortest + self.distance
         self.detour = product * dot(near, near) / self.total
-        # ``closing`` is 1 - cos(angle), where the angle at the edge is between the source and the
-        # point. It is 2 at the shadow boundary.
+        # ``closing`` is 1 - cos(angle) for the angle at the edge between the directions to the
+        # source and to the point. ``closing`` is 2 at the shadow boundary.
         self.closing = 0.5 * dot(away, away)
-        # ``turn`` is the product of both distances from the line of the edge and the sine of this
-        # angle. It is positive to the left of the edge.
+        # ``turn`` is the product of the two distances from the line of the edge and the sine of
+        # this angle. ``turn`` is positive to the left of the edge.
         self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Number:
@@ -322,12 +323,13 @@ class _EdgePaths:
             size = ops.sqrt(product * product + lean * lean) + product
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # ``low`` and ``high`` are the square roots of the detours over both ends of the edge, minus
-        # the shortest detour. A root is negative before the position of the shortest detour.
+        # ``low`` and ``high`` are the values of v at the ends of the edge. The square v^2 is the
+        # detour over the end minus the shortest detour, and v is negative before the position of
+        # the shortest detour.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` over the sine of half the angle at a plate's edge; positive in front."""
+        """Return ``turn`` / sin(angle / 2) at a plate's edge, positive in front of the plate."""
         near = 2.0 * self.distance_product * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
         size = ops.select(self.closing > 1.0, steep, near)
@@ -338,7 +340,7 @@ class _EdgePaths:
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
-        """Return the angle of the edge about the source-point axis, for roots below ``limit``."""
+        """Return the angle of the edge about the source-point axis, for |v| < ``limit``."""
         low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
         closing = ops.maximum(self.closing, 1.0)
@@ -360,7 +362,7 @@ def edge_wave(
     """Return 2 pi times the ratio of the boundary wave of an edge to the unobstructed wave.
 
     The boundary wave is the integral of the wave of a point source along a directed edge of a
-    silhouette, (SB3). The variable of integration v is the square root of the detour minus the
+    silhouette, (SB3). The square v^2 of the variable of integration is the detour minus the
     shortest detour. The integrand is exp(2 pi i v^2) times a smooth even function, whose poles at
     the shadow boundary are integrated in closed form. Beyond ``rule.turns`` the path of integration
     is complex. The result is a tuple of the real and the imaginary part.
@@ -368,9 +370,9 @@ def edge_wave(
     Parameters
     ----------
     rule : EdgeRule
-        Quadrature nodes along the edge and beyond.
+        Quadrature nodes along the edge and on the complex path.
     source, point, start, end : tuple of arrays
-        Coordinates of the point source, the observer and both ends of the edge, in wavelengths.
+        Coordinates of the point source, the observer and the two ends of the edge, in wavelengths.
     aside : tuple of arrays, optional
         Position near the point that decides on which side of the shadow boundary the point lies.
     when : callable, optional

@@ -137,7 +137,7 @@ def leave_phase(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
     """Return the real and imaginary part of the field at a point, and the error estimate.
 
-    The field lacks the phase of the distance from the centre of the source to the point.
+    The field does not include the phase of the distance from the centre of the source to the point.
     """
     totals: Values = ()
     for wave, flag in ((TRAVELLING, 0.0), (EVANESCENT, 1.0)):
@@ -181,7 +181,7 @@ def _panel(
 def seen_from(
     ops: Any, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Values]:
-    """Return a panel in the coordinates of a point, and the wave at the point.
+    """Return a panel in coordinates relative to a point, and the wave at the point.
 
     The results are the panel, the unobstructed wave at the point, the moment (empty for waves along
     z), and arguments of :func:`edge_wave`.
@@ -216,7 +216,7 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
 def panel_view(
     ops: Any, first: Any, length: Any, b: Any, z: Any, cosines: tuple[Any, Any, Any]
 ) -> PanelView:
-    """Return a panel that begins at (first, b) in the coordinates of a point.
+    """Return a panel that begins at (first, b) in coordinates relative to a point.
 
     ``cosines`` are the direction cosines of the wave.
     """
@@ -237,7 +237,7 @@ def sums_over_panel(
     Parameters
     ----------
     bounds : tuple
-        Two lower bounds of the distance of singularities, and the required digits of accuracy.
+        Two lower bounds on the distance to singularities, and the required digits of accuracy.
     node : callable
         Function (t, s, radius, step / radius, weights, *data) that returns the values at a node.
     values : int
@@ -279,8 +279,8 @@ def sums_over_panel(
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """Return whether the rule along the panel suffices, and its clearance, phase and half-length.
 
-    The clearance is the distance of singularities in half-lengths, and the phase is in cycles over
-    half of the panel.
+    The clearance is the distance to the nearest singularity in half-lengths of the panel. The phase
+    is the change over half of the panel in cycles.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -294,7 +294,7 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
 
 
 def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return clearance, phase, centre and half-length for the variable v of s = away sinh v."""
+    """Return the clearance, phase, centre and half-length for the variable v in s = away sinh v."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
     low = inverse_sinh(ops, view.first / away, view.radius_first / away)
     high = inverse_sinh(ops, view.last / away, view.radius_last / away)
@@ -317,8 +317,8 @@ def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
 def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
-    All panels have the same rounding error of the distance. Far outside the shadow pattern this
-    error cancels, except for the fraction ``slope``.
+    The rounding error of the distance is the same for all panels. Far outside the shadow pattern
+    this error cancels, except for the fraction ``slope``.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
@@ -372,11 +372,11 @@ def edge_wave(
 def seen_in_parabolic_waves(
     ops: Any, row: Values, inner: Values, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Any]:
-    """Return a panel in the coordinates of a point, for the parabolic waves of (B6).
+    """Return a panel in coordinates relative to a point, for the parabolic waves of (B6).
 
     The results are the panel, the unobstructed wave, arguments of :func:`edge_wave` with the height
-    z as the distance, and the phase in cycles whose rounding error contributes to the error of the
-    panel. The origin is the position at which the ray of the wave through the point crosses the
+    z as the distance, and the phase, in cycles, whose rounding error contributes to the error of
+    the panel. The origin is the position at which the ray of the wave through the point crosses the
     plane.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row

@@ -3,8 +3,8 @@
 The phase along an edge is stationary at the position from which the diffracted ray (Keller's cone)
 reaches the point. Gauss-Legendre nodes integrate the inner part, where the phase is within a few
 cycles of its stationary value c. Outside, the path of integration is deformed into the complex
-plane. The number of nodes does not depend on the wavelength. The formulas are (B10) and (B11) of
-docs/theory/exact_fields.md.
+plane. The number of quadrature nodes does not depend on the wavelength. The formulas are (B10) and
+(B11) of docs/theory/exact_fields.md.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _SIZES = (2, 3, 4, 5, 6, 8, 10)
 # x^2)^(2n). The bound also holds for products of such factors whose powers add up to -2, if each
 # factor has a larger x^2.
 _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
-# Distance that represents "no singularity", in half-lengths of the edge. It exceeds the largest
+# Distance [half-lengths of the edge] that represents "no singularity". It exceeds the largest
 # ellipse of the quadrature rules.
 _NO_SINGULARITY = 100.0
 # Number of phase cycles along an edge above which two tails need fewer quadrature nodes than the
@@ -61,8 +61,8 @@ def _tail_rules() -> Rules:
 def steepest_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
     """Return the field of travelling waves at a point, and the error estimate.
 
-    Each row of ``tables`` is a complete edge. The field lacks the phase of the distance from the
-    centre of the source.
+    Each row of ``tables`` is a complete edge. The field does not include the phase of the distance
+    from the centre of the source.
     """
     rows = [row[:-1] for row in tables.edges]
     oblique = any(row[5] or row[7] for row in rows)
@@ -91,7 +91,7 @@ class _End:
 
 @dataclass(frozen=True)
 class _Line:
-    """Constants along the line of an edge, for one point and one wave."""
+    """Quantities that are constant along the line of an edge, for one point and one wave."""
 
     view: PanelView
     upright: Any
@@ -138,7 +138,7 @@ class _Line:
         return _End(t, s, radius, slope, phase, slope * slope / (self.least + phase))
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the inner part of an edge, which may be the complete edge."""
+        """Return the ends of the inner part of an edge. The inner part may be the complete edge."""
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
         foot = -view.along * (self.least + rim) - self.upright * view.first
@@ -221,7 +221,7 @@ class _Line:
         if not self.curved:
             nearest = nearest + _NO_SINGULARITY * half
         if self.mirror_factor:
-            # ``tilt`` is a lower bound of the sine of the angle between the point and the mirrored
+            # ``tilt`` is a lower bound on the sine of the angle between the point and the mirrored
             # ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
@@ -273,7 +273,7 @@ class _Line:
 
 
 def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
-    """Return the index of the smallest rule with an error bound, (B11), of exp(-digits)."""
+    """Return the index of the smallest rule whose error bound (B11) is at most exp(-digits)."""
     decay = ops.log(2.0 * math.pi * ops.maximum(beyond, 0.1))
     number = 0.0
     for size, bound in zip(_SIZES[:-1], _BOUNDS[:-1], strict=True):

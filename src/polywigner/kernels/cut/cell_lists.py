@@ -32,19 +32,19 @@ from polywigner.kernels.cut.pair_grid import (
 )
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
-# Start and vector of a placeholder edge, which crosses no edge of an outline and is parallel to
-# none.
+# Start and vector of a placeholder edge. It does not cross any edge of an outline, and is not
+# parallel to any edge.
 _NO_EDGE = (877.0, 512.375, 1.0, 0.28125)
-# Number of edge pairs, and product of the numbers of cells and edges, per block. The arrays of a
-# block fit into the cache of a core.
+# Largest number of edge pairs per block, and largest product of the numbers of cells and edges. The
+# arrays of a block fit into the cache of a core.
 _BLOCK = 1 << 15
 _DENSE = 1 << 18
-# Margin around each cell in frame units, far larger than rounding errors.
+# Margin around each cell, in units of the frame. It is far larger than rounding errors.
 _MARGIN = 1e-12
 # A level is the weighted winding number of the other copy. _NO_WEIGHT and 1/_LEVELS are tolerances
 # for zero levels and for equal levels, relative to the largest weight.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
-# Limits of the number of cells along a side and of the total number of rows. With 64 cells along a
+# Largest number of cells along a side, and largest total number of rows. With 64 cells along a
 # side, a cell of a regular 30-gon contains about 4 edge pairs (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
@@ -94,7 +94,7 @@ class _Cells:
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
     """Return the number of cells along the longer side of the plane of offsets.
 
-    Smaller cells have shorter lists, but take more time to build and need more memory.
+    Smaller cells have shorter lists, but the lists take more time to build and more memory.
     """
     size, outlines = float(_reach(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
@@ -168,7 +168,8 @@ def _reach(first: Outline, second: Outline) -> Array:
 def _leads(outline: Outline, far: float) -> Array:
     """Return horizontal lines from the left and from the right to the first vertex of each ring.
 
-    The left line starts outside the other copy for offsets x >= 0, the right line for x < 0.
+    The left line starts outside the other copy for offsets with x >= 0, and the right line for
+    offsets with x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -271,8 +272,8 @@ def _other_rows(
     """Return (cell, row, level) of crossing edges and of edges whose level changes in a cell."""
     at, i, j = pairs
     count = changes.shape[1]
-    # If the level of a ring's first vertex changes within a cell, the crossings with the line to
-    # the ring define the level.
+    # If the level at a ring's first vertex changes within a cell, the crossings with the line to
+    # the ring define this level.
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count

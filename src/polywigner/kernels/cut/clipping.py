@@ -1,4 +1,4 @@
-"""Edges of an outline, clipped by another copy of the outline, if edges are constants of the code.
+"""Clipping of an outline by a copy of the outline, with edges as constants in compiled code.
 
 Edges are clipped by the sides of convex pieces. Vertices lie on a grid, so nearly parallel and
 coincident edges are clipped as in exact arithmetic (docs/theory/edges.md). A point p of an edge
@@ -74,7 +74,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Piece:
-    """Convex piece of an element, as pairs of a line index and a side.
+    """Convex piece of an element, as a sequence of pairs (line index, side).
 
     The side is 1 if the piece lies to the left of the line, and -1 otherwise.
     """
@@ -95,7 +95,7 @@ class Constants:
     lines: tuple[Line, ...]
     pieces: tuple[Piece, ...]
     step: float
-    """Grid spacing, to which offsets must be rounded."""
+    """Spacing of the grid to which offsets must be rounded."""
 
 
 @lru_cache(maxsize=128)
@@ -160,7 +160,7 @@ class View:
 
     @property
     def side(self) -> float:
-        """Sign of the offset relative to the copy with the edges, which decides ties."""
+        """Sign of the offset relative to the copy with the edges. The sign decides ties."""
         return float(-self.offset * self.point)
 
 
@@ -169,7 +169,7 @@ BEHIND = View(offset=-1, point=+1)
 AHEAD = View(offset=+1, point=+1)
 
 Cuts = dict[View, list[tuple[Any, Any, Any, Any]]]
-"""Values of `Clipper.intervals` of an edge, for each view."""
+"""Parts of an edge that `Clipper.intervals` yields, for each view."""
 
 
 class Clipper:
@@ -263,8 +263,8 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.lines[number]
-            # Edge and line may be nearly parallel, so their cross product must be accurate to an
-            # ulp.
+            # The edge and the line may be nearly parallel, so their cross product must be accurate
+            # to an ulp.
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
                 distance = self._exact_distance(edge, line, view)

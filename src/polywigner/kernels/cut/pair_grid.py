@@ -26,8 +26,8 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 CROSSING, START, WHOLE, INSIDE, LEAD, CLIPPED = range(6)
 # Bound on the rounding error of a cross product of vectors in the frame.
 ROUNDED = 1e-13
-# A normal number below all nonzero cross products on the grid, which are at least 2^-106 in double
-# precision and 2^-48 in single precision.
+# A normal number that is smaller than all nonzero cross products on the grid. Their magnitude is at
+# least 2^-106 in double precision and 2^-48 in single precision.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -44,12 +44,12 @@ class Outline:
     step: float
     """Spacing of the grid, a power of two."""
     edges: Array
-    """Start, end, 0, complex weight and 0 of each edge, shape (n, 8). The polygon lies to the left.
-    Start, end, 0, complex weight and 0 of each edge, shape (n, 8). The polygon lies to the left."""
+    """For each edge: start, end, 0, complex weight, and 0. The polygon lies to the left of its
+    edges. Shape (n, 8)."""
     starts: Array
     """Index of the first edge of each ring, followed by the number of edges."""
     names: Array
-    """Indices of the start vertex, the end vertex and the element of each edge, and 0. Shape (n,
+    """For each edge: indices of the start vertex, the end vertex and the element, and 0. Shape (n,
     4)."""
 
     @property
@@ -106,14 +106,14 @@ class PairGrid:
     """Lower and upper corner of the cells, cells per unit length, cells in a row, number of cells,
     and spacing of the grid. Shape (1, 8)."""
     cells: Any
-    """First row, first row that is not INSIDE, end of the rows, and 0, for each cell. The last cell
+    """For each cell: first row, first row that is not INSIDE, end of the rows, and 0. The last cell
     is empty and covers all offsets outside the grid. Shape (number of cells + 1, 4)."""
     rows: Any
-    """Edge of the first outline, edge of the second outline, kind, and index of the level. Shape
-    (k, 4)."""
+    """For each row: edge of the first outline, edge of the second outline, kind, and index of the
+    level. Shape (k, 4)."""
     first: Any
-    """Start, vector, 0, complex weight and 0 of each edge of the first outline, shape (n, 8). The
-    last rows are the lines to the rings, with a weight of 1."""
+    """For each edge of the first outline: start, vector, 0, complex weight, and 0. The last rows
+    are the lines to the rings, with a weight of 1. Shape (n, 8)."""
     second: Any
     """Edges of the second outline, in the same form. The last edge crosses no other edge."""
     names: Any
@@ -131,7 +131,7 @@ class PairGrid:
 
     @cached_property
     def on_host(self) -> HostGrid:
-        """The same tables in the layout of :func:`cut_edges`."""
+        """The same tables in the layout that :func:`cut_edges` requires."""
         low_x, low_y, _, _, per_unit, across, count, step = self.numbers[0].tolist()
         shape = round(count / across), round(across)
         cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
@@ -190,7 +190,7 @@ class HostGrid:
     """First three columns of ``PairGrid.cells``, with a border of empty cells. Shape (n, 3)."""
     rows: Array
     first: Array
-    """Start, vector, tie limit + i length, and weight of each edge, shape (n, 4)."""
+    """For each edge: start, vector, tie limit + i length, and weight. Shape (n, 4)."""
     second: Array
     levels: Array
     is_uniform: bool
@@ -230,12 +230,12 @@ def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
 def cut_edges(
     grid: HostGrid, row: Array, owner: Array, t: Array, side: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the parts of edges from a crossing to the end of the edge, for each offset.
+    """Return the parts of edges between a crossing and the end of the edge, for each offset.
 
     Parameters
     ----------
     row, owner : ndarray
-        Rows and the index of the offset of each row, from `rows_at`.
+        Rows, and the index of the offset for each row, as returned by `rows_at`.
     t : ndarray, shape (n,)
         Complex offsets on the grid.
     side : float
@@ -304,7 +304,7 @@ def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> 
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
-    """Return whether an edge crosses an edge of the mirrored copy, and where.
+    """Return whether and where an edge crosses an edge of the mirrored copy.
 
     Edges are (start x, start y, vector x, vector y). The offset (``tx``, ``ty``) maps a point p of
     the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.

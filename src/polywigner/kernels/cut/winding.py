@@ -33,9 +33,10 @@ copy."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 
-# Number of samples assumed if the caller does not specify one.
+# Number of samples that is assumed if the caller does not specify a number.
 _MANY = 1 << 20
-# Limit of the cached edge pairs of all sources in bytes. Copies on devices are not counted.
+# Largest total size [bytes] of the cached edge pairs of all sources. Copies on devices are not
+# counted.
 _MOST_BYTES = 1 << 27
 # Stands for infinity. Its product with a frequency is finite.
 _FAR = 1e9
@@ -72,7 +73,7 @@ _cache_lock = threading.Lock()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """Return the index of the cell that contains an offset. Outside the grid, the cell is empty."""
+    """Return the index of the cell that contains an offset, or of the empty cell off the grid."""
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (

@@ -36,8 +36,9 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
 def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     """Return a frequency, or a slightly larger frequency if its square would underflow.
 
-    Terms are of the order of the squared frequency. Rounding errors of their sum, up to 6e-8 of the
-    sum, must not underflow either. A limit of 1e-16 made errors in float32 eight times as large.
+    Terms are of the order of the squared frequency. The rounding errors of the sum of terms, up to
+    6e-8 of the sum, must not underflow either. A limit of 1e-16 would make errors in float32 eight
+    times as large.
     """
     return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
 
@@ -61,8 +62,8 @@ class EdgeTerms:
     """Terms of all parts of edges at one nonzero frequency.
 
     A part has the vector d = extent length u, and its term depends only on d. The unit vector u of
-    constant edges is shared by parallel edges. For edges in memory, u is the edge vector or d
-    itself, and the length is 1. A term must change its sign with d.
+    constant edges is shared by parallel edges. For edges in memory, u is the edge vector or d, and
+    ``length`` is 1. The sign of a term must change if d is reversed.
     """
 
     values: int
@@ -95,7 +96,8 @@ class EdgeTerms:
 
         ``half`` and ``midpoint`` are nu.d/2 and nu.m in cycles. ``extent`` is the length of the
         part as a fraction of the edge. ``weight`` is complex: the product of both elements' weights
-        and the jump or level of the other copy. The factors of :meth:`of_edge` are not included.
+        and the jump or level of the other copy. The factors that :meth:`of_edge` applies are not
+        included.
         """
         raise NotImplementedError
 
@@ -128,7 +130,7 @@ class EvenTerms(EdgeTerms):
         """Return nu.u, bounded away from 0, and cross(nu, u)/(nu.u)."""
         ops, (nu_x, nu_y) = self.ops, self.nu
         # The square of nu.u must be a normal number, because subnormal arithmetic is a hundred
-        # times slower. SIMD lanes that have finished a loop have nu.u = 0.
+        # times slower. In SIMD lanes that have finished a loop, nu.u is 0.
         floor = 1e-30 if ops.double else 1e-18
         along = ops.fma(nu_x, ux, nu_y * uy)
         along = ops.select(abs(along) < floor, floor, along)

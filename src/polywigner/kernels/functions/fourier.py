@@ -54,7 +54,7 @@ class OutlineTables:
 def outline_tables(
     rings: Sequence[npt.NDArray[np.float64]], frame: Frame | None = None
 ) -> OutlineTables:
-    """Return the edges of the polygon to the left of rings, by default in the polygon's frame."""
+    """Return the edges of the polygon to the left of the rings, by default in its frame."""
     frame = frame or frame_of(np.concatenate(rings))
     edges: list[tuple[float, ...]] = []
     following: list[int] = []
@@ -95,7 +95,8 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
         cosine, sine = simplex_plane_wave(ops, *corners)
         return cosine * row[-1], sine * row[-1]
 
-    # Unrolled code for the tetrahedra of a cube takes 3 s to compile and runs at half the speed.
+    # For the tetrahedra of a cube, unrolled code takes 3 s to compile and runs at half the speed of
+    # a loop.
     is_plane = len(nu) == 2
     total: Values = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=is_plane)
     return total
@@ -135,7 +136,7 @@ class SolidTables:
 
 @lru_cache(maxsize=64)
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
-    """Return the tetrahedra of a polyhedron, which are the same for both precisions."""
+    """Return the tetrahedra of a polyhedron. They are the same for float64 and float32."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
     # Fans divide opposite faces of a thin body into the same triangles, so that rounding errors
@@ -149,14 +150,15 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
 
 
 def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
-    """Return the centre of a polyhedron's bounding box, and its axes in units of powers of two.
+    """Return the centre of a polyhedron's bounding box, and its axes times their units of length.
 
-    Long or flat bodies have their principal axes, with a separate unit for each axis.
+    The units are powers of two. Long or flat bodies use their principal axes, with a separate unit
+    for each axis.
     """
     mean = body.vertices.mean(axis=0)
     # By default NumPy would allocate a square matrix with one row for each vertex.
     _, _, principal = np.linalg.svd(body.vertices - mean, full_matrices=False)
-    # Right-handed axes keep the sign of volumes.
+    # Right-handed axes preserve the sign of volumes.
     principal = principal * np.sign(np.linalg.det(principal))
     axes = min(np.eye(3), principal, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T
@@ -191,10 +193,12 @@ _MOST_SLENDER = 512.0
 _NEAR, _TERMS = 0.1, 5
 # Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
-# Size of a matrix product that BLAS does not divide among threads, and smallest number of rows.
-# Threads take up to a hundred times as long on a busy machine; smaller products cost a tenth more.
+# Largest matrix product [multiplications] that BLAS does not divide among threads, and smallest
+# number of rows of a product. On a busy machine, threads take up to a hundred times as long;
+# dividing a product into these smaller products costs only a tenth more.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
-# Largest number of edges whose waves are in memory, about 40 MB for 512 x 512 points.
+# Largest number of edges whose waves are in memory at the same time. These waves take about 40 MB
+# for 512 x 512 points.
 _MOST_EDGES = 1024
 # Difference in the frame below which edge vectors are treated as equal, because edges of congruent
 # elements differ by rounding errors.
@@ -209,8 +213,8 @@ class Family:
     ey: float
     midpoints: npt.NDArray[np.float64]
     weights: npt.NDArray[np.complex128]
-    """Field on the element of each edge, with the opposite sign for the vector -(ex, ey). Shape
-    (n,)."""
+    """Field on the element of each edge, with the opposite sign for edges with the vector -(ex,
+    ey). Shape (n,)."""
 
     @property
     def is_straight(self) -> bool:
@@ -296,8 +300,8 @@ class _FamilyTerm:
     """Contribution of a family of edges to the Fourier transform on a grid of frequencies, (F4).
 
     The contribution is pi (nu x e) sinc(nu.e), where e is the vector of the edges, times the sum of
-    the waves at all midpoints, which is a matrix product. ``x`` and ``y`` contain the frequencies
-    along each axis in the frame, and the phase of the centre in cycles.
+    the waves at all midpoints. This sum is a matrix product. ``x`` and ``y`` contain the
+    frequencies along each axis in the frame, and the phase of the centre in cycles.
     """
 
     def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:

@@ -1,8 +1,8 @@
 """Closed-form transforms of slits, which are intervals on a line, (S1) to (S3) of docs/theory.md.
 
-Lag slices and position slices of two intervals are intervals as well. The distance of the centres
-is computed without rounding, so overlaps are accurate to an ulp even for slits much narrower than
-their distance.
+Lag slices and position slices of two intervals are intervals as well. The distance between the
+centres is computed without rounding, so overlaps are accurate to an ulp even for slits much
+narrower than the distance between them.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> 
 class SlitFrame:
     """Normalised coordinates on a line.
 
-    A position x has the coordinate (x - centre)/measure, and a frequency nu becomes measure nu. The
-    unit of length ``measure`` is a power of two.
+    A position x has the coordinate (x - centre)/measure, and a frequency nu has the coordinate
+    measure × nu. The unit of length, ``measure``, is a power of two.
     """
 
     centre: tuple[float]
@@ -88,18 +88,18 @@ class SlitTables:
 
     frame: SlitFrame
     edges: tuple[tuple[Any, ...], ...]
-    """`Interval` of each slit, or its start and length as two floats each for the Fourier
-    transform."""
+    """`Interval` of each slit. For the Fourier transform: start and length of each slit, as two
+    floats each."""
 
 
 @dataclass(frozen=True)
 class PairTables:
     """Pairs of slits and of their plane waves, with one row of numbers for each pair.
 
-    A row contains the distance of the centres at x = 0 or xi = 0 as two floats, both half-lengths,
-    the mean of the centres as two floats, the complex product of one field and the conjugate of the
-    other, the shift to subtract from the frequency, and the frequency of the product along 4x or
-    xi.
+    A row contains the distance between the centres at x = 0 or xi = 0 as two floats, both
+    half-lengths, the mean of the centres as two floats, the complex product of one field and the
+    conjugate of the other, the shift to subtract from the frequency, and the frequency of the
+    product along 4x or xi.
     """
 
     frame: SlitFrame
@@ -234,7 +234,7 @@ class LineField:
 
 
 def _length(ops: Any, overlap: Any, scale: float) -> Number:
-    """Return the length of an overlap, which is at least 0, and NaN for NaN positions."""
+    """Return the length of an overlap: at least 0, or NaN for NaN positions."""
     return scale * ops.maximum(overlap, 0.0) + (overlap - overlap)
 
 

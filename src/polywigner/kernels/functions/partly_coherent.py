@@ -1,7 +1,7 @@
 """Kernels of the Wigner function in partially coherent light, (I5) of docs/theory.md.
 
-The integrand of W contains the degree of coherence exp(-xi^2/(2 width^2)) at the lag xi. Only the
-contribution of a part of an edge differs from coherent light.
+The integrand of W contains the degree of coherence exp(-xi^2/(2 width^2)) at the lag xi. Compared
+with coherent light, only the contribution of a part of an edge changes.
 """
 
 from __future__ import annotations

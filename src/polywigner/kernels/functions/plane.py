@@ -37,7 +37,7 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return uncached tables, because a cached equal source may start its rings elsewhere."""
+    """Return uncached tables, because rings of an equal source in the cache may start elsewhere."""
     return build_tables(normal_form(source), double=double)
 
 
@@ -71,7 +71,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of a plane with a pose. The arithmetic is exact."""
+    """Return the frame of a plane that is placed at a pose in space. The arithmetic is exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]

@@ -52,13 +52,14 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     return (corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)), allowed
 
 
-# Deviations of amplitudes from a product of profiles, relative to the largest amplitude, and of
-# equal frequencies, in cycles per side or relative to the largest frequency. Such deviations change
-# W by less than 1e-13 of the energy.
+# Largest deviation of amplitudes from a product of profiles, relative to the largest amplitude, and
+# largest difference of equal frequencies, in cycles per side or relative to the largest frequency.
+# Deviations up to these limits change W by less than 1e-13 of the energy.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Largest rounding error of frequencies [cycles per side] that is added to the limit.
+# Largest rounding error of frequencies [cycles per side] that is added to the limit for equal
+# frequencies.
 _LARGEST_ROUNDING = 1e-6
-# Cost of a pair of waves in edge pairs.
+# Cost of a pair of waves, in units of the cost of an edge pair.
 _CLIPS_PER_PAIR = 0.5
 
 
@@ -104,9 +105,9 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     sizes = power_of_two(length), power_of_two(width)
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
-    # Frequencies have a rounding error of some ulps. For a rotated rectangle the error of the
-    # rotation angle is added, which is the rounding error of the corners divided by the length of
-    # the rectangle.
+    # Frequencies have a rounding error of some ulps. For a rotated rectangle, the error of the
+    # rotation angle is added: the rounding error of the corners divided by the length of the
+    # rectangle.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)

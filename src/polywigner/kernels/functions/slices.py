@@ -1,7 +1,7 @@
 """Wigner and ambiguity functions as sums over the edges of slices, (W1), (W2) and (A1).
 
 A slice is the intersection of two copies of the source. For fields of several plane waves, each
-pair of waves contributes the sum of a uniform source at a shifted frequency, times an amplitude
+pair of waves contributes the sum for a uniform source at a shifted frequency, times an amplitude
 that depends only on position or lag, (I2) and (I3). Edges are clipped once for all pairs.
 """
 
@@ -37,19 +37,19 @@ from polywigner.numerics.phases import Pair
 Values = tuple[Any, ...]
 Array = NDArray[Any]
 Views = tuple[tuple[View, float], ...]
-"""Pairs of a view and a side. A point p of an edge is the point ``scale (p + side T)`` of the slice
-at the offset T."""
+"""Pairs of a view and a side. The point p of an edge becomes the point ``scale (p + side T)`` of
+the slice at the offset T."""
 Pairing = tuple[int, int, Views, Sequence[WavePair]]
-"""Group whose edges are clipped, group of the other copy, views of the edges, and pairs of waves.
-Group whose edges are clipped, group of the other copy, views of the edges, and pairs of waves."""
+"""Group whose edges are clipped, group of the other copy, views of the edges, and pairs of
+waves."""
 
 # Numbers of (sample, edge) pairs and of (edge part, frequency) pairs per block on NumPy. The arrays
 # take about 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
 # Number of samples for which the edge pairs are optimised on NumPy.
 _SAMPLES = 1 << 9
-# Number of wave pairs up to which compiled code contains the pairs as constants. Compilation takes
-# 20 ms per pair.
+# Largest number of wave pairs that compiled code contains as constants. Compilation takes 20 ms per
+# pair.
 MOST_PAIRS_AS_CODE = 16
 # Columns of a table of wave pairs: amplitude, shift and rate, padded to a multiple of four.
 _ROW = 8
@@ -211,7 +211,7 @@ class SliceSum:
     def parts(
         self, tables: Tables, position: Sequence[Array]
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
-        """Yield pairs of waves, whether terms are even, position indices, and parts of edges, (K1).
+        """Yield pairs of waves, whether the terms are even, position indices, and edge parts, (K1).
 
         A part is (centre x, centre y, vector x, vector y, real weight, imaginary weight) in the
         slice.
@@ -249,9 +249,9 @@ class SliceSum:
         """Return the parts of edges of the slices at all positions, for compiled code.
 
         The results are the index of the first part of each position, a table of the parts, and
-        whether all weights are real. A row contains centre and vector if all weights are 1 or -1
-        and no frequency is shifted; a part with a weight of -1 is then reversed. Otherwise a row
-        also contains the complex weight and the frequency shift.
+        whether all weights are real. A row contains the centre and the vector of a part if all
+        weights are 1 or -1 and no frequency is shifted; a part with a weight of -1 is then
+        reversed. Otherwise, a row also contains the complex weight and the frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
