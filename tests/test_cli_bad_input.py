@@ -212,7 +212,7 @@ BAD: dict[str, str] = {
         scaled.xml => to_world | scale
         blind.xml => no <sensor> | add
         no_pixels.xml => 0 x 4 | one pixel
-        bright.xml => pixels | finite
+        bright.xml => values of the image | finite
     """,
     "render lit.xml": """
         --spp 0 => --spp | 1
