@@ -105,8 +105,8 @@ def summed_over_lags(
 ) -> Floats | None:
     """Return the irradiance at points (n, 2) behind a first-order system by (PC10).
 
-    ``error`` is relative to the largest irradiance. The result is None in an image plane (B = 0),
-    or if the rule has too many nodes.
+    ``error`` is relative to the largest irradiance. The result is None if B is singular (an
+    image along at least one direction), or if the quadrature rule has too many nodes.
     """
     determinant = abs(float(np.linalg.det(system.B)))
     if not determinant > 0.0:

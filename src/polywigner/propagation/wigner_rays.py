@@ -244,7 +244,10 @@ _SAMPLE = 256
 
 
 def _kinks(source: Aperture | Array) -> Floats | None:
-    """Return the segments (m, 2, 2) on which W has kinks (T1), or None if there are too many."""
+    """Return the segments (m, 2, 2) of positions at which W has kinks, or None if there are many.
+
+    The segments consist of the midpoints between a vertex and the points of an edge (T1).
+    """
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0

@@ -372,7 +372,10 @@ def edge_wave(
 def seen_in_parabolic_waves(
     ops: Any, row: Values, inner: Values, oblique: bool
 ) -> tuple[PanelView, Pair, Values, Any]:
-    """Return a panel in coordinates relative to a point, for the parabolic waves of (B6).
+    """Return a panel of an edge relative to a point, for the parabolic waves of (B6).
+
+    ``row`` is a row of panel data, and ``inner`` contains the point as x, y and z, each as two
+    floats. A plane wave at oblique incidence requires ``oblique``.
 
     The results are the panel, the unobstructed wave, arguments of :func:`edge_wave` with the height
     z as the distance, and the phase, in cycles, whose rounding error contributes to the error of

@@ -190,10 +190,10 @@ class Clipper:
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> tuple[Any, ...]:
-        """Return the sums of ``term(edge)`` over the edges of a group.
+        """Return the sums of the ``values`` results of ``term(edge)`` over the edges of a group.
 
-        Elements with the same field form a group. The group ``other`` clips the edges. ``values``
-        is the number of results of ``term``.
+        Elements with the same field form a group. ``term`` clips the edge, so the group ``other``,
+        whose elements clip the edges, is not used here.
         """
         totals = [0.0] * values
         for edge in (edge for edge in self.edges if edge.group == group):

@@ -102,7 +102,11 @@ class EdgeTerms:
         raise NotImplementedError
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
-        """Return the term of an edge from the sums over its parts."""
+        """Return the term from the sums of :meth:`added` over some or all parts of an edge.
+
+        The result must be linear in ``sums``, because some strategies call this method for each
+        part and others once per edge.
+        """
         raise NotImplementedError
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:

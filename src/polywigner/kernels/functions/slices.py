@@ -184,7 +184,11 @@ class SliceSum:
         return self._as_waves(results)
 
     def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
-        """Return the sums at n positions, for frequencies of shape (n,), (1, m) or (n, m)."""
+        """Return the ``values`` edge sums at n positions, with shape (n,) or (n, m).
+
+        ``position`` and ``nu`` are vectors (x, y). The frequencies have the shape (n,), (1, m) or
+        (n, m).
+        """
         is_shared, count = nu[0].ndim > 1, len(position[0])
         check = position[0] + position[1]
         check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])

@@ -359,7 +359,11 @@ class Shadows:
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
     ) -> tuple[Point, Point, Point, Any]:
-        """Return a node, the ends of an edge, and whether a surface blocks the boundary wave."""
+        """Return a node, both ends of an edge, and whether the face at the edge blocks its wave.
+
+        ``number`` selects the ends, which can differ between nodes. The last result is None if no
+        face of the scene blocks boundary waves.
+        """
         m, ops, row = self._m, self._ops, edge.row
         step = m.UInt32(row[13])
         ends = ops.gather(self._tables["ends"], m.UInt32(row[12]) + number * step)
