@@ -152,6 +152,19 @@ def test_waves_of_a_small_source_have_their_obliquity_along_edges() -> None:
     assert error_on_floor(0.5e-3, bodies) < 8e-4
 
 
+@pytest.mark.drjit
+@pytest.mark.llvm
+def test_shadow_lines_on_a_wall_move_with_the_nodes() -> None:
+    use("llvm_ad_mono")
+    wall = transform().translate([0.0, 0.0, 0.2]).scale([0.04, 0.04, 0.005])
+    post = transform().translate([0.02, 0.003, 0.17]).scale([0.004, 0.008, 0.025])
+    bodies = {
+        name: {"type": "cube", "to_world": pose, "bsdf": BLACK}
+        for name, pose in (("wall", wall), ("post", post))
+    }
+    assert error_on_floor(4e-3, bodies) < 2e-3
+
+
 @pytest.mark.slow
 @pytest.mark.drjit
 @pytest.mark.llvm

@@ -159,6 +159,17 @@ class _Edges(NamedTuple):
     span: tuple[int, int]
     """First and end node."""
 
+    def are_fixed(self) -> NDArray[np.bool_]:
+        """Return whether each edge (m,) lies on one line for all nodes.
+
+        The shadow line of an edge on another surface moves with the node.
+        """
+        start, end = self.lines[:, None, None, :3], self.lines[:, None, None, 3:]
+        ends = self.ends.reshape(*self.ends.shape[:2], 2, 3)
+        across = np.linalg.norm(np.cross(ends - start, end - start), axis=-1).max(axis=(1, 2))
+        length = np.linalg.norm(end - start, axis=-1)[:, 0, 0]
+        return np.asarray(across <= _GAP * np.abs(self.lines).max(axis=1) * length)
+
     def rows(self, some: NDArray[np.bool_]) -> _Edges:
         return _Edges(
             self.ends[some], self.lines[some], self.pieces[some], self.planes[some], self.span
@@ -276,10 +287,11 @@ def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Flo
     (waves, detours), dipoles = nodes.waves_at(at), nodes.dipoles_at(at)
     loudest = np.maximum.reduceat(np.abs(waves[:, -1]), firsts) * EDGE_AMPLITUDE / nodes.peak
     views = np.concatenate([np.full(len(part.ends), part.ends.shape[1]) for part in parts])
+    is_fixed = (views > 1) & np.concatenate([part.are_fixed() for part in parts])
     limits = np.column_stack(
         [
             np.full(len(counts), NEAR if nodes.is_reduced else _ALWAYS),
-            np.where(views > 1, np.maximum.reduceat(detours, firsts), _ALWAYS),
+            np.where(is_fixed, np.maximum.reduceat(detours, firsts), _ALWAYS),
             loudest**2,
             np.zeros(len(counts)),
         ]
