@@ -143,3 +143,12 @@ def test_many_drjit_samples_of_many_edges_keep_their_order_and_derivatives(trans
     change = sum(s * transform(source, x, nu + s * step, engine="numpy").real for s in (1.0, -1.0))
     slopes = np.arange(count) % 7.0 * change / 2e-6
     assert dr.grad(arrays[1]).x.numpy() == pytest.approx(slopes, abs=1e-6)
+
+
+@engines
+def test_lags_on_the_borders_of_cells_do_not_change_others(engine):
+    source = pw.shapes.regular_polygon(30, 1.0)
+    axis = np.linspace(-2.0, 2.0, 301)
+    lags = np.stack(np.meshgrid(axis, axis), axis=-1)
+    values, expected = (pw.otf(source, lags, engine=name) for name in (engine, "numpy"))
+    assert np.allclose(values, expected, rtol=0.0, atol=1e-12)

@@ -94,6 +94,23 @@ def test_dark_adds_and_clear_cuts_in_the_order_of_the_file(read) -> None:
     assert read(pen + dark + clear + "%LPD*%" + PATCH).area == pytest.approx(6e-4, rel=ROUNDING)
 
 
+def test_many_changes_of_polarity_only_touch_the_shapes_nearby(read, monkeypatch) -> None:
+    from polywigner.geometry.io import gerber
+
+    sizes = []
+
+    def union(polygons: list[object]) -> object:
+        sizes.append(len(polygons))
+        return union_on_grid(polygons)
+
+    union_on_grid = gerber.union_on_grid
+    monkeypatch.setattr(gerber, "union_on_grid", union)
+    pads = [f"%LPD*%D10*X{x}Y0D03*%LPC*%D11*X{x}Y0D03*" for x in range(0, 60_000, 3000)]
+    shape = read("%ADD10R,2X2*%%ADD11R,1X1*%" + "".join(pads))
+    assert shape.area == pytest.approx(20 * 3e-6, rel=ROUNDING, abs=0.0)
+    assert max(sizes) <= 2
+
+
 def test_a_hole_that_a_cut_leads_to_is_open(read) -> None:
     around = "Y10000D01*X10000D01*Y15000D01*X20000D01*Y5000D01*X10000D01*Y10000D01*X0D01*Y0D01*"
     cut_in = PATCH.replace("Y0D01*", around)

@@ -379,6 +379,9 @@ def order_by_cell(
     the same cell. The last sample of a cell is repeated to fill its last column.
     """
     x, y = inner[slices.position]
+    # The second view mirrors offsets, and the mirror images of offsets in one cell can be in
+    # different cells if one of the offsets is on the border of the cell.
+    is_grouped &= len(slices.views) == 1
     host, scale = grid.on_host, key[0].side * slices.scale
     # The kernel rounds offsets to the grid in the same way.
     tx, ty = (host.step * np.rint((scale / host.step) * c) for c in (x, y))

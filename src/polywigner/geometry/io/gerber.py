@@ -139,14 +139,23 @@ def _objects_of(text: str) -> list[Any]:
 
 def _composed(layers: Layers) -> BaseGeometry:
     """Return the copper after all dark (additive) and clear (subtractive) shapes."""
-    copper: BaseGeometry = shapely.MultiPolygon()
+    copper = np.array([], dtype=object)
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
         shapes = [polygon for _, shape in run for polygon in polygons_in(shape)]
-        if dark and shapes:
-            copper = union_on_grid([*polygons_in(copper), *shapes])
-        elif shapes and not copper.is_empty:
-            copper = combined_on_grid(shapely.difference, copper, union_on_grid(shapes))
-    return copper
+        if not shapes:
+            continue
+        changed = union_on_grid(shapes)
+        # Only polygons near the shapes change; files with many changes of polarity stay fast.
+        is_near = shapely.intersects(copper, shapely.box(*changed.bounds))
+        near = list(copper[is_near])
+        if dark:
+            changed = union_on_grid([*near, *polygons_in(changed)])
+        elif near:
+            changed = combined_on_grid(shapely.difference, shapely.MultiPolygon(near), changed)
+        else:
+            continue
+        copper = np.append(copper[~is_near], np.array(polygons_in(changed), dtype=object))
+    return shapely.MultiPolygon(list(copper))
 
 
 def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * math.pi) -> Arc:
