@@ -69,7 +69,7 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
     if raw.dtype.kind == "c":
         raise ValueError("complex numbers")
     try:
-        if raw.dtype.kind not in "iufO":
+        if raw.dtype.kind not in "iufO" or (raw.dtype == object and None in raw.ravel().tolist()):
             raise TypeError
         return np.array(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
