@@ -106,7 +106,7 @@ def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(ArgumentError, match=r"cannot write .* to the folder"):
         check_writable([tmp_path / "file" / "deeper" / "a.png"])
-    with pytest.raises(ArgumentError, match="name of a file, got the folder"):
+    with pytest.raises(ArgumentError, match="must be a file name, got the folder"):
         check_writable([tmp_path / "folder.png"])
     check_writable([tmp_path / "new" / "a.png"])
     assert not (tmp_path / "new").exists()

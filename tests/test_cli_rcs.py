@@ -40,7 +40,7 @@ def test_a_plate_comes_out_as_a_table_and_a_picture(square: Path, capsys: Captur
     peak = 10 * math.log10(4 * math.pi / WAVELENGTH**2)
     assert f"largest RCS   {peak:.2f} dBsm" in printed.out
     assert f"down to {peak - 60:.2f} dBsm" in printed.out
-    assert "30 degrees miss lobes" in printed.err
+    assert "30 degrees are too coarse for lobes" in printed.err
     cuts = np.loadtxt(stem.with_name("plate_cuts.csv"), delimiter=",", skiprows=1)
     lobe = math.degrees(WAVELENGTH / (2 * math.sqrt(2)))
     around = cuts[: len(cuts) // 2]

@@ -382,12 +382,12 @@ def test_an_unknown_layer_is_answered_with_those_there_are(read: Read) -> None:
 
 
 def test_a_frame_around_touching_shapes_is_an_overlap(read: Read) -> None:
-    with pytest.raises(GeometryError, match=r"\(--layer\), or give union=True \(--union\)"):
+    with pytest.raises(GeometryError, match=r"\(--layer\), or pass union=True \(--union\)"):
         read(board)
 
 
 def test_a_pad_and_its_feed_are_joined_when_asked_and_keep_their_hole(read: Read) -> None:
-    with pytest.raises(GeometryError, match=r"give union=True \(--union\)"):
+    with pytest.raises(GeometryError, match=r"pass union=True \(--union\)"):
         read(crossing)
     joined = read(crossing, union=True)
     both = shapely.union(shapely.Polygon(PAD), shapely.Polygon(FEED))

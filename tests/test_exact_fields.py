@@ -193,7 +193,7 @@ def test_bad_arguments_are_refused_in_words(arguments, options, says):
 
 
 @methods
-@pytest.mark.filterwarnings("ignore:got a source of")
+@pytest.mark.filterwarnings("ignore:implausible wavelength")
 @pytest.mark.filterwarnings("error")
 def test_the_field_of_a_source_far_below_a_wavelength_is_as_good_as_promised(method):
     """The field is exp(ikR)/R of a point source, with the static field of its derivative."""

@@ -147,7 +147,7 @@ def test_a_path_of_zero_length_on_a_layer_that_is_read_is_refused(tmp_path):
     }.items():
         path = written(tmp_path / f"{name}.gds", **cells)
         with pytest.raises(
-            FileFormatError, match="paths with a length, got a path of length zero on layer 1/0"
+            FileFormatError, match="paths of nonzero length, got a path of length zero on layer 1/0"
         ):
             pw.read_aperture(path)
     other = written(tmp_path / "c.gds", TOP=dot + SQUARE.replace(b"\x0d\x02\0\1", b"\x0d\x02\0\2"))

@@ -187,7 +187,7 @@ UNREAD = {
 }  # fmt: skip
 REFUSED = {
     **{name: (body, "an unsupported statement in line") for name, body in UNREAD.items()},
-    "endless region": ("G36*X0Y0D02*X1000D01*", "G37 after each G36"),
+    "endless region": ("G36*X0Y0D02*X1000D01*", "each G36 to be followed by G37"),
     "second unit": ("%MOIN*%" + PATCH, "file units"),
     "arc without centre": (ROUND + "G75*G02X1000Y0D01*", "w/o I, J"),
     "arc of two radii": (ROUND + "G75*G02X1000Y0I100J0D01*", "arcs with one radius"),
@@ -200,7 +200,7 @@ REFUSED = {
     "no aperture": ("X0Y0D03*", "an aperture before"),
     "no such macro": ("%ADD10Pad*%" + FLASH, "is unknown"),
     "macro parameter": ("%AMPad*1,1,$1,0,0*%%ADD10Pad*%" + FLASH, r"unresolved.*\$1"),
-    "open region": ("G36*X0Y0D02*X1000D01*Y1000D01*G37*", "closed outlines"),
+    "open region": ("G36*X0Y0D02*X1000D01*Y1000D01*G37*", "closed region outlines"),
     "clear alone": ("%LPC*%" + PATCH, "copper"),
 }  # fmt: skip
 

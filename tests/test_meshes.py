@@ -414,14 +414,14 @@ BAD = {
     "nan.stl": (binary_stl(np.where(BOX == 0.5, np.nan, BOX)), FileFormatError, "finite"),
     "many.stl": (binary_stl(np.zeros((200_001, 3, 3))), FileFormatError, "200000 triangles"),
     "words.stl": (
-        b"solid a\nfacet\nvertex 0 zero 0\nendsolid a\n", FileFormatError, "cut short",
+        b"solid a\nfacet\nvertex 0 zero 0\nendsolid a\n", FileFormatError, "truncated",
     ),
     "ascii claims.ply": (
         (PLY.format("ascii", 10**9, 1) + "0 0 0\n").encode(), FileFormatError, "got fewer",
     ),
     "binary claims.ply": (
         PLY.format("binary_big_endian", 9, 10**9).encode() + bytes(99), FileFormatError,
-        "states, got fewer",
+        "specifies, got fewer",
     ),
     "number.ply": (
         (PLY.format("ascii", 3, 1) + "0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n").encode(), FileFormatError,
@@ -466,5 +466,5 @@ def test_open_meshes_are_plates_of_what_lies_in_one_plane(tmp_path: Path) -> Non
         placed = (ring @ plate.pose.T)[:, :3]
         assert {tuple(place) for place in placed.round(9) + 0.0} <= set(corners)
     path.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
-    with pytest.raises(GeometryError, match="triangles with an area"):
+    with pytest.raises(GeometryError, match="triangles with nonzero area"):
         pw.read_sheets(path)

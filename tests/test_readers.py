@@ -219,7 +219,7 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name, 
 
 def test_paths_that_are_no_files_raise(tmp_path):
     for path in (tmp_path / "missing.csv", Path("x" * 5000)):
-        with pytest.raises(FileFormatError, match="expected"):
+        with pytest.raises(FileFormatError, match=r"path of a file|cannot read the file"):
             read_aperture(path)
     for path in (None, ["aperture.csv"], Path("nul\0character.csv")):
         with pytest.raises(ArgumentError, match="expected the path of a file"):

@@ -62,7 +62,7 @@ REFUSED = {
         "outside its folder",
     ),
     "include above the folder": ('<include filename="../outside.xml"/>', "outside its folder"),
-    "include of itself": ('<include filename="scene.xml"/>', "in a circle"),
+    "include of itself": ('<include filename="scene.xml"/>', "in a cycle"),
     "search path": ('<path value="sub"/>', "<path> is not supported"),
 }
 

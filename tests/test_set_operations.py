@@ -49,8 +49,8 @@ def test_a_scaled_aperture_has_a_scaled_transform():
 @pytest.mark.parametrize(
     ("made", "error", "words"),
     [
-        (lambda: DISC & pw.shapes.square(1e-3), GeometryError, "no area in common"),
-        (lambda: pw.shapes.square(1e-3) - BAR, GeometryError, "a result with an area"),
+        (lambda: DISC & pw.shapes.square(1e-3), GeometryError, "do not overlap"),
+        (lambda: pw.shapes.square(1e-3) - BAR, GeometryError, "the result has zero area"),
         (lambda: DISC | BAR.with_illumination(FIELD), IlluminationError, "with_illumination"),
         (lambda: DISC & BAR.with_illumination(FIELD), IlluminationError, "remove one of them"),
         (lambda: DISC.scaled(0.0), PolywignerError, "factor"),

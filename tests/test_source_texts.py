@@ -79,7 +79,7 @@ BAD = [
     (
         PATCH,
         {"window": "hamming"},
-        "window: expected an array of equal .* specify array as well",
+        "window: expected an array of identical .* specify array as well",
     ),
     (PATCH, {"array": "2 x 2, 1 cm", "window": "25 dB"}, "window: expected a window such as"),
     (
@@ -89,9 +89,9 @@ BAD = [
     ),
     (PATCH, {"steering": "20"}, "steering: .* within 90 deg of the normal"),
     (PATCH, {"steering": "1 deg, 2 deg, 3 deg"}, "steering: expected a direction"),
-    (LISTED, {"steering": "20 deg"}, "steering: expected an array of equal elements"),
+    (LISTED, {"steering": "20 deg"}, "steering: expected an array of identical elements"),
     (PATCH.curved(0.1, WAVELENGTH), {"steering": "1 deg"}, "steering: .* got Wavefront"),
-    (ARRAY, {"window": "hamming"}, "window: expected positions of the kind row, grid"),
+    (ARRAY, {"window": "hamming"}, "window: a window requires positions of the kind row, grid"),
     (PATCH, {"focus": "0, 0, 80 mm"}, "focus: expected an array"),
     (ARRAY, {"focus": "0, 0"}, "focus: expected a point"),
     (PATCH, {"curved": "1 mm, 2 mm, 3 mm"}, "curved: expected radius as a number or a pair"),

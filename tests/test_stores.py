@@ -250,7 +250,7 @@ def test_a_store_of_other_settings_is_left_alone(tmp_path, dataset):
     store = tmp_path / "beam.zarr"
     written(store)
     before = chunk_files(store)
-    with pytest.raises(StoreError, match=r"beam\.zarr contains results of other settings"):
+    with pytest.raises(StoreError, match=r"beam\.zarr contains results for other settings"):
         written(store, dataset())
     assert chunk_files(store) == before
 
@@ -264,7 +264,7 @@ def test_another_source_engine_or_version_is_another_store(name, tmp_path, monke
         BUILDERS[name](**how, engine="numpy")
     monkeypatch.undo()
     monkeypatch.setattr(pw, "__version__", "99.0")
-    with pytest.raises(StoreError, match=r"\(different: polywigner_version"):
+    with pytest.raises(StoreError, match=r"\(differences: polywigner_version"):
         BUILDERS[name](**how, engine="numpy")
 
 
@@ -335,7 +335,7 @@ def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch,
         (
             (AXIS, AXIS, AXIS, AXIS),
             {"scheduler": "tcp://a:1"},
-            "expected out, the path of a store",
+            "require out, the path of a store",
         ),
         ((AXIS, AXIS, AXIS, AXIS), {"precision": "half"}, "expected precision"),
         ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": (2, 2)}, "expected chunks that dask accepts"),

@@ -382,7 +382,7 @@ def test_an_effect_around_a_layer_is_refused_with_it(read: Read) -> None:
 
 def test_overlapping_shapes_are_refused_with_advice_for_a_drawing(read: Read) -> None:
     body = BOARD.format(effect="none", text="", style="")
-    with pytest.raises(GeometryError, match=r"\(--layer\), or give union=True \(--union\)"):
+    with pytest.raises(GeometryError, match=r"\(--layer\), or pass union=True \(--union\)"):
         read(body, INKSCAPE)
     assert read(body, INKSCAPE, union=True) == rectangle(0, 0, 20, 10)
 
@@ -398,6 +398,6 @@ def test_an_unknown_group_is_answered_with_those_there_are(read: Read) -> None:
 def test_files_without_layers_have_none_to_choose(tmp_path: Path) -> None:
     path = tmp_path / "square.wkt"
     path.write_text("MULTIPOLYGON (((0 0, 2 0, 2 2, 0 2, 0 0)), ((1 0, 3 0, 3 2, 1 2, 1 0)))")
-    with pytest.raises(ArgumentError, match="layer only for drawings"):
+    with pytest.raises(ArgumentError, match="layer applies only to drawings"):
         pw.read_aperture(path, layer="pads")
     assert pw.read_aperture(path, union=True).area == pytest.approx(6e-6, rel=UNION, abs=0.0)

@@ -56,7 +56,7 @@ def cite(*methods: str) -> str:
     for method in methods:
         if not isinstance(method, str) or method not in METHODS:
             names = ", ".join(METHODS)
-            raise ArgumentError(f"expected names of methods among {names}, got {method!r}")
+            raise ArgumentError(f"expected each method to be one of {names}, got {method!r}")
     keys = dict.fromkeys((*_ALWAYS, *(key for method in methods for key in METHODS[method])))
     bibliography = files("polywigner").joinpath("references.bib").read_text(encoding="utf-8")
     matches = re.finditer(r"^@\w+\{([\w-]+),\n.*?^\}", bibliography, re.MULTILINE | re.DOTALL)

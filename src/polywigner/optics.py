@@ -38,7 +38,7 @@ def check_symplectic(matrix: Matrix) -> None:
         if wrong > _SYMPLECTIC * float(size.max()):
             raise ArgumentError(
                 f"expected a symplectic ray matrix, but {law} is violated by {wrong:.3g}; use "
-                "rays (x, s) with direction cosines s, and matrix elements with ten digits, "
+                "rays (x, s) with direction cosines s, and matrix elements given to ten digits, "
                 "or compose the system from free_space, lens and magnifier"
             )
 

@@ -86,7 +86,7 @@ def parse_coefficients(text: str) -> dict[int, float]:
     except ValueError:
         pass
     raise QuantityError(
-        "--zernike: expected numbers with different indices, such as '4: 0.05, 11: 0.1', got "
+        "--zernike: expected coefficients with distinct indices, such as '4: 0.05, 11: 0.1', got "
         f"{value_text(text)}"
     )
 
@@ -144,8 +144,8 @@ def output_stem(out: str | None, name: str) -> Path:
     path = Path(out)
     if not out.strip() or path.name.lower() in _KNOWN_SUFFIXES:
         raise ArgumentError(
-            f"expected --out as the name of files or of a folder, got {out!r}; write a name "
-            "before the suffix, or a slash after the folder"
+            f"--out must be a file name or a folder, got {out!r}; write a name before the suffix, "
+            "or add a slash after the folder"
         )
     if os.path.isdir(out) or out.endswith(("/", os.sep)):  # noqa: PTH112 (see check_writable)
         return path / name
@@ -174,8 +174,7 @@ def check_writable(paths: Sequence[Path]) -> None:
         # pathlib raises OSError for names that are too long; os.path returns False.
         if os.path.isdir(path) and path.suffix != ".zarr":  # noqa: PTH112
             raise ArgumentError(
-                f"expected --out as the name of a file, got the folder {path}; rename the "
-                "file or the folder"
+                f"--out must be a file name, got the folder {path}; rename the file or the folder"
             )
         parents = path.absolute().parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110

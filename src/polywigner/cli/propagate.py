@@ -74,9 +74,7 @@ class FieldOptions(FieldSourceOptions):
                     f"--method: only the method wigner accepts an obliquity, got {text!r}"
                 )
             if name in methods:
-                raise ArgumentError(
-                    f"--method: expected different methods, got {text!r} twice; remove one of them"
-                )
+                raise ArgumentError(f"--method: got {text!r} twice; specify each method only once")
             methods[name] = {"method": method}
             if method == "wigner":
                 methods[name]["obliquity"] = obliquity or self.obliquity

@@ -155,8 +155,8 @@ def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
 def _warn_if_coarse(name: str, step: float, lobe: float, option: str) -> None:
     if step > lobe:
         warnings.warn(
-            f"steps of {step:.3g} degrees miss lobes of {lobe:.2g} degrees in {name}; specify "
-            f"{option}, or use polywigner.rcs for directions close to those that you need",
+            f"steps of {step:.3g} degrees are too coarse for lobes of {lobe:.2g} degrees in "
+            f"{name}; specify {option}, or use polywigner.rcs for the directions of interest",
             RuntimeWarning,
             stacklevel=3,
         )

@@ -152,8 +152,8 @@ def _warn_if_mostly_dark(radiance: NDArray[np.float64]) -> None:
     if negative + zero > 0.5:
         warnings.warn(
             f"{negative:.0%} of the pixels are negative (noise, which a larger --spp reduces, or "
-            f"negative radiance) and {zero:.0%} are zero; they have the colour of the floor in "
-            "the figure",
+            f"negative radiance) and {zero:.0%} are zero; the figure shows them in the colour of "
+            "the floor",
             RuntimeWarning,
             stacklevel=2,
         )

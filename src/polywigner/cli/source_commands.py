@@ -79,8 +79,8 @@ def _sample_count(
     samples = requested or min(max(needed, _FEWEST), _MOST_BY_DEFAULT)
     if samples < needed:
         warnings.warn(
-            f"{samples} samples along an axis miss lobes of the transforms of an aperture of "
-            f"{aperture.diameter:.3g} m; use --samples {needed}",
+            f"{samples} samples along an axis are too few for the lobes of the transforms of an "
+            f"aperture of {aperture.diameter:.3g} m; use --samples {needed}",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -195,9 +195,9 @@ def _default_step(wavelengths: float) -> float:
     needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:
         warnings.warn(
-            f"steps of {_FINEST:g} degrees miss some lobes of a source {wavelengths:.4g} "
-            "wavelengths across; specify --step, or use polywigner.radiation_pattern for angles "
-            "close to the beam",
+            f"steps of {_FINEST:g} degrees are too coarse for some lobes of a source "
+            f"{wavelengths:.4g} wavelengths across; specify --step, or use "
+            "polywigner.radiation_pattern for angles close to the beam",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -87,7 +87,7 @@ class Reading:
         """Raise ArgumentError for options that do not apply to a kind of file."""
         for name in names:
             if getattr(self, name):
-                raise ArgumentError(f"--{name} does not apply to {kind}; omit it")
+                raise ArgumentError(f"--{name} does not apply to {kind}")
 
     def read_file(self, path: str) -> Aperture:
         import polywigner as pw
@@ -106,7 +106,7 @@ class Reading:
                     "--open-mesh requires a mesh (STL, PLY, OBJ), got a drawing; omit --open-mesh"
                 )
             return self.read_file(path)
-        self.check_unused(("tolerance", "layer", "union"), "a mesh; it is for drawings")
+        self.check_unused(("tolerance", "layer", "union"), "a mesh, only to drawings; omit it")
         unit = self.unit or "mm"
         return pw.read_sheets(path, unit) if as_plates else pw.read_polyhedron(path, unit)
 
@@ -143,7 +143,7 @@ class SourceOptions(Reading, WaveOptions):
         wavelength = self.length()
         if _is_source_file(self.source):
             names = "unit", "tolerance", "layer", "union"
-            self.check_unused(names, "a source file; write it into the file")
+            self.check_unused(names, "a source file; specify it in the file")
             source, designed, _ = read_content(self.source, self.allow_outside)
             if wavelength is not None and designed is not None:
                 self._warn_of_design_wavelength(wavelength, designed)
@@ -186,11 +186,9 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
 
     doubt = doubt_of_wavelength(wavelength, diameter)
     if doubt and not 1 / _LARGEST_RATIO <= wavelength / diameter <= _LARGEST_RATIO:
-        raise ArgumentError(
-            f"expected a wavelength that is plausible for the aperture, got {doubt}"
-        )
+        raise ArgumentError(f"implausible wavelength for the aperture: {doubt}")
     if doubt:
-        warnings.warn(f"got {doubt}", RuntimeWarning, stacklevel=2)
+        warnings.warn(f"implausible wavelength: {doubt}", RuntimeWarning, stacklevel=2)
 
 
 def field_title(path: str, wavelength: float) -> str:

@@ -75,8 +75,8 @@ def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
     if len(types) > 1:
         names = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
         raise ArgumentError(
-            f"expected Dr.Jit arrays of equal backend and precision, got {names}; convert one "
-            "of them"
+            f"expected Dr.Jit arrays with the same backend and precision, got {names}; convert "
+            "one of them"
         )
     float_type = types.pop()
     actual = "double" if float_type.__name__.endswith("64") else "single"

@@ -127,7 +127,7 @@ def _panel_names(panels: Sequence[str] | None, meridians: int) -> list[str]:
         panels = [panels]
     names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
     if not names:
-        raise ArgumentError("expected panels as at least one name, got an empty sequence")
+        raise ArgumentError("panels must contain at least one name, got an empty sequence")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
         raise ArgumentError(
             f"the panel 'uv' requires at least {_LEAST_MERIDIANS} angles phi, got {meridians}; "
@@ -149,8 +149,8 @@ def _drawn_cuts(
         lines = [line for part in cuts for line in cuts_in(part)]
         if len({line.kind == "theta" for line in lines}) > 1:
             raise ArgumentError(
-                "expected either great circles of beam_cuts or meridians of patterns in cuts, "
-                "got both kinds; draw them separately"
+                "cuts must be either great circles from beam_cuts or meridians of patterns, got "
+                "both; draw them in separate figures"
             )
         return lines, _with_drawn_cuts(beam_metrics(cuts[0]) if metrics is None else metrics, lines)
     if cuts is not None:
@@ -366,7 +366,9 @@ def draw_rcs(
     parts = [part[np.isfinite(part)] for part in (levels, *(cut for _, _, cut in shown_cuts))]
     high = max(float(part.max(initial=-math.inf)) for part in parts)
     if high == -math.inf:
-        raise ArgumentError("expected cross sections above zero, got zero at all angles")
+        raise ArgumentError(
+            "the cross sections are zero at all angles, so there is nothing to draw in dB"
+        )
     low = high + floor_db
     drawn = style.figure_on(figure, 11.6, 3.9, title, spacing=0.05)
     for number, (name, angles, cut) in enumerate(shown_cuts, start=1):

@@ -79,8 +79,8 @@ class Comparison:
         for name, array in arrays.items():
             if array.dims != first.dims or quantity_of(array) != quantity:
                 raise ArgumentError(
-                    f"the variable {name!r} has another quantity or other axes than the other "
-                    "fields; draw it in a separate figure"
+                    f"the variable {name!r} differs from the other fields in quantity or axes; "
+                    "draw it in a separate figure"
                 )
         if against is not None:
             checked_choice(against, "against", list(arrays))

@@ -224,7 +224,7 @@ def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.Data
     values = checked_dataset(dataset).get(name)
     if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(
-            f"expected a dataset with {name} over {', '.join(dims)}, got another dataset; use a "
-            f"dataset written by `polywigner {name}`"
+            f"expected a dataset with {name} over {', '.join(dims)}; use a dataset written by "
+            f"`polywigner {name}`"
         )
     return values

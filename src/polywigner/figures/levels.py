@@ -173,7 +173,7 @@ def even_axis(name: str, values: Floats) -> Floats:
 def peak_of(values: NDArray[Any], name: str) -> float:
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
-        raise ArgumentError(f"expected values of {name} above zero, got at most {peak:g}")
+        raise ArgumentError(f"{name} must have values above zero, got a maximum of {peak:g}")
     return peak
 
 

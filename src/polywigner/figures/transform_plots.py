@@ -123,7 +123,7 @@ def transform_slices(
         )
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
-            "the lag xi must be one at which the aperture overlaps its shifted copy, got "
+            "the aperture must overlap its copy shifted by the lag xi, got "
             f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit"
         )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)

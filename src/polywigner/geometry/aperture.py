@@ -256,8 +256,8 @@ class Aperture(TakesWaves):
         region = combined_on_grid(operation, self.polygons, other.polygons)
         if region.is_empty:
             raise GeometryError(
-                "expected a result with an area, got none, because one aperture covers the "
-                "other or they have no area in common; check the operands and their units"
+                "the result has zero area, because one aperture covers the other or they do not "
+                "overlap; check the operands and their units"
             )
         return Aperture(region).with_illumination(self.illumination)
 

@@ -343,8 +343,8 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
     size = f"a source of {diameter:.3g} m at a wavelength of {wavelength:.3g} m"
     if ratio < 1:
         return (
-            f"{size}, which is {1 / ratio:.3g} times longer than the source; check whether "
-            "the frequency was meant in GHz"
+            f"{size}, which is {1 / ratio:.3g} times longer than the source; check whether the "
+            "frequency should be in GHz"
         )
     return f"{size}, which is {ratio:.3g} wavelengths across; check whether mm were passed as m"
 
@@ -352,14 +352,13 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
-            f"a wavelength of {wavelength:g} m, which looks like a frequency in Hz; pass it "
-            f"as frequency={wavelength:g}"
+            f"{wavelength:g} m looks like a frequency in Hz; pass it as frequency={wavelength:g}"
         )
     else:
         diameter = _diameter(source)
         doubt = None if diameter is None else doubt_of_wavelength(wavelength, diameter)
     if doubt is not None:
-        warn_caller(f"got {doubt}", stacklevel=4)
+        warn_caller(f"implausible wavelength: {doubt}", stacklevel=4)
 
 
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
@@ -368,8 +367,8 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
     size = max(_diameter(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
         warn_caller(
-            f"got a link of {distance:.6g} m, which is {distance / size:.3g} times the size "
-            "of its sources; check whether mm were passed as m"
+            f"implausible distance: a link of {distance:.6g} m is {distance / size:.3g} times the "
+            "size of its sources; check whether mm were passed as m"
         )
 
 
@@ -506,7 +505,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     )
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
     if not np.isfinite(poses).all():
-        raise GeometryError(f"{expected}, got elements that are not finite")
+        raise GeometryError(f"{expected}, got NaN or infinite elements")
     rotation = poses[..., :3, :3]
     left, scales, right = np.linalg.svd(rotation)
     gram = np.swapaxes(rotation, -1, -2) @ rotation

@@ -138,7 +138,7 @@ class Illumination(Immutable):
         if not isinstance(other, Complex):
             return NotImplemented
         if other == 0:
-            raise IlluminationError("a field cannot be divided by 0; pass another number")
+            raise IlluminationError("a field cannot be divided by zero; pass a nonzero number")
         return Illumination(self.amplitudes / complex(other), self.frequencies)
 
     def __neg__(self) -> Illumination:
@@ -212,7 +212,7 @@ def _merged(
     np.add.at(size, number.ravel(), np.abs(amplitudes))
     nonzero = np.abs(total) > 1e-15 * size
     if not nonzero.any():
-        raise IlluminationError("expected a field other than zero, got only amplitudes of zero")
+        raise IlluminationError("expected a nonzero field, got only zero amplitudes")
     return total[nonzero] + 0.0, distinct[nonzero]
 
 

@@ -170,7 +170,7 @@ def rings_of_polygon(polygon: shapely.Polygon, name: str = "the polygon") -> lis
         heights = shapely.get_coordinates(polygon, include_z=True)[:, 2]
         if np.any(heights != 0) and not np.isnan(heights).all():
             raise GeometryError(
-                f"expected {name} in the plane z = 0, got other heights; drop them with "
+                f"expected {name} in the plane z = 0, got nonzero z coordinates; drop them with "
                 "shapely.force_2d(polygon)"
             )
     return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]

@@ -360,7 +360,8 @@ def fit_pattern(
     )
     if not polarised > _NOTHING * total:
         raise ArgumentError(
-            "the pattern has no radiation of the specified polarisation; pass another polarisation"
+            "the pattern contains no radiation in the specified polarisation; pass another "
+            "polarisation"
         )
     centre = np.reshape(aperture.bounds, (2, 2)).mean(axis=0)
     outline = aperture.moved(-centre)
@@ -391,7 +392,7 @@ def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
     counts = np.floor(_PERIODS * extents * limits)
     if np.prod(2 * counts + 1) > 2 * _MOST_WAVES:
         raise GeometryError(
-            "the aperture of a fit must be at most some 12 wavelengths wide, got "
+            "the aperture of a fit must be at most about 12 wavelengths wide, got "
             f"{extents[0] / wavelength:.3g} by {extents[1] / wavelength:.3g} wavelengths; use a "
             "smaller outline"
         )

@@ -123,7 +123,7 @@ def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
         worst = float((errors[missed] / allowed[missed]).max())
         warn_caller(
             f"{int(missed.sum())} of {len(errors)} {what} have an estimated error above the "
-            f"tolerance, at most {worst:.3g} times the allowed error; allow a larger tolerance"
+            f"tolerance, at most {worst:.3g} times the allowed error; pass a larger tolerance"
         )
 
 
@@ -159,7 +159,7 @@ def box_grid(box: Any, shape: Any) -> Grid:
     if (high < low).any():
         raise ArgumentError(
             f"expected the lowest corner of the box, then its highest corner, got {low.tolist()} "
-            f"and {high.tolist()}; swap the coordinates that descend"
+            f"and {high.tolist()}; swap the descending coordinates"
         )
     counts = _counts(shape, 3)
     spans = dict(zip(_AXES, zip(low, high, counts, strict=True), strict=True))
@@ -189,8 +189,8 @@ def plane_grid(where: Any, shape: Any) -> Grid:
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
         raise ArgumentError(
-            "expected three corners of a rectangle, the first between the other two, got sides "
-            f"{along[0].tolist()} and {along[1].tolist()} that are not perpendicular"
+            "expected three corners of a rectangle, the first adjacent to the other two, got "
+            f"sides {along[0].tolist()} and {along[1].tolist()} that are not perpendicular"
         )
     spans = {name: (0.0, lengths[k], counts[k]) for k, name in enumerate(("u", "v"))}
     return _straight_grid(spans, corners[0], along / lengths[:, None])
@@ -211,7 +211,7 @@ def line_grid(ends: Any, samples: Any) -> Grid:
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     """Return a grid on a hemisphere, with the axes theta and phi."""
     length = checked_length(radius, "radius")
-    origin = _checked(centre, "expected a centre (3,)", 3)
+    origin = _checked(centre, "expected a centre of shape (3,)", 3)
     if origin.ndim != 1:
         raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
     points_at = partial(_spherical, origin, length)
@@ -236,7 +236,7 @@ def _span(low: float, high: float, count: int) -> Floats:
 
 
 def _corners(name: str, corners: Any, which: str) -> Floats:
-    return _checked(corners, f"expected a {name} as two points (2, 3), the {which}", 2, 3)
+    return _checked(corners, f"expected a {name} as two points of shape (2, 3), the {which}", 2, 3)
 
 
 def _checked(values: Any, expected: str, *shape: int) -> Floats:

@@ -161,8 +161,7 @@ class PlaneWave:
         ahead = _three(direction, "direction", "of any length")
         if not ahead[2] > 0:
             raise ArgumentError(
-                "direction must have z > 0, which is from the front to the back of the screen, "
-                f"got {ahead}"
+                f"direction must have z > 0 (from the front to the back of the screen), got {ahead}"
             )
         x, y, z = (c / math.hypot(*ahead) for c in ahead)
         object.__setattr__(self, "direction", (x, y, z))

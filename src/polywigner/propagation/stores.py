@@ -128,9 +128,7 @@ def results_on_grid(
         options.get(name) for name in ("out", "chunks", "scheduler", "threads", "progress")
     )
     if out is None and not (scheduler is None and threads is None):
-        raise ArgumentError(
-            "expected out, the path of a store, with scheduler or threads, got none; pass out"
-        )
+        raise ArgumentError("scheduler and threads require out, the path of a store; pass out")
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
     if out is not None and (chunks is None or chunks == "auto"):
@@ -244,7 +242,7 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
         different.append("coordinates")
     if different:
         raise StoreError(
-            f"the store {folder} contains results of other settings (different: "
+            f"the store {folder} contains results for other settings (differences: "
             f"{', '.join(different)}); choose another path, or delete the store"
         )
 

@@ -241,7 +241,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
     if reach is not None:
         most = checked_length(reach, "reach")
     elif wavelength is None:
-        raise ArgumentError("expected a wavelength in m or a reach in 1/m, got neither of them")
+        raise ArgumentError("expected a wavelength in m or a reach in 1/m, got neither")
     else:
         most = 1 / checked_wavelength(wavelength)
     elements = source.elements_in_plane

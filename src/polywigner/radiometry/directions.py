@@ -61,8 +61,8 @@ def wavelengths_of_band(
         raise ArgumentError(
             f"a source of {lag:.4g} m allows a bandwidth of at most "
             f"{_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz, got {bandwidth:g} Hz, which would "
-            f"require a mean over about {spread:.3g} wavelengths; check its unit, or compute "
-            "parts of the band"
+            f"require an average over about {spread:.3g} wavelengths; check its unit, or divide "
+            "the band"
         )
     nodes, weights = flat_rule(math.pi * spread, error)
     frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes

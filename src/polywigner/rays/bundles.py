@@ -127,10 +127,11 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
     axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
     try:
         arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
-    except ValueError as error:
+    except ValueError:
+        got = ", ".join(f"{variable.name} with {variable.dims}" for variable in variables)
         raise ArgumentError(
-            "the dataset of rays must have position and direction over ray and component, and "
-            f"weight over ray, got other axes: {error}"
+            "the dataset of rays must have position and direction with axes (ray, component), "
+            f"and weight with axis (ray); got {got}"
         ) from None
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch

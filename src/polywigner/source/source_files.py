@@ -89,8 +89,7 @@ def _origin(table: Table, *origins: str) -> str:
     for key in ("unit", "layer", "union"):
         if present[0] != "file" and getattr(table, key, None):
             raise FileFormatError(
-                f"expected the key {key!r} only together with the key 'file', got it with "
-                f"{present[0]!r}"
+                f"the key {key!r} applies only to the key 'file', got it with {present[0]!r}"
             )
     return present[0]
 
@@ -389,7 +388,7 @@ def _parsed(text: str, suffix: str) -> Any:
     try:
         return parse(text)
     except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"expected valid {suffix[1:].upper()}: {error}") from None
+        raise FileFormatError(f"invalid {suffix[1:].upper()}: {error}") from None
 
 
 def table_of(source: Any) -> dict[str, Any]:

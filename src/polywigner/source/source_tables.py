@@ -199,8 +199,8 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
         values["shape"] = [count for count in counts if isinstance(count, int)]
         if not values["shape"]:
             raise FileFormatError(
-                "expected positions of the kind row, grid or triangular for a window, got "
-                "positions of another kind"
+                "a window requires positions of the kind row, grid or triangular, got another "
+                "kind; omit the window"
             )
     return function(**values, **{key: value for key, value in context.items() if key in parameters})
 
@@ -289,7 +289,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected an array of equal elements with a flat wave, got {got}; specify array "
+            f"expected an array of identical elements with a flat wave, got {got}; specify array "
             "as well, or define the array in the source file"
         )
     layout = None

@@ -491,7 +491,7 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
     expected = f"expected a finite complex number for each of {len(positions)} points"
     field = complex_array(values, expected, (len(positions),))
     if not field.any():
-        raise IlluminationError("expected values other than zero, got only zeros")
+        raise IlluminationError("expected nonzero values, got only zeros")
     return positions, field
 
 

@@ -81,9 +81,8 @@ def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> 
             return Converged(values, error, extra)
         previous = values
     warn_caller(
-        f"the estimated error of {what} is {error / allowed:.2g} times the tolerance, because "
-        "the path length has kinks or changes fast; use a smooth function, or a larger "
-        "tolerance"
+        f"the estimated error of {what} is {error / allowed:.2g} times the tolerance, because the "
+        "path length has kinks or changes rapidly; use a smooth function, or a larger tolerance"
     )
     return Converged(values, error, extra)
 

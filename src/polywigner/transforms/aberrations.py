@@ -517,7 +517,7 @@ def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
             )
     if len(set(indices)) != len(indices) or not len(indices):
         raise ArgumentError(
-            f"expected one or more different indices, got {value_text(list(indices))}"
+            f"expected one or more distinct indices, got {value_text(list(indices))}"
         )
     return [int(index) for index in indices]
 

@@ -296,17 +296,15 @@ def _before(
 def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
     if through is None:
         raise ArgumentError(
-            f"expected an optical system (through=) together with wavelength={wavelength!r}, "
-            "got none; omit the wavelength, or pass through=FirstOrder(...)"
+            f"wavelength={wavelength!r} requires an optical system (through=), got none; omit the "
+            "wavelength, or pass through=FirstOrder(...)"
         )
     if not isinstance(through, FirstOrder):
         raise ArgumentError(
             f"expected through as a polywigner.FirstOrder, got {type(through).__name__}"
         )
     if wavelength is None:
-        raise ArgumentError(
-            "expected a wavelength together with through=, got none; pass wavelength=..."
-        )
+        raise ArgumentError("through= requires a wavelength; pass wavelength=...")
     length = checked_wavelength(wavelength)
     flat = source.source if isinstance(source, Differentiable | Wavefront) else source
     dimension = kernels.kernel_for(name, flat).dimension
@@ -348,8 +346,8 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     traced = [label for label, value in points.items() if execution.is_drjit(value)]
     if traced and not has_closed_form:
         raise ArgumentError(
-            f"expected {traced[0]} as a NumPy array for a partly coherent source, got a "
-            f"Dr.Jit array; use {traced[0]}.numpy()"
+            f"expected {traced[0]} as a NumPy array for a partially coherent source, got a Dr.Jit "
+            f"array; use {traced[0]}.numpy()"
         )
     points, coherent = _checked(points, wave.dimension), coherent_source(wave)
     if takes_degree:

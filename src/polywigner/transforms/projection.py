@@ -196,7 +196,9 @@ def _requested(available: Mapping[str, Tile], names: Iterable[str] | None) -> li
 def _check_names(names: Iterable[object], known: Iterable[str], what: str) -> None:
     for name in names:
         if not isinstance(name, str) or name not in known:
-            raise ArgumentError(f"expected {what} among {', '.join(known)}, got {name!r}")
+            raise ArgumentError(
+                f"expected each of the {what} to be one of {', '.join(known)}, got {name!r}"
+            )
 
 
 def _axes(

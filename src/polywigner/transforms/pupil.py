@@ -255,7 +255,7 @@ def mtf(
     distance = image_distance(focal_length, numerical_aperture, radius)
     dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(plain))).dimension
     cycles = checked_points("frequency", frequency, dimension)
-    sides = checked_row(pixel, "expected pixel in m")
+    sides = checked_row(pixel, "expected pixel as one or two lengths in m")
     if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
         raise ArgumentError(
             f"expected pixel as lengths of zero or more in m, got {value_text(pixel)}"
@@ -293,7 +293,9 @@ def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
         checked_wavelength(length)
     count = lengths.size
     given = (
-        np.ones(count) if weights is None else checked_row(weights, f"expected weights ({count},)")
+        np.ones(count)
+        if weights is None
+        else checked_row(weights, f"expected weights of shape ({count},)")
     )
     finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
     if not finite or not given.any():

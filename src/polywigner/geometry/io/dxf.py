@@ -278,7 +278,7 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     rings = _rings(single, gap, tolerance)
     if not any([rings, *painted]):
         raise FileFormatError(
-            "expected outlines that enclose an area, got outlines without an area"
+            "expected outlines that enclose an area, got only outlines of zero area"
         )
     polygons = nested(rings, file.union) if rings else []
     return Drawing(polygons + _painted(hatches, painted), metres)

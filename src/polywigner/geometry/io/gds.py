@@ -124,8 +124,8 @@ def load_gds(file: File) -> Drawing:
         if length == 0 and not (requested and requested.isdisjoint(names)):
             # gdstk silently drops paths of length zero.
             raise FileFormatError(
-                f"expected paths with a length, got a path of length zero on layer {names[1]}; "
-                "draw a polygon instead"
+                "expected paths of nonzero length, got a path of length zero on layer "
+                f"{names[1]}; draw a polygon instead"
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
@@ -145,6 +145,6 @@ def load_gds(file: File) -> Drawing:
     polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
     if not polygons:
         raise FileFormatError(
-            "expected polygons that enclose an area, got polygons without an area"
+            "expected polygons that enclose an area, got only polygons of zero area"
         )
     return Drawing(polygons, metres)

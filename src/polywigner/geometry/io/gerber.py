@@ -119,7 +119,7 @@ def _checked(text: str) -> tuple[str, str]:
     regions = [words[:3] for words in statements if words in ("G36*\n", "G37*\n")]
     # gerbonara silently drops regions without G37.
     if regions != ["G36", "G37"] * (len(regions) // 2):
-        raise _refusal("G37 after each G36", "another order")
+        raise _refusal("each G36 to be followed by G37", "another sequence")
     checked = "".join(statements)
     if not unit or "%FS" not in checked:
         raise _refusal(
@@ -237,7 +237,7 @@ class _Shapes:
         if points[0] != points[-1]:
             x, y = points[0]
             raise _refusal(
-                "closed outlines of regions", f"an open outline that starts at ({x:g}, {y:g})"
+                "closed region outlines", f"an open outline that starts at ({x:g}, {y:g})"
             )
         sides = zip(points[:-1], points[1:], region.arc_centers, strict=True)
         outline: list[Curve] = [
@@ -263,7 +263,7 @@ class _Shapes:
             raise _refusal(
                 "lines drawn with round or rectangular apertures without holes, or arcs "
                 "drawn with round apertures",
-                "other strokes",
+                "strokes with other apertures",
                 "export the strokes as regions",
             )
         if kind == "Line" and is_round:

@@ -75,9 +75,9 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
         check_bytes(path.stat().st_size, largest)
         content = path.read_bytes()
     except OSError as error:
-        raise FileFormatError(f"expected a readable file, got: {error}") from None
+        raise FileFormatError(f"cannot read the file: {error}") from None
     if not content.strip():
-        raise FileFormatError("expected a file with content, got an empty file")
+        raise FileFormatError("the file is empty; export it again")
     return content
 
 
@@ -90,5 +90,5 @@ def text_of(content: bytes) -> str:
     if "\0" in text:
         raise FileFormatError("expected text in UTF-8, got binary data; save it as text")
     if not text.strip():
-        raise FileFormatError("expected a file with content, got an empty file")
+        raise FileFormatError("the file is empty; export it again")
     return text

@@ -68,14 +68,14 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     least, most = min(map(min, mesh.faces)), max(map(max, mesh.faces))
     if least < 0 or most >= len(mesh.vertices):
         raise FileFormatError(
-            f"expected {kind} faces with vertex numbers up to {len(mesh.vertices)}, got a "
-            "face with another number; export the body again"
+            f"expected {kind} faces with vertex numbers up to {len(mesh.vertices)}, got a vertex "
+            "number outside this range; export the body again"
         )
     check_coordinates(mesh.vertices)
     mesh = _welded(mesh)
     if not mesh.faces:
         raise FileFormatError(
-            "expected triangles with an area, got only triangles without an area; export the "
+            "expected triangles with nonzero area, got only degenerate triangles; export the "
             "body again"
         )
     return _triangulated(mesh)
@@ -139,14 +139,13 @@ def _stl(content: bytes) -> Mesh:
     facets = len(_END_OF_FACET.findall(content))
     if len(vertices) != 3 * facets:
         raise FileFormatError(
-            f"expected three vertices in each facet of an STL file, got {len(vertices)} "
-            f"vertices in {facets} facets; the file may be damaged or cut short: export the "
-            "body again"
+            f"expected three vertices in each facet of an STL file, got {len(vertices)} vertices "
+            f"in {facets} facets; the file may be damaged or truncated: export the body again"
         )
     if facets and not _END_OF_SOLID.search(content):
         raise FileFormatError(
             "expected an STL file that ends with the line endsolid, got a file without this "
-            "line, which may be cut short; export the body again, or add the line"
+            "line, which may be truncated; export the body again, or add the line"
         )
     return _of_corners(
         np.array(vertices, dtype=bytes).astype(np.float64).reshape(-1, 3, 3), _DOUBLE
@@ -277,6 +276,6 @@ def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
 
 def _cut_short(got: str) -> FileFormatError:
     return FileFormatError(
-        f"expected the number of rows that the header of the PLY file states, got {got}; the "
-        "file may be cut short: export the mesh again"
+        f"expected as many rows as the header of the PLY file specifies, got {got}; the file may "
+        "be truncated: export the mesh again"
     )

@@ -218,7 +218,7 @@ def _chord_count(steps: float) -> int:
 
 
 OVERLAP_REMEDY = (
-    "join them in the drawing, read fewer layers (--layer), or give union=True (--union)"
+    "join them in the drawing, read fewer layers (--layer), or pass union=True (--union)"
 )
 """Remedy in the error message for outlines that overlap."""
 

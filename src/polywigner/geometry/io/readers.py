@@ -105,7 +105,9 @@ def load_csv(file: File) -> Drawing:
             )
         vertices.append((float(fields[0]), float(fields[1])))
     if not vertices:
-        raise FileFormatError("expected lines with two numbers each, got no such line")
+        raise FileFormatError(
+            "the file contains no vertices; write one vertex per line, as two numbers"
+        )
     return Drawing([[np.array(vertices)]], file.unit_metres)
 
 
@@ -155,8 +157,8 @@ def _loaded(file: File) -> Drawing:
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
-            "expected the argument layer only for drawings (SVG, DXF, GDSII), got it for a "
-            "file without layers; omit layer"
+            "layer applies only to drawings (SVG, DXF, GDSII), got a file without layers; omit "
+            "layer"
         )
     try:
         with warnings.catch_warnings():
@@ -169,8 +171,8 @@ def _loaded(file: File) -> Drawing:
         raise missing_extra(library, "formats", f"reads {file.path.suffix} files") from None
     except RecursionError:
         raise FileFormatError(
-            "expected elements with fewer levels of nesting, got too many levels, or an "
-            "element that contains itself; ungroup the elements"
+            "the elements are nested too deeply, or an element contains itself; ungroup the "
+            "elements"
         ) from None
     # The libraries document only a few of their exceptions.
     except Exception as error:
@@ -436,7 +438,7 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
     wide = lengths > _ONE_PLANE * longest**2
     if not wide.any():
         raise GeometryError(
-            "expected triangles with an area, got only triangles without an area; export the "
+            "expected triangles with nonzero area, got only degenerate triangles; export the "
             "mesh again"
         )
     corners, normals = corners[wide], normals[wide] / lengths[wide, None]

@@ -269,8 +269,8 @@ class _Document:
             check_known(layers, [name for name in known if known[name] or name in self.layers])
         if any(_tag(e) == "style" and _RULE.search(e.text or "") for e in elements):
             raise FileFormatError(
-                "expected fills and sizes as attributes, got a style sheet with them; save "
-                "the drawing with presentation attributes or style attributes"
+                "expected fills and sizes as attributes, got a style sheet that specifies them; "
+                "save the drawing with presentation attributes or style attributes"
             )
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
@@ -359,10 +359,7 @@ def load_svg(file: File) -> Drawing:
     painted = [filled([next(rings) for _ in shape.subpaths], shape.rule) for shape in shapes]
     polygons = _visible(painted, [shape.is_white for shape in shapes])
     if not polygons:
-        raise FileFormatError(
-            "expected shapes that enclose an area, but there are none, or white shapes cover "
-            "all of them"
-        )
+        raise FileFormatError("no shapes enclose an area, or white shapes cover all of them")
     return Drawing(polygons, metres)
 
 
@@ -399,7 +396,7 @@ def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
         return unit_metres, flip
     if max(scales) > 1.001 * min(scales):
         raise FileFormatError(
-            "expected width and height in the ratio of the viewBox, got another ratio; "
-            "correct the width, the height or the viewBox"
+            "expected width and height with the aspect ratio of the viewBox, got a different "
+            "ratio; correct the width, the height or the viewBox"
         )
     return min(scales), flip

@@ -55,8 +55,9 @@ def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceP
     if spec.polarisation is not None:
         raise SceneError(
             f"the polarisation of a {plugin} plugin requires a polarised variant of Mitsuba, got "
-            f"{variant}; set the variant of polywigner.mitsuba.choose_variant(polarised=True), "
-            f"such as llvm_ad_mono{_FULL}, or omit the polarisation"
+            f"{variant}; select a polarised variant with "
+            f"polywigner.mitsuba.choose_variant(polarised=True), such as llvm_ad_mono{_FULL}, or "
+            "omit the polarisation"
         )
     return spec
 

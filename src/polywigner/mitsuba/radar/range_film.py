@@ -203,7 +203,7 @@ def check_sums(size: Sequence[int], edges: Floats) -> None:
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
-            f"the pixels have {count} range bins together, at most {_MOST_SUMS} are allowed; use "
+            f"the pixels have {count} range bins in total, at most {_MOST_SUMS} are allowed; use "
             "fewer bins or fewer pixels"
         )
 

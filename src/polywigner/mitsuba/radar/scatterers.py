@@ -325,7 +325,7 @@ class _Names:
         for name in speeds:
             if name not in names:
                 raise ArgumentError(
-                    f"there is no object with the id {name!r} for a velocity; ids are "
+                    f"velocities: no object has the id {name!r}; the ids are "
                     f"{', '.join(map(repr, sorted(names)))}; if mi.load_dict merged its mesh with "
                     "others, load the scene with polywigner.mitsuba.load_scene, which keeps ids"
                 )

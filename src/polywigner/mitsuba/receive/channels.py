@@ -228,14 +228,14 @@ Ends = tuple[NormalisedSource, NormalisedSource]
 def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
     if not placed.mixture.is_plain:
         raise SceneError(
-            "paths that interfere require coherent light of a single wavelength, got "
+            "interfering paths require coherent light of a single wavelength, got "
             f"{placed.mixture} at {placed.name!r}; omit the coherence and bandwidth of the light"
         )
     jones = placed.polarisation
     if jones is None and placed.states_polarisation:
         raise SceneError(
-            f"paths that interfere require polarised ends, but {placed.name!r} is unpolarised; "
-            "specify its polarisation, or add powers with received_power(scene)"
+            f"interfering paths require polarised emitters and receivers, but {placed.name!r} is "
+            "unpolarised; specify its polarisation, or add powers with received_power(scene)"
         )
     jones = polarisation if jones is None else jones
     is_polarised = jones is not None

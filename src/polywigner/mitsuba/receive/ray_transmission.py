@@ -204,9 +204,8 @@ class RayTracer:
         for shape in self._filters if self._coherent else ():
             if dr.any(active & _is(si.shape, shape)):
                 raise SceneError(
-                    f"paths that interfere pass through the polarising filter {shape.id()!r}, "
-                    "which is not supported; omit coherent=True in received_power, and use a "
-                    "polarised variant"
+                    f"interfering paths through the polarising filter {shape.id()!r} are not "
+                    "supported; omit coherent=True in received_power, and use a polarised variant"
                 )
         for pane in self._panes:
             here = active & _is(si.shape, pane.shape)

@@ -178,8 +178,8 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
         if not mi.is_polarized:
             raise SceneError(
-                f"the integrator {_STOKES} requires a polarised variant, got {mi.variant()}; set "
-                "polywigner.mitsuba.choose_variant(polarised=True)"
+                f"the integrator {_STOKES} requires a polarised variant, got {mi.variant()}; "
+                "select one with polywigner.mitsuba.choose_variant(polarised=True)"
             )
     if integrator is None:
         integrator = scene.integrator() or default_integrator(scene)

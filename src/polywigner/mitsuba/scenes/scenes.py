@@ -416,9 +416,7 @@ class _CheckedFiles:
     def add_xml(self, file: Path, level: int = 0) -> None:
         """Add a scene file, its includes, and the files that it names."""
         if level > _DEEPEST_INCLUDE:
-            raise FileFormatError(
-                "scene files include each other in a circle; remove one <include>"
-            )
+            raise FileFormatError("scene files include each other in a cycle; remove one <include>")
         content = bytes_of(file, LARGEST_SCENE)
         self.paths.add(file.resolve())
         for element in _root_of(text_of(content)).iter():
@@ -440,7 +438,7 @@ class _CheckedFiles:
     def _filled(self, text: str) -> str:
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
-            check_bytes(len(text), LARGEST_SCENE, "text, $parameters filled in")
+            check_bytes(len(text), LARGEST_SCENE, "text after substitution of $parameters")
         return text
 
 
