@@ -352,7 +352,7 @@ def test_several_ends_have_a_row_and_a_column_each_in_metres_and_millimetres(pla
         ({"reflections": 4}, "expected reflections"),
         ({"polarisation": [1.0, 0.0, 0.0]}, "expected"),
         ({"tolerance": 0.0}, "expected tolerance"),
-        ({"bodies": [SQUARE]}, "expected bodies as a dict"),
+        ({"bodies": [SQUARE]}, "expected bodies to be a dict"),
         ({"bodies": {"floor": SQUARE}}, "the name 'floor' belongs to a body and to a mirror"),
         ({"bodies": {"a": 3}}, "the body 'a'"),
         ({"bodies": {"a": (SQUARE, 4)}}, "the body 'a'.*reflections"),

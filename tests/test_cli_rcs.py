@@ -122,7 +122,7 @@ def test_finer_cuts_are_drawn_with_their_medians() -> None:
     assert [len(axes.lines[0].get_xdata()) for axes in (first, second)] == [361, 602]
     raw, median = (line.get_ydata() for line in second.lines)
     assert np.std(median[5:-5]) < np.std(raw[5:-5])
-    with pytest.raises(ArgumentError, match="cuts as a list of two patterns"):
+    with pytest.raises(ArgumentError, match="cuts to be a list of two patterns"):
         figures.draw_rcs(pattern, cuts=[*cuts, 3])
     for wrong, message in (
         (cuts[1].isel(elevation=[0]), "2 azimuths and 2 elevations"),

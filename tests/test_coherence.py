@@ -246,5 +246,5 @@ def test_w_and_a_of_partly_coherent_light_are_constant_along_rays(source, angle)
 def test_a_of_drjit_arrays_is_refused_in_partly_coherent_light():
     llvm = pytest.importorskip("drjit.llvm")
     point = llvm.Array2f64([0.0], [0.0])
-    with pytest.raises(ArgumentError, match=r"upsilon as a NumPy array.*upsilon\.numpy"):
+    with pytest.raises(ArgumentError, match=r"upsilon to be a NumPy array.*upsilon\.numpy"):
         pw.ambiguity(SQUARE.partially_coherent(4e-3), point, point)

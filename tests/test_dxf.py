@@ -373,7 +373,7 @@ def test_an_unknown_layer_is_answered_with_those_there_are(read: Read) -> None:
     with pytest.raises(ArgumentError, match=r"no layer 'COPPER'; its layers are .*Edge Cuts, PADS"):
         read(board, layer="COPPER")
     for wrong in ("", 3, [None]):
-        with pytest.raises(ArgumentError, match="expected layer as one name"):
+        with pytest.raises(ArgumentError, match="expected layer to be one name"):
             read(board, layer=wrong)
     with pytest.raises(ArgumentError, match="expected union to be True or False, got 'yes'"):
         read(board, union="yes")

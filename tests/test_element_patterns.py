@@ -219,12 +219,12 @@ def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> No
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"pattern": 3}, "expected pattern as a pattern of a polarised source"),
+        ({"pattern": 3}, "expected pattern to be a pattern of a polarised source"),
         ({"aperture": HORN}, "expected an Aperture without a field"),
         ({"aperture": pw.shapes.square(0.1)}, "at most about 12 wavelengths"),
         ({"method": "kirchhoff"}, "expected method"),
         ({"polarisation": "y"}, "no radiation in the specified polarisation"),
-        ({"cut_off": 2.0}, "expected cut_off as a fraction"),
+        ({"cut_off": 2.0}, "expected cut_off to be a fraction"),
     ],
 )
 def test_what_no_field_can_be_fitted_to_is_refused(change: Any, message: str) -> None:

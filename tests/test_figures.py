@@ -28,7 +28,7 @@ def test_ten_times_less_radiance_is_ten_decibels_less_down_to_the_floor():
 
 
 def test_a_floor_that_is_not_below_the_peak_is_refused():
-    with pytest.raises(ArgumentError, match="floor_db as a level below 0 dB"):
+    with pytest.raises(ArgumentError, match="floor_db to be a level below 0 dB"):
         level_db([1.0], 1.0, 3.0)
 
 

@@ -149,5 +149,5 @@ def test_anything_else_is_refused() -> None:
         with pytest.raises(ArgumentError, match="Figure or SubFigure, got Axes"):
             draw(figure=axes)
     for draw in ONE.values():
-        with pytest.raises(ArgumentError, match="expected ax as matplotlib Axes, got Figure"):
+        with pytest.raises(ArgumentError, match="expected ax to be matplotlib Axes, got Figure"):
             draw(ax=axes.figure)

@@ -150,11 +150,11 @@ def test_the_same_seed_gives_the_same_image_and_another_seed_another(llvm):
     ("arguments", "error", "words"),
     [
         ({"spp": 0}, ArgumentError, "spp as a whole number from 1"),
-        ({"sensor": 1}, ArgumentError, "sensor as a whole number from 0 to 0"),
+        ({"sensor": 1}, ArgumentError, "sensor to be a whole number from 0 to 0"),
         ({"integrator": "no_such_integrator"}, SceneError, "no_such_integrator"),
         ({"seed": -1}, ArgumentError, "seed as an integer of zero or more, got -1"),
-        ({"scene": None}, ArgumentError, r"expected scene as a mi\.Scene, got NoneType"),
-        ({"integrator": 5}, ArgumentError, "expected integrator as an integrator object"),
+        ({"scene": None}, ArgumentError, r"expected scene to be a mi\.Scene, got NoneType"),
+        ({"integrator": 5}, ArgumentError, "expected integrator to be an integrator object"),
     ],
 )
 def test_bad_requests_are_refused(arguments, error, words):

@@ -75,7 +75,7 @@ class TestCameras:
         np.testing.assert_allclose(result, expected, atol=0.06)
         with pytest.raises(ArgumentError, match="range_profile"):
             pm.range_frames(loaded, edges, sensor=1)
-        with pytest.raises(ArgumentError, match="sensor as a whole number"):
+        with pytest.raises(ArgumentError, match="sensor to be a whole number"):
             pm.range_frames(loaded, edges, sensor="camera")
 
     def test_commands_write_what_functions_return(self, scene, tmp_path):

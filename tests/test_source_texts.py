@@ -94,7 +94,7 @@ BAD = [
     (ARRAY, {"window": "hamming"}, "window: a window requires positions of the kind row, grid"),
     (PATCH, {"focus": "0, 0, 80 mm"}, "focus: expected an array"),
     (ARRAY, {"focus": "0, 0"}, "focus: expected a point"),
-    (PATCH, {"curved": "1 mm, 2 mm, 3 mm"}, "curved: expected radius as a number or a pair"),
+    (PATCH, {"curved": "1 mm, 2 mm, 3 mm"}, "curved: expected radius to be a number or a pair"),
     (PATCH.placed(np.eye(4)), {"curved": "1 mm"}, "curved: .* got PlacedAperture"),
     (PATCH.placed(np.eye(4)), {"coherence": "1 mm"}, "coherence: .* got PlacedAperture"),
     (PATCH, {"coherence": "1 GHz"}, "coherence: expected a length"),

@@ -330,8 +330,8 @@ def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch,
 @pytest.mark.parametrize(
     ("arguments", "keywords", "words"),
     [
-        ((AXIS, AXIS, AXIS, [[0.0]]), {}, r"expected nu_y as finite numbers of shape \(n,\)"),
-        ((AXIS, AXIS, [np.nan], AXIS), {}, "expected nu_x as finite"),
+        ((AXIS, AXIS, AXIS, [[0.0]]), {}, r"expected nu_y to be finite numbers of shape \(n,\)"),
+        ((AXIS, AXIS, [np.nan], AXIS), {}, "expected nu_x to be finite"),
         (
             (AXIS, AXIS, AXIS, AXIS),
             {"scheduler": "tcp://a:1"},

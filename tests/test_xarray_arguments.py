@@ -165,7 +165,7 @@ NAMED = _named(X, "place", "component")
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: pw.wigner(SQUARE, NAMED, NU), "expected nu as an xarray.DataArray like"),
+        (lambda: pw.wigner(SQUARE, NAMED, NU), "expected nu to be an xarray.DataArray like"),
         (lambda: pw.wigner(SQUARE, NAMED, _named(NU, "place", "b", "c")), "equal coordinates"),
         (
             lambda: pw.wigner(SQUARE, NAMED, NAMED.assign_coords(place=[1, 2, 3])),

@@ -146,7 +146,7 @@ class FirstOrder(Immutable):
         >>> pw.FirstOrder.lens((0.5, float("inf"))).C.tolist()
         [[-2.0, 0.0], [0.0, 0.0]]
         """
-        expected = "expected f as a focal length in m other than 0, or as a pair (f_x, f_y)"
+        expected = "expected f to be a focal length in m other than 0, or a pair (f_x, f_y)"
         powers = -1.0 / checked_pair(f, f"{expected}; inf means no lens") + 0.0
         axes = turned_points(_ONE, angle)
         if powers[0] == powers[1]:
@@ -178,7 +178,7 @@ class FirstOrder(Immutable):
         >>> pw.FirstOrder.magnifier(-2.0)
         FirstOrder([[-2.0, 0.0], [0.0, -0.5]])
         """
-        expected = "expected m as a magnification other than 0, or as a pair (m_x, m_y)"
+        expected = "expected m to be a magnification other than 0, or a pair (m_x, m_y)"
         scales = checked_pair(m, expected)
         if not np.isfinite(scales).all():
             raise ArgumentError(f"{expected}, got {value_text(m)}")
@@ -246,7 +246,7 @@ class FirstOrder(Immutable):
         meaning = "a length in m other than 0"
         scale = checked_number(f, "f", meaning)
         if not abs(scale) >= _LEAST:
-            raise ArgumentError(f"expected f as {meaning}, got {value_text(f)}")
+            raise ArgumentError(f"expected f to be {meaning}, got {value_text(f)}")
         quarters = checked_number(order, "order", "a number of quarter turns")
         turned = turned_points(np.array([[1.0, 0.0]]), math.remainder(quarters, 4.0) * math.pi / 2)
         cosine, sine = turned[0].tolist()

@@ -407,7 +407,7 @@ def detections(
     filters = require("scipy.ndimage", "arrays", "detections are found with")
     if not (hasattr(image, "dims") and len(guard) == len(training) == 2):
         raise ArgumentError(
-            "expected image as a DataArray from range_doppler or range_angle, and guard and "
+            "expected image to be a DataArray from range_doppler or range_angle, and guard and "
             f"training as two numbers each, got {type(image).__name__}, {guard!r} and "
             f"{training!r}"
         )

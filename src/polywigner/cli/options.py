@@ -293,7 +293,7 @@ class SceneOptions:
         ends = [parse_coordinate(end.strip()) for end in self.range_text.split(" to ")]
         if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
             raise ArgumentError(
-                "expected --range as two ascending lengths, such as '0 m to 60 m', got "
+                "expected --range to be two ascending lengths, such as '0 m to 60 m', got "
                 f"{value_text(self.range_text)}"
             )
         return np.linspace(ends[0], ends[1], (self.bins or default) + 1)

@@ -241,7 +241,7 @@ def parse_velocity(text: str) -> tuple[str, tuple[float, ...]]:
     values = options.parse_numbers("--velocity", numbers, "-8, 0, 0") if equals else ()
     if not name.strip() or len(values) != 3:
         raise ArgumentError(
-            "expected --velocity as NAME = VX, VY, VZ in m/s, such as 'car = -8, 0, 0', got "
+            "expected --velocity to be NAME = VX, VY, VZ in m/s, such as 'car = -8, 0, 0', got "
             f"{text!r}"
         )
     return name.strip(), values

@@ -277,7 +277,7 @@ def parse_definition(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise ArgumentError(
-            f"expected --define as NAME=VALUE for a $parameter of the scene, got {text!r}"
+            f"expected --define to be NAME=VALUE for a $parameter of the scene, got {text!r}"
         )
     return name, value
 
@@ -294,7 +294,7 @@ def parse_band(text: str | None) -> list[float]:
     count = int(number) if number.strip().isdecimal() and len(number) < 9 else 0
     if not (low < high and 2 <= count <= _MOST_FREQUENCIES):
         raise ArgumentError(
-            "expected --frequencies as two ascending frequencies and a number from 2 to "
+            "expected --frequencies to be two ascending frequencies and a number from 2 to "
             f"{_MOST_FREQUENCIES}, such as '76 GHz to 78 GHz, 201', got {text[:100]!r}"
         )
     return [low + (high - low) * k / (count - 1) for k in range(count)]

@@ -57,13 +57,13 @@ def _float_of(name: str, value: Drjit) -> type:
 
     if not drjit.is_jit_v(value):
         raise ArgumentError(
-            f"expected {name} as a Dr.Jit array of the LLVM or CUDA backend, got "
+            f"expected {name} to be a Dr.Jit array of the LLVM or CUDA backend, got "
             f"{type(value).__name__}; pass such an array, or NumPy arrays"
         )
     kind: type = drjit.array_t(value) if _is_tensor(value) else drjit.leaf_t(value)
     if not drjit.is_float_v(kind) or drjit.itemsize_v(kind) not in (4, 8):
         raise ArgumentError(
-            f"expected {name} as a Dr.Jit array of 32-bit or 64-bit floats, got "
+            f"expected {name} to be a Dr.Jit array of 32-bit or 64-bit floats, got "
             f"{type(value).__name__}"
         )
     return kind
@@ -174,7 +174,7 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
         return value
     if drjit.depth_v(value) != 2 or not 0 < len(value) < 4:
         raise ArgumentError(
-            f"expected {name} as an array with 1 to 3 components on its first axis, got "
+            f"expected {name} to be an array with 1 to 3 components on its first axis, got "
             f"{type(value).__name__}"
         )
     return joined([value[k] for k in range(len(value))])
@@ -190,7 +190,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
             shapes[name], flat[name] = tuple(value.shape), value.array
         elif is_drjit(value):
             raise ArgumentError(
-                f"expected {name} as a tensor, like the other argument, got "
+                f"expected {name} to be a tensor, like the other argument, got "
                 f"{type(value).__name__}; use one kind of array for all points"
             )
         else:
@@ -226,7 +226,7 @@ def _host_points(name: str, value: Any) -> NDArray[np.float64]:
         numbers = isinstance(value, np.ndarray) and not np.ma.is_masked(value)
         got = f"an array of {value.dtype}" if numbers else error
         raise ArgumentError(
-            f"expected {name} as real numbers with the components on the last axis, got {got}"
+            f"expected {name} to be real numbers with the components on the last axis, got {got}"
         ) from None
 
 
@@ -311,7 +311,7 @@ def numbers_of(name: str, value: Any, kind: str) -> Drjit:
                 return pair(value[0], value[1]) + drjit.zeros(pair, drjit.width(value))
     forms = "a Float, or a tensor (n,) or (n, 2)" if is_complex else "or a tensor (n, 2)"
     raise ArgumentError(
-        f"expected {name} as a Dr.Jit {kind}, {forms}, with floats of the LLVM or CUDA "
+        f"expected {name} to be a Dr.Jit {kind}, {forms}, with floats of the LLVM or CUDA "
         f"backend, got {got}; convert the numbers, or build the source from plain numbers"
     )
 

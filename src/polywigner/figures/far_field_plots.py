@@ -94,7 +94,7 @@ def draw_pattern(
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
         raise ArgumentError(
-            f"expected metrics as the result of beam_metrics, got {type(metrics).__name__}"
+            f"expected metrics to be the result of beam_metrics, got {type(metrics).__name__}"
         )
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _panel_names(panels, len(phi))
@@ -143,7 +143,7 @@ def _drawn_cuts(
     if not (cuts is None or isinstance(cuts, str)):
         if not isinstance(cuts, Sequence) or not cuts:
             raise ArgumentError(
-                'expected cuts as "beam", "principal", or a list of patterns or results of '
+                'expected cuts to be "beam", "principal", or a list of patterns or results of '
                 f"beam_cuts, got {type(cuts).__name__}"
             )
         lines = [line for part in cuts for line in cuts_in(part)]
@@ -448,8 +448,8 @@ def _rcs_cuts(
         nearest, front, back = 0, 0, 1
     else:
         raise ArgumentError(
-            "expected cuts as a list of two patterns, the first over azimuth and the second over "
-            f"elevation, got {type(cuts).__name__}"
+            "expected cuts to be a list of two patterns, the first over azimuth and the second "
+            f"over elevation, got {type(cuts).__name__}"
         )
     azimuth, elevation, levels = upright
     around = np.concatenate([elevation, math.pi - elevation[::-1]])

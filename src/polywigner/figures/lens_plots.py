@@ -143,8 +143,8 @@ def draw_image(
         check_floor(floor_db)
     if getattr(image, "dims", None) != ("y", "x") or not {"x", "y"} <= set(image.coords):
         raise ArgumentError(
-            "expected image as a DataArray with the axes (y, x) and the coordinates x and y, got "
-            f"{type(image).__name__} with the axes {getattr(image, 'dims', None)}"
+            "expected image to be a DataArray with the axes (y, x) and the coordinates x and y, "
+            f"got {type(image).__name__} with the axes {getattr(image, 'dims', None)}"
         )
     figure = style.figure_on(figure, 5.0, 4.2, title)
     axes, peak = figure.subplots(), float(image.max())

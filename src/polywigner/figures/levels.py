@@ -92,7 +92,7 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
         If the values are not real numbers, the reference is not positive, or the floor is not below
         0 dB.
     """
-    power = checked_vectors(values, "expected values as real numbers", ())
+    power = checked_vectors(values, "expected values to be real numbers", ())
     levels = np.full(power.shape, check_floor(floor_db))
     if reference is None:
         return levels
@@ -113,7 +113,9 @@ def checked_dataset(dataset: Any) -> xarray.Dataset:
     import xarray
 
     if not isinstance(dataset, xarray.Dataset):
-        raise ArgumentError(f"expected dataset as an xarray.Dataset, got {type(dataset).__name__}")
+        raise ArgumentError(
+            f"expected dataset to be an xarray.Dataset, got {type(dataset).__name__}"
+        )
     return dataset
 
 
@@ -164,8 +166,8 @@ def even_axis(name: str, values: Floats) -> Floats:
     step = (values[-1] - values[0]) / max(len(values) - 1, 1)
     if not (step > 0 and np.allclose(np.diff(values), step, rtol=_EVEN, atol=0.0)):
         raise ArgumentError(
-            f"expected {name} as at least two evenly spaced, ascending values, got {len(values)} "
-            "values that are too few, uneven or not ascending"
+            f"expected {name} to be at least two evenly spaced, ascending values, got "
+            f"{len(values)} values that are too few, uneven or not ascending"
         )
     return values
 

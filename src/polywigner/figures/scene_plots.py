@@ -372,7 +372,7 @@ def _view_limits(
 def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
-            f"expected direct as a sequence of DirectArrival objects, got {value_text(direct)}"
+            f"expected direct to be a sequence of DirectArrival objects, got {value_text(direct)}"
         )
     labels = []
     for arrival in direct:

@@ -167,7 +167,7 @@ def figure_on(figure: Any, width: float, height: float, title: str, **layout: An
         figure = new_figure(width, height, **layout)
     if not isinstance(figure, FigureBase):
         raise ArgumentError(
-            f"expected figure as a matplotlib Figure or SubFigure, got {type(figure).__name__}; "
+            f"expected figure to be a matplotlib Figure or SubFigure, got {type(figure).__name__}; "
             "pass a figure instead of axes, because several panels are drawn"
         )
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
@@ -191,7 +191,7 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
         return figure.add_subplot(), figure
     if not isinstance(ax, Axes):
         raise ArgumentError(
-            f"expected ax as matplotlib Axes, got {type(ax).__name__}; create axes with "
+            f"expected ax to be matplotlib Axes, got {type(ax).__name__}; create axes with "
             "matplotlib.pyplot.subplots()"
         )
     return ax, ax

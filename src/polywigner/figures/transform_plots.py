@@ -234,7 +234,7 @@ def draw_transforms(
     check_floor(floor_db)
     if not isinstance(slices, TransformSlices):
         raise ArgumentError(
-            f"expected slices as the result of transform_slices, got {type(slices).__name__}"
+            f"expected slices to be the result of transform_slices, got {type(slices).__name__}"
         )
     unit = length_unit(slices.aperture.diameter)
     is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5

@@ -180,11 +180,11 @@ def check_volume_options(
     checked_choice(projection, "projection", get_args(Projection))
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
-    known = checked_row(surfaces, "expected surfaces as levels from the floor to below 0 dB")
+    known = checked_row(surfaces, "expected surfaces to be levels from the floor to below 0 dB")
     levels = tuple(sorted(set(known.tolist())))
     if not levels or not all(floor_db <= level < 0 for level in levels):
         raise ArgumentError(
-            f"expected surfaces as levels from the floor of {floor_db:g} dB to below 0 dB, got "
+            f"expected surfaces to be levels from the floor of {floor_db:g} dB to below 0 dB, got "
             f"{surfaces}; pass for example ({floor_db / 4:g}, {floor_db / 2:g})"
         )
     return levels
@@ -205,7 +205,8 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
         (name,) = variables
     if not isinstance(name, str) or name not in variables:
         raise ArgumentError(
-            f"expected name as one of the variables {', '.join(map(str, variables))}, got {name!r}"
+            f"expected name to be one of the variables {', '.join(map(str, variables))}, "
+            f"got {name!r}"
         )
     array = dataset[name]
     if sorted(array.dims) != ["x", "y", "z"]:

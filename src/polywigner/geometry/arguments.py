@@ -168,7 +168,9 @@ def checked_vectors(
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
     """Return a non-empty array with ``dimension`` axes; raise ArgumentError for others."""
-    expected = f"expected {name} as a non-empty array of real numbers with {dimension} dimensions"
+    expected = (
+        f"expected {name} to be a non-empty array of real numbers with {dimension} dimensions"
+    )
     return real_array(values, expected, (None,) * dimension)
 
 
@@ -239,7 +241,7 @@ def checked_number(
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not (math.isfinite(number) and is_valid(number)):
-        raise ArgumentError(f"expected {name} as {meaning}, got {value_text(value)}")
+        raise ArgumentError(f"expected {name} to be {meaning}, got {value_text(value)}")
     return number
 
 
@@ -269,7 +271,7 @@ def checked_flag(value: Any, name: str) -> bool:
 def checked_callable(value: T, name: str) -> T:
     """Return a function or None; raise ArgumentError for other values."""
     if value is not None and not callable(value):
-        raise ArgumentError(f"expected {name} as a function or None, got {value_text(value)}")
+        raise ArgumentError(f"expected {name} to be a function or None, got {value_text(value)}")
     return value
 
 
@@ -296,7 +298,7 @@ def checked_generator(seed: Any) -> np.random.Generator:
         return np.random.default_rng(seed)
     except (TypeError, ValueError):
         raise ArgumentError(
-            "expected seed as a whole number of at least zero or a numpy.random.Generator, "
+            "expected seed to be a whole number of at least zero or a numpy.random.Generator, "
             f"got {value_text(seed)}"
         ) from None
 
@@ -306,7 +308,7 @@ def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT)
     is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not is_integer or not least <= value <= most:
         raise ArgumentError(
-            f"expected {name} as a whole number from {least} to {most}, got {value_text(value)}"
+            f"expected {name} to be a whole number from {least} to {most}, got {value_text(value)}"
         )
     return int(value)
 
@@ -492,7 +494,7 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
     Deviations from a rotation up to 1e-4 are removed. Raises GeometryError if the matrix scales,
     shears or mirrors.
     """
-    expected = "expected to_world as a (4, 4) matrix"
+    expected = "expected to_world to be a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")
     pose.flags.writeable = False
     return pose
@@ -500,9 +502,7 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError if not rigid."""
-    expected = (
-        f"expected {name} as rigid poses of shape (..., 4, 4), with rotation and translation only"
-    )
+    expected = f"expected {name} to be rigid poses of shape (..., 4, 4), with rotation and translation only"
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
     if not np.isfinite(poses).all():
         raise GeometryError(f"{expected}, got NaN or infinite elements")

@@ -84,7 +84,7 @@ class Illumination(Immutable):
 
     def __call__(self, x: ArrayLike) -> NDArray[np.complex128]:
         """Return the complex field, shape (...), at positions x (..., d) in m."""
-        expected = f"expected x as real numbers of shape (..., {self.dimension})"
+        expected = f"expected x to be real numbers of shape (..., {self.dimension})"
         points = checked_vectors(x, expected, (self.dimension,))
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
 

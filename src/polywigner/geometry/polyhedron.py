@@ -85,7 +85,7 @@ class Polyhedron(Immutable):
     """Vertex indices of each face, counter-clockwise seen from outside."""
 
     def __init__(self, vertices: ArrayLike, faces: Iterable[Iterable[SupportsIndex]]) -> None:
-        expected = "expected vertices as an (n, 3) array of numbers"
+        expected = "expected vertices to be an (n, 3) array of numbers"
         points = finite_array(vertices, expected, (None, 3), error=GeometryError) + 0.0
         numbers = _checked_faces(faces, len(points))
         _check_closed(numbers)
@@ -147,7 +147,7 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
         numbers = tuple(tuple(operator.index(k) for k in face) for face in faces)
     except (TypeError, ValueError, OverflowError):
         raise GeometryError(
-            "expected faces as lists of vertex indices, got indices that are not whole numbers"
+            "expected faces to be lists of vertex indices, got indices that are not whole numbers"
         ) from None
     for n, face in enumerate(numbers):
         if len(face) < 3 or len(set(face)) != len(face):

@@ -126,7 +126,7 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
 
     Raises GeometryError unless there are three different vertices with finite coordinates.
     """
-    expected = f"expected {name} as real numbers of shape (n, 2), without z"
+    expected = f"expected {name} to be real numbers of shape (n, 2), without z"
     # Adding 0.0 turns -0.0 into 0.0, so that equal rings have equal bytes.
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError) + 0.0
     count = len(np.unique(ring, axis=0))

@@ -46,7 +46,7 @@ __all__ = [
 
 
 def _pair(values: Any, name: str) -> Ring:
-    return finite_array(values, f"expected {name} as a pair of finite numbers", (2,))
+    return finite_array(values, f"expected {name} to be a pair of finite numbers", (2,))
 
 
 def _require(fits: bool, expected: str, **got: Any) -> None:
@@ -513,7 +513,7 @@ def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture
     Aperture
         The discs.
     """
-    shifts = finite_array(positions, "expected positions as an (m, 2) array", (None, 2))
+    shifts = finite_array(positions, "expected positions to be an (m, 2) array", (None, 2))
     circle = disc(radius, n).rings[0]
     return Aperture([circle + shift for shift in shifts])
 

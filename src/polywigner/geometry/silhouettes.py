@@ -206,7 +206,7 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     for body in listed:
         if not isinstance(body, (Polyhedron, PlacedAperture)):
             raise ArgumentError(
-                "expected obstacles as Polyhedra and placed apertures, got "
+                "expected obstacles to be Polyhedra and placed apertures, got "
                 f"{type(body).__name__}; call the method `placed` of an Aperture"
             )
         if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:

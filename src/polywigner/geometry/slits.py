@@ -128,7 +128,7 @@ class Slits(TakesWaves):
 
 
 def _ascending(intervals: Any) -> NDArray[np.float64]:
-    expected = "expected slits as an (m, 2) array of starts and ends"
+    expected = "expected slits to be an (m, 2) array of starts and ends"
     array = finite_array(intervals, expected, (None, 2), (2,), error=GeometryError).reshape(-1, 2)
     array = np.sort(array, axis=1)
     array = array[np.argsort(array[:, 0], kind="stable")]

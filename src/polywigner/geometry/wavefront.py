@@ -341,7 +341,7 @@ def _curvature_of(
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"
     expected = (
-        f"expected radius as {axes} in m, positive for diverging waves and inf for flat waves"
+        f"expected radius to be {axes} in m, positive for diverging waves and inf for flat waves"
     )
     radii = checked_row(radius, expected)
     if len(radii) not in (1, dimension) or np.isnan(radii).any() or (radii == 0).any():

@@ -365,7 +365,9 @@ def _free_field(
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
-    positions = checked_coordinates(points, "expected points as real numbers of shape (..., 3)", 3)
+    positions = checked_coordinates(
+        points, "expected points to be real numbers of shape (..., 3)", 3
+    )
     if (positions == np.array(source.position)).all(axis=-1).any():
         raise ArgumentError(
             f"the field is infinite at point {list(source.position)}, which is the position of "

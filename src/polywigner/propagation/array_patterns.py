@@ -161,7 +161,7 @@ def _checked_errors(**errors: float) -> dict[str, float]:
     for name, (most, meaning) in _ERRORS.items():
         errors[name] = checked_number(errors[name], name, meaning)
         if not 0 <= errors[name] <= most:
-            raise ArgumentError(f"expected {name} as {meaning}, got {errors[name]:g}")
+            raise ArgumentError(f"expected {name} to be {meaning}, got {errors[name]:g}")
     if not any(errors.values()):
         raise ArgumentError(
             "expected at least one of amplitude, phase, dead and position to be above zero, got "

@@ -230,7 +230,7 @@ def field_behind(
 
 def checked_points_behind(points: Any) -> Floats:
     expected = (
-        "with through=, expected points as real numbers of shape (..., 2), since the system "
+        "with through=, expected points to be real numbers of shape (..., 2), since the system "
         "determines z"
     )
     return checked_coordinates(points, expected, 2)
@@ -248,7 +248,7 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
             systems[-1] = part @ systems[-1]
         else:
             raise ArgumentError(
-                "expected through as a polywigner.FirstOrder, or a list of FirstOrder systems "
+                "expected through to be a polywigner.FirstOrder, or a list of FirstOrder systems "
                 "and stops (Aperture or Array) in the order in which the light passes them, got "
                 f"an element of type {type(part).__name__}"
             )

@@ -186,7 +186,7 @@ def _checked_methods(method: Any) -> tuple[str, ...]:
     methods = tuple(method) if isinstance(method, (list, tuple)) else (method,)
     if not methods or len(set(map(str, methods))) < len(methods):
         raise ArgumentError(
-            f"expected method as one method, or a list of different methods, got {method!r}"
+            f"expected method to be one method, or a list of different methods, got {method!r}"
         )
     return tuple(checked_method(name, ("wigner", *METHODS)) for name in methods)
 
@@ -598,7 +598,7 @@ def _table(
 
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
-    expected = f"expected {name} as finite numbers of shape (n,)"
+    expected = f"expected {name} to be finite numbers of shape (n,)"
     array = finite_array(values, expected, (None,))
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
     return labelled_array(array, (name,), {"units": units})

@@ -219,7 +219,7 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
             raise ValueError
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         raise ArgumentError(
-            f"expected {name} as a pattern of a polarised source over theta and phi, got "
+            f"expected {name} to be a pattern of a polarised source over theta and phi, got "
             f"{type(pattern).__name__}; use read_pattern, or radiation_pattern(polarisation=...)"
         ) from None
     return theta, phi, *of_co_and_cross(co, cross, jones), jones

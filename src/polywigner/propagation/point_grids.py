@@ -56,7 +56,7 @@ def unit_vectors(theta: Floats, phi: Floats) -> Floats:
 
 def checked_angles(values: Any, name: str, largest: float) -> Floats:
     """Return angles in rad; raise ArgumentError if an absolute value exceeds ``largest``."""
-    expected = f"expected {name} as angles (n,) in rad"
+    expected = f"expected {name} to be angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
         raise ArgumentError(
@@ -84,7 +84,7 @@ def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
 
 def checked_points(points: Any) -> Floats:
     expected = (
-        "expected points as real numbers of shape (..., 3), with x, y and z along the last axis"
+        "expected points to be real numbers of shape (..., 3), with x, y and z along the last axis"
     )
     array = checked_coordinates(points, expected, 3)
     behind = array[..., 2] <= 0
@@ -249,5 +249,5 @@ def _checked(values: Any, expected: str, *shape: int) -> Floats:
 def _counts(shape: Any, dimensions: int) -> Index:
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
-        raise ArgumentError(f"expected shape as {dimensions} integers, got {value_text(shape)}")
+        raise ArgumentError(f"expected shape to be {dimensions} integers, got {value_text(shape)}")
     return tuple(checked_count(n, "shape", 1) for n in shape)

@@ -217,7 +217,7 @@ class Screen:
             )
         if not isinstance(self.illuminated_by, (PointSource, PlaneWave)):
             raise ArgumentError(
-                "expected illuminated_by as a PointSource or a PlaneWave, got "
+                "expected illuminated_by to be a PointSource or a PlaneWave, got "
                 f"{type(self.illuminated_by).__name__}"
             )
         light = self.illuminated_by
@@ -262,7 +262,7 @@ def field_of_screen(
 
 
 def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
-    expected = f"expected {name} as three finite numbers {meaning}"
+    expected = f"expected {name} to be three finite numbers {meaning}"
     x, y, z = (finite_array(value, expected, (3,)) + 0.0).tolist()
     return x, y, z
 
@@ -270,6 +270,6 @@ def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
 def _checked_amplitude(value: complex) -> complex:
     if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
         raise ArgumentError(
-            f"expected amplitude as a finite complex number, got {value_text(value)}"
+            f"expected amplitude to be a finite complex number, got {value_text(value)}"
         )
     return value if isinstance(value, float) else complex(value)

@@ -380,7 +380,8 @@ def _opened(dataset: Stored) -> xarray.Dataset:
     if isinstance(dataset, (str, os.PathLike)):
         return open_store(dataset)
     raise ArgumentError(
-        f"expected dataset as an xarray.Dataset or the path of a store, got {value_text(dataset)}"
+        f"expected dataset to be an xarray.Dataset or the path of a store, "
+        f"got {value_text(dataset)}"
     )
 
 

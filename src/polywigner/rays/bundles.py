@@ -121,7 +121,7 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
 
     if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
         raise ArgumentError(
-            "expected rays as a dataset with position, direction and weight, got "
+            "expected rays to be a dataset with position, direction and weight, got "
             f"{type(rays).__name__}; create it with sample_rays or rays.load"
         )
     axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
@@ -307,12 +307,12 @@ def _pose(plane: Any) -> Floats:
 
 
 def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
-    expected = "expected bounds as (xmin, ymin, xmax, ymax) in m"
+    expected = "expected bounds to be (xmin, ymin, xmax, ymax) in m"
     row = finite_array(bounds, expected, (4,))
     if not (row[2:] > row[:2]).all():
         raise ArgumentError(f"{expected}, got {np.asarray(bounds).tolist()}")
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
-        raise ArgumentError(f"expected shape as two integers, (nx, ny) in pixels, got {shape!r}")
+        raise ArgumentError(f"expected shape to be two integers, (nx, ny) in pixels, got {shape!r}")
     nx, ny = (checked_count(n, "shape", 1, _MOST_ALONG_AXIS) for n in shape)
     if nx * ny > _MOST_PIXELS:
         raise ArgumentError(

@@ -120,7 +120,7 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
-    expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
+    expected = f"expected samples to be a count, or numbers of shape (n, {columns}) in [0, 1)"
     array = real_array(samples, expected, (None, columns))
     # False for NaN.
     inside = (array >= 0.0) & (array < 1.0)
@@ -250,7 +250,9 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
         angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
     vector = checked_unit_vectors("axis", axis)
     if vector.ndim > 1:
-        raise ArgumentError(f"expected axis as a single unit vector (3,), got shape {vector.shape}")
+        raise ArgumentError(
+            f"expected axis to be a single unit vector (3,), got shape {vector.shape}"
+        )
     vector = vector / np.linalg.norm(vector)
     tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):

@@ -215,7 +215,7 @@ def rcs(
     """
     check_no_drjit(to_radar=to_radar, to_transmitter=to_transmitter)
     facets = facets_of(body)
-    expected = "expected wavelengths as numbers above zero, in m"
+    expected = "expected wavelengths to be numbers above zero, in m"
     lengths = checked_vectors(wavelength, expected, ())
     usable = (lengths > 0) & np.isfinite(lengths)
     if not usable.all():

@@ -81,8 +81,8 @@ def checked_polarisations(
         q, p = (spherical_axes(towards)[name].astype(np.complex128) for name, towards in names)
         return q, p
     expected = (
-        "expected polarisation as None, one of 'vv', 'hh', 'vh', 'hv' (receiver first), or a pair "
-        "of unit vectors (..., 3) normal to the directions"
+        "expected polarisation to be None, one of 'vv', 'hh', 'vh', 'hv' (receiver first), or a "
+        "pair of unit vectors (..., 3) normal to the directions"
     )
     try:
         q, p = (np.array(vectors, np.complex128) for vectors in polarisation)
@@ -235,7 +235,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     centre to a source that faces it with its y axis upwards.
     """
     expected = (
-        f"with a source, expected {name} as vectors (..., 3) in m from the body's centre to the "
+        f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
         "source, or as poses (..., 4, 4) that map the body's frame into the source's frame"
     )
     array = checked_vectors(positions, expected, ())

@@ -503,10 +503,10 @@ def segmented_pupil(
     else:
         segments = list(pupil) if isinstance(pupil, Sequence) else [pupil]
     if not segments or not all(isinstance(segment, Aperture) for segment in segments):
-        raise ArgumentError("expected pupil as an Aperture, or as a list of apertures")
+        raise ArgumentError("expected pupil to be an Aperture, or a list of apertures")
     count = len(segments)
     expected = (
-        f"expected piston as finite numbers of shape ({count},) and tilt of shape ({count}, "
+        f"expected piston to be finite numbers of shape ({count},) and tilt of shape ({count}, "
         "2), or one value for all segments"
     )
     steps = np.broadcast_to(finite_array(piston, expected, (), (count,)), (count,))

@@ -412,7 +412,7 @@ def window_weights(
     sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
     if len(sizes) not in (1, 2):
         raise ArgumentError(
-            "expected shape as a number of elements n, or as a pair (nx, ny), got "
+            "expected shape to be a number of elements n, or a pair (nx, ny), got "
             f"{value_text(shape)}"
         )
     names = (window,) * len(sizes) if isinstance(window, str) else window

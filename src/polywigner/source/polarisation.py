@@ -44,7 +44,7 @@ _NAMED = {
 }
 _SLANT = re.compile(r"([+-]?\d+(?:\.\d*)?)\s*(?:deg|°)")
 _EXPECTED = (
-    'expected polarisation as "x", "y", "right", "left", a slant such as "45 deg", or a '
+    'expected polarisation to be "x", "y", "right", "left", a slant such as "45 deg", or a '
     "Jones vector of two complex numbers"
 )
 

@@ -34,7 +34,7 @@ _ADVICE = "divide the vector by its length"
 
 def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
     """Return unit vectors (..., 3); raise ArgumentError if the length of a vector is not 1."""
-    expected = f"expected {name} as unit vectors of shape (..., 3)"
+    expected = f"expected {name} to be unit vectors of shape (..., 3)"
     array = checked_vectors(vectors, expected, (3,))
     length = np.linalg.norm(array, axis=-1)
     wrong = ~(np.abs(length - 1) <= _UNIT)

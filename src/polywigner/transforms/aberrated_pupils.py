@@ -337,7 +337,7 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
     """
     if aberration is not None and not isinstance(aberration, Aberration):
         raise ArgumentError(
-            "expected aberration as a polywigner.Aberration, got "
+            "expected aberration to be a polywigner.Aberration, got "
             f"{type(aberration).__name__}; use polywigner.zernike, or Aberration(function)"
         )
     if aberration is not None and aberration.traced is not None and not has_gradients:

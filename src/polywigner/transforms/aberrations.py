@@ -261,7 +261,7 @@ class Aberration:
         if callable(path):
             modes, coefficients = FunctionMode(path, size), np.ones(1)
         else:
-            expected = "expected path as coefficients (m, n) in m, or as a function of x and y"
+            expected = "expected path to be coefficients (m, n) in m, or a function of x and y"
             table = finite_array(path, expected, (None, None))
             powers = np.argwhere(table)
             modes, coefficients = PowerModes(powers, size), table[tuple(powers.T)]
@@ -320,7 +320,7 @@ class Aberration:
             traced, given = pair[0], execution.columns_of(pair)[:, 0]
         shape = (len(self.coefficients),)
         values = finite_array(
-            given, f"expected coefficients as finite numbers of shape {shape}", shape
+            given, f"expected coefficients to be finite numbers of shape {shape}", shape
         )
         return self._of(values, *self._modes, traced=traced)
 
@@ -416,7 +416,7 @@ def zernike(
     """
     if not isinstance(coefficients, Mapping) or not coefficients:
         raise ArgumentError(
-            "expected coefficients as a mapping from indices to values in metres, got "
+            "expected coefficients to be a mapping from indices to values in metres, got "
             f"{coefficients!r:.80}; pass for example {{4: 25e-9}}"
         )
     indices = _checked_indices(coefficients, indexing)

@@ -301,7 +301,7 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
         )
     if not isinstance(through, FirstOrder):
         raise ArgumentError(
-            f"expected through as a polywigner.FirstOrder, got {type(through).__name__}"
+            f"expected through to be a polywigner.FirstOrder, got {type(through).__name__}"
         )
     if wavelength is None:
         raise ArgumentError("through= requires a wavelength; pass wavelength=...")
@@ -346,8 +346,8 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
     traced = [label for label, value in points.items() if execution.is_drjit(value)]
     if traced and not has_closed_form:
         raise ArgumentError(
-            f"expected {traced[0]} as a NumPy array for a partially coherent source, got a Dr.Jit "
-            f"array; use {traced[0]}.numpy()"
+            f"expected {traced[0]} to be a NumPy array for a partially coherent source, got a "
+            f"Dr.Jit array; use {traced[0]}.numpy()"
         )
     points, coherent = _checked(points, wave.dimension), coherent_source(wave)
     if takes_degree:

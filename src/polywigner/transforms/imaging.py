@@ -259,7 +259,7 @@ class _System:
         for name, source in (("pupil", pupil), ("condenser", condenser)):
             if not isinstance(source, Aperture | Array) or getattr(source, "dimension", 2) == 1:
                 raise ArgumentError(
-                    f"expected {name} as an Aperture, or an Array of apertures, got "
+                    f"expected {name} to be an Aperture, or an Array of apertures, got "
                     f"{type(source).__name__}"
                 )
         radius = checked_pupil_radius(pupil, pupil_radius)
@@ -406,7 +406,7 @@ def _check_orders(count: float, size: int) -> None:
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
-            f"expected mask as an Aperture, or an Array of apertures, got {type(mask).__name__}"
+            f"expected mask to be an Aperture, or an Array of apertures, got {type(mask).__name__}"
         )
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
@@ -451,13 +451,13 @@ def _checked_amplitude(name: str, value: complex) -> complex:
     except (TypeError, ValueError):
         amplitude = complex("nan")
     if not cmath.isfinite(amplitude):
-        raise ArgumentError(f"expected {name} as a finite number, got {value!r:.100}")
+        raise ArgumentError(f"expected {name} to be a finite number, got {value!r:.100}")
     return amplitude
 
 
 def _lags(name: str, values: Any) -> Floats:
     return finite_array(
-        values, f"expected {name} as finite numbers of shape (..., 2) in m", (..., 2)
+        values, f"expected {name} to be finite numbers of shape (..., 2) in m", (..., 2)
     )
 
 
@@ -467,7 +467,7 @@ def _checked_lattice(period: Any) -> Floats:
     flat = lattice.shape != (2, 2) or not np.isfinite(lattice).all()
     if flat or not abs(np.linalg.det(lattice)) > 1e-9 * np.square(lattice).sum():
         raise ArgumentError(
-            "expected period as two lengths in m above zero, or as two vectors that span the "
+            "expected period to be two lengths in m above zero, or two vectors that span the "
             f"plane, got {period!r}"
         )
     return np.asarray(lattice, np.float64)

@@ -187,7 +187,7 @@ def _is_frequency(name: str) -> bool:
 
 def _requested(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
     if not isinstance(names, Iterable | None):
-        raise ArgumentError(f"expected tiles as a list of names, got {type(names).__name__}")
+        raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
     _check_names(requested, available, "tiles")
     return requested
@@ -212,7 +212,7 @@ def _axes(
     requested = {} if coordinates is None else coordinates
     if not isinstance(requested, Mapping):
         raise ArgumentError(
-            "expected coordinates as a mapping from names of coordinates to values, got "
+            "expected coordinates to be a mapping from names of coordinates to values, got "
             f"{type(requested).__name__}"
         )
     _check_names(requested, names, "coordinates")
@@ -233,7 +233,7 @@ def _axes(
 
 
 def _numbers(name: str, values: ArrayLike) -> Floats:
-    array = finite_array(values, f"expected {name} as finite numbers of shape (n,)", (None,))
+    array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
             f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute "

@@ -131,7 +131,7 @@ def otf(
     radius = checked_pupil_radius(plain, pupil_radius)
     waves = checked_waves(defocus)
     if execution.is_drjit(xi):
-        raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
+        raise ArgumentError("expected xi to be a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension)
     error = checked_tolerance(tolerance)
     jets = _otf_jets(
@@ -255,10 +255,10 @@ def mtf(
     distance = image_distance(focal_length, numerical_aperture, radius)
     dimension = kernels.kernel_for("ambiguity", flat_source(_checked_pupil(plain))).dimension
     cycles = checked_points("frequency", frequency, dimension)
-    sides = checked_row(pixel, "expected pixel as one or two lengths in m")
+    sides = checked_row(pixel, "expected pixel to be one or two lengths in m")
     if sides.size not in (1, dimension) or not (np.isfinite(sides) & (sides >= 0)).all():
         raise ArgumentError(
-            f"expected pixel as lengths of zero or more in m, got {value_text(pixel)}"
+            f"expected pixel to be lengths of zero or more in m, got {value_text(pixel)}"
         )
     error = checked_tolerance(tolerance)
     path = checked_waves(defocus) * float(fractions @ lengths)

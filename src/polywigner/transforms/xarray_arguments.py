@@ -139,7 +139,7 @@ def _labelled(
     others = fixed[-1]
     if isinstance(others.get("source"), Differentiable):
         raise ArgumentError(
-            f"expected {' and '.join(points)} as NumPy or Dr.Jit arrays for a differentiable "
+            f"expected {' and '.join(points)} to be NumPy or Dr.Jit arrays for a differentiable "
             "source, got an xarray.DataArray; use its attribute .values"
         )
     prepared = [_prepared(name, value, xarray.DataArray) for name, value in points.items()]
@@ -197,7 +197,7 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
             is_point = False
         if not is_point:
             raise ArgumentError(
-                f"expected {name} as an xarray.DataArray like the other argument, or as one "
+                f"expected {name} to be an xarray.DataArray like the other argument, or one "
                 f"point, got {type(value).__name__}; name its dimensions with "
                 f"xarray.DataArray({name}, dims=...)"
             )

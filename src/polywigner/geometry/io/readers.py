@@ -224,7 +224,7 @@ def _checked_layers(layer: Any) -> tuple[str, ...]:
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
     if not all(isinstance(name, str) and name for name in names):
         raise ArgumentError(
-            f"expected layer as one name or several names, got {layer!r}; pass for example "
+            f"expected layer to be one name or several names, got {layer!r}; pass for example "
             'layer="pads" or layer=["pads", "feed"]'
         )
     return names

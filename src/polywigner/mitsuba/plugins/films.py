@@ -223,7 +223,7 @@ def check_spp(spp: int) -> int:
 def check_seed(seed: int) -> int:
     """Return ``seed``; raise ArgumentError unless it is an integer of at least zero."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ArgumentError(f"expected seed as an integer of zero or more, got {seed!r}")
+        raise ArgumentError(f"expected seed to be an integer of zero or more, got {seed!r}")
     return int(seed)
 
 

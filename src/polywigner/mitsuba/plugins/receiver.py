@@ -411,7 +411,7 @@ def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
     pixels = np.array((1, 1) if film is None else film)
     if pixels.shape != (2,) or pixels.dtype.kind not in "iu" or pixels.min() < 1:
         raise ArgumentError(
-            "expected film as a pair (columns, rows) of integers of at least 1, or None for one "
+            "expected film to be a pair (columns, rows) of integers of at least 1, or None for one "
             f"pixel, got {film!r}"
         )
     return film_of(*pixels.tolist())

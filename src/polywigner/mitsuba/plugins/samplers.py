@@ -51,7 +51,7 @@ def single(number: Any, name: str) -> float:
     """Return a value as a float; raise SceneError unless it is a single finite number."""
     values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
     if values.size != 1 or not np.isfinite(values).all():
-        raise SceneError(f"expected {name} as a single finite number, got {values.tolist()}")
+        raise SceneError(f"expected {name} to be a single finite number, got {values.tolist()}")
     return float(values[0])
 
 

@@ -240,7 +240,7 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
 
 def _number(name: str, value: Any, element: str) -> float:
     if not isinstance(value, str | Real) or isinstance(value, bool):
-        raise SceneError(f"expected {name} as a number or a string, got {type(value).__name__}")
+        raise SceneError(f"expected {name} to be a number or a string, got {type(value).__name__}")
     try:
         return float(_PARSERS[name](value))
     except ValueError as error:
@@ -379,7 +379,7 @@ class _SceneValues:
     def _wrong_type(self, name: str, expected: str, tag: str) -> SceneError:
         value = self.values[name]
         return SceneError(
-            f'expected {name} as {expected}, <{tag} name="{name}" .../> in a scene file, got '
+            f'expected {name} to be {expected}, <{tag} name="{name}" .../> in a scene file, got '
             f"{value!r} of type {type(value).__name__}"
         )
 

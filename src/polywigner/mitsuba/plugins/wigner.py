@@ -290,7 +290,7 @@ class TracedSource:
         values = np.array(dr.detach(flat), np.float32)
         if values.size != 2 * count or not np.isfinite(values).all():
             raise SceneError(
-                f"expected {name} as {2 * count} finite numbers, two for each of {count}, got "
+                f"expected {name} to be {2 * count} finite numbers, two for each of {count}, got "
                 f"{values.size} numbers"
             )
         return values.reshape(-1, 2)

@@ -184,7 +184,7 @@ def _sources(elements: Any) -> list[Aperture]:
         or not all(isinstance(element, Aperture) for element in parts)
     ):
         raise ArgumentError(
-            f"expected elements as an Array or a sequence of Apertures, got {elements!r}"
+            f"expected elements to be an Array or a sequence of Apertures, got {elements!r}"
         )
     return list(parts)
 

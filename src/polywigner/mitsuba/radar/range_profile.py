@@ -165,7 +165,7 @@ def received_by_range(
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     """Convert edges of bins in m; raise ArgumentError unless they ascend from zero or more."""
     expected = (
-        f"expected ranges as 2 to {_MOST_BINS + 1} edges of bins in m, such as "
+        f"expected ranges to be 2 to {_MOST_BINS + 1} edges of bins in m, such as "
         "np.linspace(0, 60, 513)"
     )
     edges = real_array(ranges, expected, (None,))
@@ -175,7 +175,7 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
-            "expected ranges as finite, ascending edges in m, zero or more and different in "
+            "expected ranges to be finite, ascending edges in m, zero or more and different in "
             f"single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
         )
     return edges

@@ -344,7 +344,7 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
     """Check a mapping from ids to velocities in m/s, and return the velocities as arrays."""
     if not isinstance(velocities, Mapping):
         raise ArgumentError(
-            f"expected velocities as a mapping from ids to (vx, vy, vz), got {velocities!r}"
+            f"expected velocities to be a mapping from ids to (vx, vy, vz), got {velocities!r}"
         )
     checked = {}
     for name, value in velocities.items():

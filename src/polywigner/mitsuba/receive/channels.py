@@ -172,7 +172,7 @@ def checked_frequencies(frequencies: Any) -> Floats:
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
-    expected = f"expected frequencies as 1 to {_MOST_FREQUENCIES} numbers above 0 in Hz"
+    expected = f"expected frequencies to be 1 to {_MOST_FREQUENCIES} numbers above 0 in Hz"
     row = checked_row(values, expected)
     if row.size > _MOST_FREQUENCIES or not (np.isfinite(row) & (row > 0.0)).all():
         raise ArgumentError(f"{expected}, got {frequencies!r:.100}")

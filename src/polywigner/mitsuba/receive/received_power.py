@@ -201,7 +201,7 @@ def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
         return int(receiver)  # type: ignore[arg-type]
     listed = ", ".join(f"{number} ({name!r})" for number, name in enumerate(names))
     raise ArgumentError(
-        f"expected receiver as one of {listed}, got {receiver!r}; specify one of them, or call "
+        f"expected receiver to be one of {listed}, got {receiver!r}; specify one of them, or call "
         "received_powers for all receivers"
     )
 

@@ -349,7 +349,7 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
         return ()
     if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
         raise ArgumentError(
-            "expected bodies as a dict whose values are bodies that pw.rcs accepts, or pairs of "
+            "expected bodies to be a dict whose values are bodies that pw.rcs accepts, or pairs of "
             f"a body and a number of reflections, got {bodies!r:.100}"
         )
     return tuple(_body(name, value) for name, value in bodies.items())

@@ -185,7 +185,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
         integrator = scene.integrator() or default_integrator(scene)
     if not isinstance(integrator, str) and not hasattr(integrator, "class_name"):
         raise ArgumentError(
-            "expected integrator as an integrator object or the name of its plugin, got "
+            "expected integrator to be an integrator object or the name of its plugin, got "
             f"{integrator!r}"
         )
     try:

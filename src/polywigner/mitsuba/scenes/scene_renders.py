@@ -161,7 +161,8 @@ def render_file(
         checked_count(threads, "threads", 1, MOST_THREADS)
     if not isinstance(parameters, Mapping | None):
         raise ArgumentError(
-            f"expected parameters as a mapping from names to values, got {value_text(parameters)}"
+            f"expected parameters to be a mapping from names to values, "
+            f"got {value_text(parameters)}"
         )
     chosen = choose_variant(mi.variant() if variant is None else variant)
     file = SceneFile(checked_path(path), chosen, dict(parameters or {}))

@@ -67,7 +67,7 @@ def is_receiver(sensor: mi.Sensor) -> bool:
 def sensors_of(scene: Any) -> list[mi.Sensor]:
     if not hasattr(scene, "sensors"):
         raise ArgumentError(
-            f"expected scene as a mi.Scene, got {type(scene).__name__}; create one with "
+            f"expected scene to be a mi.Scene, got {type(scene).__name__}; create one with "
             "polywigner.mitsuba.load_scene or mi.load_dict"
         )
     return list(scene.sensors())
