@@ -502,7 +502,10 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
     """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError if not rigid."""
-    expected = f"expected {name} to be rigid poses of shape (..., 4, 4), with rotation and translation only"
+    expected = (
+        f"expected {name} to be rigid poses of shape (..., 4, 4), "
+        "with rotation and translation only"
+    )
     poses = checked_vectors(values, expected, (4, 4), GeometryError)
     if not np.isfinite(poses).all():
         raise GeometryError(f"{expected}, got NaN or infinite elements")
