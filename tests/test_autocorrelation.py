@@ -59,8 +59,8 @@ def test_defocus_is_a_cut_through_the_ambiguity_function(waves):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"pupil_radius": 0.0}, "pupil_radius as a length above zero"),
-        ({"pupil_radius": "1 mm"}, "pupil_radius as a length above zero, got '1 mm'"),
+        ({"pupil_radius": 0.0}, "pupil_radius to be a length above zero"),
+        ({"pupil_radius": "1 mm"}, "pupil_radius to be a length above zero, got '1 mm'"),
         ({"defocus": math.inf}, "finite defocus"),
         ({"defocus": np.array([0.5, 1.0])}, "finite defocus"),
     ],

@@ -160,7 +160,7 @@ REFUSED = [
     (lambda: pw.coupling(PARTLY, SQUARE, np.eye(4) + np.eye(4, k=3), WAVELENGTH), "expected"),
     (lambda: INTENSITY(SQUARE.partially_coherent(1e-6)), "a coherence width of at least"),
     *[(partial(INTENSITY, SQUARE, bandwidth=b), "bandwidth") for b in (0.0, 2e15, "wide")],
-    *[(partial(make, width), "width as a length above zero")
+    *[(partial(make, width), "width to be a length above zero")
       for width in (0, -math.inf, math.nan, None, "a", True)
       for make in (SQUARE.partially_coherent, partial(pw.Wavefront, SQUARE, None, None))],
 ]  # fmt: skip

@@ -118,7 +118,7 @@ def test_a_system_is_a_value():
         (lambda: pw.FirstOrder("abcd"), "got str"),
         (lambda: pw.FirstOrder.lens(0.0), "other than 0"),
         (lambda: pw.FirstOrder.lens((0.1, 0.2, 0.3)), r"\(f_x, f_y\)"),
-        (lambda: pw.FirstOrder.lens("50 mm"), "f as a focal length in m"),
+        (lambda: pw.FirstOrder.lens("50 mm"), "f to be a focal length in m"),
         (lambda: pw.FirstOrder.lens(1e-310), "other than 0"),
         (lambda: pw.FirstOrder.magnifier(0.0), "other than 0"),
         (lambda: pw.FirstOrder.magnifier(math.inf), "magnification"),

@@ -106,7 +106,7 @@ REFUSED = {
     GOOD.replace("94 GHz", "94 GHx"): "frequency | 94 GHx",
     GOOD.replace("patch.wkt", "none.wkt"): "none.wkt",
     GOOD.replace("94 GHz", "1e-20 Hz"): "radiates only | 2.99792e+28 | check the unit",
-    GOOD + element("boolean", "power", "true"): "power as a number or a string | bool",
+    GOOD + element("boolean", "power", "true"): "power to be a number or a string | bool",
     GOOD + texts(obliquity="rs1"): "obliquity | 'rs1' | kirchhoff",
     turned('<scale value="2"/>'): "rotation and translation only | scales by 2, 2, 2",
     texts(aperture="memory:0123", frequency="94 GHz"): "no source with the key | mitsuba.aperture",

@@ -182,7 +182,7 @@ def test_cross_sections_are_the_same_however_powers_count() -> None:
             "cannot be combined with a source",
         ),
         ((np.eye(4), 0.02), {"source": FEED}, GeometryError, "in front of the plane of the source"),
-        ((2 * np.eye(4), 0.02), {"source": FEED}, GeometryError, "to_radar as rigid poses"),
+        ((2 * np.eye(4), 0.02), {"source": FEED}, GeometryError, "to_radar to be rigid poses"),
     ],
 )
 def test_wrong_arguments_are_refused(

@@ -95,12 +95,12 @@ def test_corners_of_the_unit_square_stay_in_the_automean():
 @pytest.mark.parametrize(
     ("samples", "message"),
     [
-        (0, "samples as a whole number from 1"),
-        (True, "count or as numbers"),
+        (0, "samples to be a whole number from 1"),
+        (True, "count, or numbers"),
         ([[0.5, 1.0]], r"in \[0, 1\), got 1.0"),
         ([[0.5, np.nan]], "got nan"),
         ([[0.5, 0.5, 0.5]], r"shape \(n, 2\)"),
-        ("many", "count or as numbers"),
+        ("many", "count, or numbers"),
     ],
 )
 def test_unusable_samples_are_refused(samples, message):

@@ -189,9 +189,9 @@ def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"count": 0}, "count as a whole number from 1"),
-        ({"count": 10, "seed": -1}, "seed as an integer of zero or more"),
-        ({"count": 10, "receiver": "nobody"}, "receiver as one of"),
+        ({"count": 0}, "count to be a whole number from 1"),
+        ({"count": 10, "seed": -1}, "seed to be an integer of zero or more"),
+        ({"count": 10, "receiver": "nobody"}, "receiver to be one of"),
         (
             {"count": 10, "velocities": {"flor": (1, 0, 0)}},
             "'flor' .*'floor', 'rx', 'tx'",

@@ -250,7 +250,7 @@ SAMPLED: list[tuple[dict[str, Any], str]] = [
     ({"cone": 0.5, "axis": (1.0, 0.0, 0.0)}, "narrower cone"),
     ({"axis": (0.0, 0.0, 2.0)}, "unit vector"),
     ({"obliquity": "lambert"}, "obliquity"),
-    ({"power": -1.0}, "expected power as"),
+    ({"power": -1.0}, "expected power to be"),
     ({"wavelength": 0.0}, "wavelength"),
     ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
     ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "to_world must be omitted"),

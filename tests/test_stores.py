@@ -339,7 +339,7 @@ def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch,
         ),
         ((AXIS, AXIS, AXIS, AXIS), {"precision": "half"}, "expected precision"),
         ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": (2, 2)}, "expected chunks that dask accepts"),
-        ((AXIS, AXIS, AXIS, AXIS, "w"), {"threads": 0}, "threads as a whole number"),
+        ((AXIS, AXIS, AXIS, AXIS, "w"), {"threads": 0}, "threads to be a whole number"),
         ((np.linspace(0, 1, 1000),) * 4, {}, "out to write it to disk"),
     ],
 )

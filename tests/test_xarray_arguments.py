@@ -175,7 +175,7 @@ NAMED = _named(X, "place", "component")
         (lambda: pw.fourier("square", NAMED.chunk()), "expected a source"),
         (
             lambda: pw.radiance(SQUARE, NAMED.chunk(), (0, 0, 2.0), 3e-3).compute(),
-            "direction as unit vectors",
+            "direction to be unit vectors",
         ),
     ],
 )
