@@ -6,6 +6,7 @@ bodies without common volume (oracles.shadow_quadrature). The wavelength is 1.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -17,6 +18,7 @@ import polywigner as pw
 from oracles.meshes import box, hollow, prism
 from oracles.shadow_quadrature import expected_ratio
 from polywigner.geometry.silhouettes import obstacles_of
+from polywigner.propagation.shadows import blocked_edges
 
 # Error of edge waves at the default tolerance.
 EXACT = 2e-8
@@ -203,3 +205,22 @@ def test_bodies_in_contact_are_those_that_touch_or_cross(name: str) -> None:
 def test_what_is_in_a_cavity_is_not_in_the_body() -> None:
     points = np.array([(0.0, 0.1, 0.2), (2.5, 0.1, 0.2), (3.5, 0.0, 0.0), (0.9, 0.1, -2.4)])
     assert obstacles_of(_ROOM, 1.0).inside(points).tolist() == [False, True, False, True]
+
+
+def test_surfaces_behind_edges_do_not_depend_on_the_order_of_edges() -> None:
+    # The post's shadow covers a corner of the first house, whose front the second continues.
+    post = box((2.4, -4, 8.9), (2.6, 4, 9.0))
+    houses = [box((0, -4, z), (5, 0, z + 9)) for z in (10, 19.02)]
+    source = np.array([2.5, 3.0, 0.0])
+    bodies = obstacles_of([post, *houses], 1.0)
+    seen = bodies.silhouette(source)
+    names = ("edges", "numbers", "bodies", "behind", "planes")
+    turned = replace(seen, **{name: getattr(seen, name)[::-1] for name in names})
+    first, second = (blocked_edges(bodies, [some], source) for some in (seen, turned))
+    groups = list(zip(first.groups[0], second.groups[0][::-1], strict=True))
+    assert max(k for k, _ in groups) >= 1
+    for one, other in groups:
+        assert (one >= 0) == (other >= 0)
+        if one >= 0:
+            a, b = first.blockers[one], second.blockers[other]
+            np.testing.assert_array_equal(a.triangles, b.triangles)

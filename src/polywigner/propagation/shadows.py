@@ -480,16 +480,22 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
     rows, body = rows[~is_own], body[~is_own]
     if not len(rows):
         return BlockedEdges([], _split(group, seen))
-    # A convex body is a single blocker.
-    is_simple = np.array([body.is_simple for body in bodies.bodies])
-    keys = np.column_stack([number[rows], np.where(is_simple[body], -1 - body, behind[rows])])
+    planes = bodies.face_planes(source)
+    # A convex body is a single blocker, except at faces that other bodies continue.
+    is_single = np.array([body.is_simple for body in bodies.bodies])[body]
+    faces, one, face = np.unique(behind[rows], return_index=True, return_inverse=True)
+    is_continued = [
+        bool((walls[bodies.flush_with(body[k], planes[f], planes)] != walls[body[k]]).any())
+        for f, k in zip(faces, one, strict=True)
+    ]
+    is_single &= ~np.array(is_continued)[face.ravel()]
+    keys = np.column_stack([number[rows], np.where(is_single, -1 - body, behind[rows])])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     which = which.ravel()
     group[rows] = which
     length = np.linalg.norm(ends[rows, 1] - ends[rows, 0], axis=1)
     midpoints = 0.5 * ends[rows].sum(axis=1) * length[:, None]
     sums = [np.bincount(which, midpoints[:, k]) / np.bincount(which, length) for k in range(3)]
-    planes = bodies.face_planes(source)
     blockers = []
     for k, origin in zip(first, np.stack(sums, axis=1), strict=True):
         plane = planes[behind[rows[k]]]
