@@ -112,7 +112,7 @@ REFUSED = {
     texts(aperture="memory:0123", frequency="94 GHz"): "no source with the key | mitsuba.aperture",
     GOOD + texts(taper="gauss"): "taper: expected a taper such as | \"te10\" | 'gauss'",
     GOOD + texts(array="9999 x 9999, 2 mm"): "array: expected at most 1048576 elements",
-    GOOD + texts(window="hamming"): "window: expected an array of equal | specify array",
+    GOOD + texts(window="hamming"): "window: expected an array of identical | specify array",
     GOOD + texts(source="array.toml"): "got both",
     FROM_FILE + texts(unit="mm"): "unit='mm' cannot be combined with a source file",
     NO_SOURCE.replace("source.toml", "cut.toml"): "cut.toml | TOML",

@@ -265,9 +265,9 @@ def test_scene_files_and_entries_have_the_same_polarisations(tmp_path: Path) -> 
 
 def test_polarisations_that_are_none_are_refused() -> None:
     for bad in ("z", (0, 0), (1, 2, 3), ["x", "y"], np.eye(2), 3.0, (np.nan, 1)):
-        with pytest.raises(ArgumentError, match="expected polarisation as"):
+        with pytest.raises(ArgumentError, match="expected polarisation to be"):
             pwm.aperture(SQUARE, WAVELENGTH, polarisation=bad)
-        with pytest.raises(ArgumentError, match="expected polarisation as"):
+        with pytest.raises(ArgumentError, match="expected polarisation to be"):
             pwm.receiver(SQUARE, WAVELENGTH, polarisation=bad)
     with pytest.raises(SceneError, match="same polarisation for all elements"):
         pwm.aperture(PAIR, WAVELENGTH, estimator="exact", diffraction=True, polarisation=["x", "y"])
