@@ -351,7 +351,8 @@ class _Slices:
             return ...
         key, grid = next(iter(self.pairs.items()))
         samples = max(a.size for a in inner)
-        is_grouped = self.is_on_cpu and fills_lanes(self.tables, self.pairs.values(), samples)
+        grids = self.pairs.values()
+        is_grouped = self.is_on_cpu and fills_lanes(self.slices, self.tables, grids, samples)
         return order_by_cell(self.slices, key, grid, inner, is_grouped=is_grouped)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
@@ -359,14 +360,16 @@ class _Slices:
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
 
-def fills_lanes(tables: Tables, grids: Iterable[PairGrid], samples: int) -> bool:
+def fills_lanes(slices: SliceSum, tables: Tables, grids: Iterable[PairGrid], samples: int) -> bool:
     """Return whether each lane of a CPU's vector should compute several samples in the same cell.
 
-    Samples in the same cell of one grid may lie in different cells of another grid. Terms for
-    partly coherent light are not written for several samples.
+    Samples in the same cell of one grid may lie in different cells of another grid. The second view
+    of a sum mirrors offsets, and the mirror images of offsets in one cell can lie in different
+    cells if an offset lies on the border of the cell. Terms for partly coherent light are not
+    written for several samples.
     """
     first, *others = grids
-    is_single = tables.coherence is None and not others
+    is_single = tables.coherence is None and len(slices.views) == 1 and not others
     return is_single and samples >= _LEAST_PER_CELL * len(first.cells)
 
 
@@ -379,9 +382,6 @@ def order_by_cell(
     the same cell. The last sample of a cell is repeated to fill its last column.
     """
     x, y = inner[slices.position]
-    # The second view mirrors offsets, and the mirror images of offsets in one cell can be in
-    # different cells if one of the offsets is on the border of the cell.
-    is_grouped &= len(slices.views) == 1
     host, scale = grid.on_host, key[0].side * slices.scale
     # The kernel rounds offsets to the grid in the same way.
     tx, ty = (host.step * np.rint((scale / host.step) * c) for c in (x, y))

@@ -228,7 +228,7 @@ def _order(
     keys = slices.passes(tables)
     grids = [pairs_of(tables, key, ops.double) for key in keys]
     starts = range(0, count, CHUNK)
-    is_grouped = fills_lanes(tables, grids, count // len(starts))
+    is_grouped = fills_lanes(slices, tables, grids, count // len(starts))
     is_grouped &= not drjit.grad_enabled((*components, *numbers))
     parts = []
     # Samples are sorted chunk by chunk, so that the samples of a vector are close in memory.
