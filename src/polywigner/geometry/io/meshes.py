@@ -16,6 +16,7 @@ from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
 from polywigner.geometry.polyhedron import heights_of, triangulate_faces
 from polywigner.geometry.rings import extent
+from polywigner.numerics import cluster_indices
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
@@ -98,9 +99,9 @@ def _welded(mesh: Mesh) -> Mesh:
     reach = _WELD * extent(points)
     if mesh.precision > _DOUBLE:
         reach = max(reach, _LAST_DIGITS * mesh.precision * float(np.abs(points).max()))
-    labels = np.stack([_clusters(column, reach) for column in points.T], axis=1)
-    _, first, number = np.unique(labels, axis=0, return_index=True, return_inverse=True)
-    numbers = number.ravel().tolist()
+    cluster = cluster_indices(points, reach)
+    _, first = np.unique(cluster, return_index=True)
+    numbers = cluster.tolist()
     faces = []
     for face in mesh.faces:
         merged = tuple(numbers[k] for k in face)
@@ -109,14 +110,6 @@ def _welded(mesh: Mesh) -> Mesh:
         if len(set(merged)) > 2:
             faces.append(merged)
     return Mesh(points[first], faces, mesh.precision)
-
-
-def _clusters(values: Points, reach: float) -> NDArray[np.intp]:
-    """Label values (n,), with equal labels for values connected by steps of at most `reach`."""
-    order = np.argsort(values, kind="stable")
-    labels = np.empty(len(values), dtype=np.intp)
-    labels[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > reach)
-    return labels
 
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
