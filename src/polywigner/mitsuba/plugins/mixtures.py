@@ -198,7 +198,13 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         raise unsuitable_source(source)
     try:
         check_slopes(source, obliquity)
-        _energy(flat_source(source))  # Raises SceneError for a source without a field.
-        return mutual_support(flat_source(source))
+        return _support(flat_source(source))
     except PolywignerError as error:
         raise SceneError(str(error)) from None
+
+
+# Cached, because creating a scene entry and loading the scene both require the region.
+@lru_cache(maxsize=16)
+def _support(source: Aperture | Array) -> Aperture:
+    _energy(source)  # Raises SceneError for a source without a field.
+    return mutual_support(source)

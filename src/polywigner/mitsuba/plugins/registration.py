@@ -176,6 +176,7 @@ KEY_PREFIX = "memory:"
 _CAPACITY = 1024
 
 _sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
+_sources_lock = threading.Lock()
 
 
 def register_source(source: Aperture | Array | Wavefront) -> str:
@@ -200,10 +201,11 @@ def register_source(source: Aperture | Array | Wavefront) -> str:
     if not isinstance(source, Aperture | Array | Wavefront):
         raise unsuitable_source(source)
     key = KEY_PREFIX + hashlib.sha256(source_json(source).encode()).hexdigest()[:24]
-    _sources[key] = source
-    _sources.move_to_end(key)
-    while len(_sources) > _CAPACITY:
-        _sources.popitem(last=False)
+    with _sources_lock:
+        _sources[key] = source
+        _sources.move_to_end(key)
+        while len(_sources) > _CAPACITY:
+            _sources.popitem(last=False)
     return key
 
 
@@ -213,7 +215,8 @@ def is_key(name: str) -> bool:
 
 
 def registered_source(key: str) -> Aperture | Array | Wavefront:
-    source = _sources.get(key)
+    with _sources_lock:
+        source = _sources.get(key)
     if source is None:
         raise SceneError(
             f"there is no source with the key {key!r} in this process; create the scene entry "
