@@ -217,7 +217,7 @@ BAD_INPUT = {
         np.ma.masked_equal([[0.0, 0.0], [1.0, 0.0], [1.0, 7.0]], 7.0),
         "masked elements",
     ),
-    "missing values": ([[0, None], [1, 0], [1, 1]], "real numbers"),
+    "missing values": ([[0, None], [1, 0], [1, 1]], "real numbers of shape.*got list"),
     "NaN": ([[0, 0], [1, 0], [np.nan, 1]], r"\[nan, 1\.0\] in row 2.*finite"),
     "infinity": ([[0, 0], [np.inf, 0], [0, 1]], "row 1.*finite"),
     "a repeated vertex": ([[1, 1]] * 5, "at least 3 different vertices.*got 1"),

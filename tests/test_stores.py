@@ -335,7 +335,7 @@ def test_a_scheduler_that_does_not_respond_leaves_nothing(tmp_path, monkeypatch,
         (
             (AXIS, AXIS, AXIS, AXIS),
             {"scheduler": "tcp://a:1"},
-            "require out, the path of a store",
+            "require out: expected the path of a store",
         ),
         ((AXIS, AXIS, AXIS, AXIS), {"precision": "half"}, "expected precision"),
         ((AXIS, AXIS, AXIS, AXIS, "w"), {"chunks": (2, 2)}, "expected chunks that dask accepts"),

@@ -128,7 +128,9 @@ def results_on_grid(
         options.get(name) for name in ("out", "chunks", "scheduler", "threads", "progress")
     )
     if out is None and not (scheduler is None and threads is None):
-        raise ArgumentError("scheduler and threads require out, the path of a store; pass out")
+        raise ArgumentError(
+            "scheduler and threads require out: expected the path of a store, got None"
+        )
     if threads is not None:
         threads = checked_count(threads, "threads", 1, MOST_THREADS)
     if out is not None and (chunks is None or chunks == "auto"):
