@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 from polywigner.geometry.parts import (
-    check_pairs,
+    check_overlaps,
     connected,
     enclosed,
     part_of_ring,
@@ -32,7 +32,6 @@ from polywigner.geometry.rings import (
     extent,
     hull_spans_area,
     rings_of_polygon,
-    rounding_tolerance,
     signed_area,
 )
 
@@ -296,7 +295,8 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
         if union:
             clean = _join_overlapping(clean)
         else:
-            _check_overlaps(clean)
+            polygons = [shapely.Polygon(ring) for ring in clean]
+            check_overlaps(polygons, "outlines", OVERLAP_REMEDY, nested=True)
     return _by_nesting(clean)
 
 
@@ -311,14 +311,6 @@ def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
         region = members[0] if len(members) == 1 else union_on_grid(list(members))
         joined += [ring for polygon in polygons_in(region) for ring in rings_of_polygon(polygon)]
     return joined
-
-
-def _check_overlaps(rings: Sequence[Ring]) -> None:
-    polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
-    first, second = shapely.STRtree(polygons).query(polygons, predicate="overlaps")
-    once = first < second
-    shift = max(rounding_tolerance(ring) for ring in rings)
-    check_pairs(polygons, first[once], second[once], shift, "outlines", OVERLAP_REMEDY)
 
 
 def _by_nesting(rings: Sequence[Ring]) -> list[Polygon]:
