@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.rings import Part, Ring, orientations, polygon_of_part, shoelace, turn
+from polywigner.geometry.rings import Part, Ring, area2, orientations, polygon_of_part, shoelace
 from polywigner.numerics import Indices
 
 
@@ -55,7 +55,7 @@ def _merged_triangles(
         p, q = ahead.index(j), back.index(i)
         at_i = ahead[p - 2], i, back[(q + 1) % len(back)]
         at_j = back[q - 2], j, ahead[(p + 1) % len(ahead)]
-        if left == right or any(turn(*(points[k] for k in at)) < 0 for at in (at_i, at_j)):
+        if left == right or any(area2(*(points[k] for k in at)) < 0 for at in (at_i, at_j)):
             continue
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
         pieces[left], pieces[right] = merged, []

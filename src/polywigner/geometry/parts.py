@@ -55,13 +55,14 @@ def shifted(polygons: NDArray[Any], shifts: Ring) -> NDArray[Any]:
     return moved
 
 
-def snapped(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
-    """Move vertices to the nearest `originals` (n, 2) within `reach`, if the result is valid."""
+def snapped(geometry: BaseGeometry, originals: Ring, distance: float) -> BaseGeometry:
+    """Move vertices to the nearest `originals` (n, 2) within `distance`, if the result is valid."""
     tree = shapely.STRtree(shapely.points(originals))
 
     def moved(points: Ring) -> Ring:
+        """Return points (n, 2), moved to the nearest original points within the distance."""
         index, nearest = tree.query_nearest(
-            shapely.points(points), max_distance=reach, all_matches=False
+            shapely.points(points), max_distance=distance, all_matches=False
         )
         result = points.copy()
         result[index] = originals[nearest]
@@ -71,16 +72,18 @@ def snapped(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeomet
     return exact if shapely.is_valid(exact) else geometry
 
 
-def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
-    """Drop vertices within `reach` of the line between their neighbours, if the result is valid."""
+def straightened(geometry: BaseGeometry, distance: float) -> BaseGeometry:
+    """Drop vertices within a distance of the line between their neighbours, if still valid."""
     # Normalised, so that the result does not depend on the starting vertex.
-    polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
+    array = np.array(polygons_in(geometry), dtype=object)
+    polygons = shapely.simplify(shapely.normalize(array), distance)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
     fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
     return simple if fewer and shapely.is_valid(simple) else geometry
 
 
 def _is_hairline(region: BaseGeometry, width: float) -> bool:
+    """Return whether the area of a region is at most its perimeter times ``width``."""
     return bool(region.area <= width * region.length)
 
 
@@ -97,8 +100,8 @@ def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
             return labels
 
 
-def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
-    """Return the union of geometries, computed for each group of overlapping boxes."""
+def _union_by_groups(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
+    """Return the union of geometries on a grid, computed separately for distant groups."""
     array = np.array(geometries, dtype=object)
     boxes = shapely.box(*(shapely.bounds(array) + grid * np.array([-1, -1, 1, 1])).T)
     labels = connected(len(array), *shapely.STRtree(boxes).query(boxes))
@@ -120,7 +123,7 @@ def union_on_grid(
     """
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
-    return _cleaned(_union(geometries, grid), points, grid)
+    return _without_slivers(_union_by_groups(geometries, grid), points, grid)
 
 
 def combined_on_grid(
@@ -132,10 +135,15 @@ def combined_on_grid(
     result = operation(first, second, grid_size=grid)
     if all(_is_hairline(polygon, grid) for polygon in polygons_in(result)):
         return shapely.MultiPolygon()
-    return _cleaned(result, points, grid)
+    return _without_slivers(result, points, grid)
 
 
-def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
+def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
+    """Return a region without polygons and holes thinner than the grid.
+
+    Vertices near ``points`` (n, 2) become equal to them, and vertices on straight lines are
+    dropped.
+    """
     polygons = []
     for polygon in polygons_in(region):
         holes = [h for h in polygon.interiors if not _is_hairline(shapely.Polygon(h), grid)]
@@ -197,6 +205,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
+    """Return a part without vertices that lie between their neighbours up to rounding."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
@@ -232,8 +241,8 @@ def check_overlaps(
 ) -> bool:
     """Return whether any polygons touch; raise GeometryError if any polygons overlap.
 
-    ``things``: what the polygons are called in the message. ``nested``: whether a polygon may lie
-    inside another one.
+    ``things``: name of the polygons in the message. ``nested``: whether a polygon may lie inside
+    another polygon.
     """
     array = np.array(polygons, dtype=object)
     shift = rounding_tolerance(shapely.get_coordinates(array))
@@ -265,7 +274,7 @@ def check_overlaps(
 
 
 def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
-    """Join parts that touch; raise GeometryError if parts overlap."""
+    """Join parts that touch; raise GeometryError with a remedy if parts overlap."""
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not check_overlaps(polygons, "parts", remedy):
         return list(parts)
@@ -294,7 +303,10 @@ def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the parts inside a ring under the fill rule "nonzero" or "evenodd"."""
+    """Return the parts inside a ring that may cross itself.
+
+    ``winding``: the fill rule, "nonzero" or "evenodd".
+    """
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
@@ -324,6 +336,7 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
 
 
 def _is_ring(vertices: Any) -> bool:
+    """Return whether an argument is one ring (n, 2), not a list of rings or polygons."""
     if isinstance(vertices, np.ndarray) and vertices.dtype != object:
         return vertices.ndim <= 2
     if not len(vertices) or isinstance(vertices[0], shapely.Polygon):

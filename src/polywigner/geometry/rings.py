@@ -29,8 +29,8 @@ Part = tuple[Ring, ...]
 _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
 
 
-def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    """Return twice the signed area of a triangle; the sign is exact."""
+def area2(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    """Return twice the signed area of the triangle (a, b, c); the sign is exact."""
     first = (b[0] - a[0]) * (c[1] - a[1])
     second = (b[1] - a[1]) * (c[0] - a[0])
     value = first - second
@@ -59,7 +59,7 @@ def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
 
 
 def whole_numbers(values: NDArray[np.float64]) -> tuple[NDArray[Any], int]:
-    """Convert floats to Python integers n and one exponent, so that n * 2^exponent is exact.
+    """Convert floats to Python integers n and one exponent e, so that n * 2^e is exact.
 
     Integer arithmetic is exact and tens of times faster than Fractions.
     """

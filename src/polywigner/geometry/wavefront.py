@@ -228,7 +228,7 @@ class Wavefront(TakesWaves):
         self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
-        """Return the source at another wavelength, with the same radius of curvature."""
+        """Return the source at another wavelength, with the curvature that its wave has there."""
         length = checked_wavelength(wavelength)
         source = self.source.at_wavelength(length)
         if self.wavelength in (None, length):
