@@ -158,18 +158,21 @@ def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
 
     Vertices move by at most 64 ulp of the largest coordinate.
     """
-    coordinates = shapely.get_coordinates(polygons)
+    coordinates, owner = shapely.get_coordinates(polygons, return_index=True)
     distance, points = rounding_tolerance(coordinates), shapely.points(coordinates)
     later, earlier = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance)
     target = np.arange(len(points))
     np.minimum.at(target, later, earlier)
-    points = points[np.unique(target)]
-    number, near = shapely.STRtree(points).query(polygons, predicate="dwithin", distance=distance)
-    # GEOS compares each edge with each reference point.
-    is_shared = np.bincount(near)[near] > 1
-    order = np.flatnonzero(is_shared)[np.argsort(number[is_shared], kind="stable")]
-    touching, index = np.unique(number[order], return_inverse=True)
-    references = shapely.multipoints(points[near[order]], indices=index)
+    kept, which = np.unique(target, return_inverse=True)
+    number, near = shapely.STRtree(points[kept]).query(
+        polygons, predicate="dwithin", distance=distance
+    )
+    # GEOS compares each edge with each reference point, so vertices of the polygon are omitted.
+    is_vertex = (coordinates == coordinates[target]).all(axis=1)
+    present = (owner * len(kept) + which)[is_vertex]
+    missing = ~np.isin(number * len(kept) + near, present)
+    touching, index = np.unique(number[missing], return_inverse=True)
+    references = shapely.multipoints(points[kept[near[missing]]], indices=index)
     welded = polygons.copy()
     welded[touching] = shapely.snap(polygons[touching], references, distance)
     return np.where(shapely.is_valid(welded), welded, polygons)
@@ -283,7 +286,8 @@ def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
 
 def union_parts(parts: Sequence[Part]) -> list[Part]:
     """Return the union of parts that may overlap."""
-    union = union_on_grid(_welded(np.array([polygon_of_part(part) for part in parts])))
+    welded = _welded(np.array([polygon_of_part(part) for part in parts]))
+    union = union_on_grid(welded.tolist())
     return [part_of_polygon(polygon) for polygon in polygons_in(union)]
 
 
