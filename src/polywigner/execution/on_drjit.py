@@ -59,7 +59,7 @@ class _Frozen:
             return cell.function(*arguments)
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
-        self.owners = owners
+        self.owners, self.requests = owners, 0
         # Dr.Jit aborts the process if two threads record the same function at the same time.
         self.lock = threading.Lock()
 
@@ -102,11 +102,12 @@ _known: OrderedDict[Hashable, _Frozen] = OrderedDict()
 _lock = threading.Lock()
 
 
-def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Function:
+def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> _Frozen:
     """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
     The function must not depend on the number of samples, and must not allocate memory. The key of
-    the cache consists of ``owners``, compared by identity, and ``kind``.
+    the cache consists of ``owners``, compared by identity, and ``kind``. The attribute ``requests``
+    of the result counts the calls of :func:`frozen` with this key.
     """
     key = (*map(id, owners), *kind)
     with _lock:
@@ -116,6 +117,7 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
             while len(_known) > _MOST:
                 _known.popitem(last=False)
         _known.move_to_end(key)
+        _known[key].requests += 1
         return _known[key]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from polywigner.execution.drjit_operations import DrjitOperations, four_of
 from polywigner.execution.on_drjit import (
     CHUNK,
     fills_lanes,
+    frozen,
     is_code,
     is_recording,
     order_by_cell,
@@ -29,6 +31,9 @@ from polywigner.numerics.phases import Pair, cos_sin_cycles
 
 # Largest number of samples for which edges are data. Compiling edges as code would take longer.
 _MOST_AS_DATA = 1 << 16
+# Number of the call with the same source from which edges are code, and calls are recorded. Tracing
+# takes some ms in each call, and compiling edges as code 10 to 20 ms per edge.
+_FIRST_RECORDED = 8
 # Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
 # Sorting waits for the arguments and takes about 30 ns per sample.
 _LEAST_SORTED, _LEAST_EDGES = 1 << 12, 40
@@ -190,6 +195,10 @@ def evaluate_traced(
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
+    if not is_long_code and _may_record(kernel, tables, components, numbers):
+        recorded = frozen(partial(kernel, ops, tables), (kernel, tables), ops.float_type, "traced")
+        if recorded.requests >= _FIRST_RECORDED:
+            return _typed(ops, recorded(*components), complex_result)
     traced = numbers.traced(ops, tables)
     # For many samples, edges as code are up to four times as fast. A function that the caller
     # freezes must not contain cached memory, so its edges must be code.
@@ -206,7 +215,22 @@ def evaluate_traced(
         place = np.empty(max(map(drjit.width, given)), np.intp)
         place[order.T.ravel()] = np.arange(order.size)
         results = tuple(_taken(drjit.ravel(result), place) for result in results)
-    return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
+    return _typed(ops, results, complex_result)
+
+
+def _typed(ops: DrjitOperations, results: Sequence[Drjit], is_complex: bool) -> Drjit:
+    return sibling(ops.float_type, "Complex2f")(*results[:2]) if is_complex else results[0]
+
+
+def _may_record(
+    kernel: Kernel, tables: Any, components: Sequence[Drjit], numbers: Differentiable
+) -> bool:
+    """Return whether a call has no derivatives, and its edges may be code."""
+    import drjit
+
+    if not is_code(kernel, tables) or is_recording(type(components[0])):
+        return False
+    return not (numbers.numbers or drjit.grad_enabled(components))
 
 
 def _order(
