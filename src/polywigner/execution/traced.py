@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.execution.choice import takes_data
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations, four_of
 from polywigner.execution.on_drjit import (
     CHUNK,
+    OnDrjitData,
+    Values,
     fills_lanes,
     frozen,
     is_code,
@@ -31,8 +33,8 @@ from polywigner.numerics.phases import Pair, cos_sin_cycles
 
 # Largest number of samples for which edges are data. Compiling edges as code would take longer.
 _MOST_AS_DATA = 1 << 16
-# Number of the call with the same source from which edges are code, and calls are recorded. Tracing
-# takes some ms in each call, and compiling edges as code 10 to 20 ms per edge.
+# Number of the call from which calls with the same source are recorded, with up to 16 edges as
+# code. Tracing takes 1 to 3 ms in each call. Code compiles in 10 to 20 ms per edge.
 _FIRST_RECORDED = 8
 # Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
 # Sorting waits for the arguments and takes about 30 ns per sample.
@@ -195,15 +197,15 @@ def evaluate_traced(
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
     is_long_code = is_code(kernel, tables) and max(map(drjit.width, components)) > _MOST_AS_DATA
-    if not is_long_code and _may_record(kernel, tables, components, numbers):
-        recorded = frozen(partial(kernel, ops, tables), (kernel, tables), ops.float_type, "traced")
-        if recorded.requests >= _FIRST_RECORDED:
-            return _typed(ops, recorded(*components), complex_result)
     traced = numbers.traced(ops, tables)
     # For many samples, edges as code are up to four times as fast. A function that the caller
     # freezes must not contain cached memory, so its edges must be code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
     order = _order(kernel, ops, tables, components, (traced.vertices, traced.weights))
+    if order is None and not numbers.numbers:
+        recorded = _recorded(kernel, ops, tables, components)
+        if recorded is not None:
+            return _typed(ops, recorded, complex_result)
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
         ops, tables = DrjitOperations(ops.float_type, "data"), with_frame_as_data(ops, tables)
     given = components
@@ -222,15 +224,35 @@ def _typed(ops: DrjitOperations, results: Sequence[Drjit], is_complex: bool) -> 
     return sibling(ops.float_type, "Complex2f")(*results[:2]) if is_complex else results[0]
 
 
-def _may_record(
-    kernel: Kernel, tables: Any, components: Sequence[Drjit], numbers: Differentiable
-) -> bool:
-    """Return whether a call has no derivatives, and its edges may be code."""
+def _recorded(
+    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Drjit]
+) -> Values | None:
+    """Return the results of a recorded kernel, or None if the call is not recorded.
+
+    Recorded calls have few samples and no derivatives, and repeat earlier calls with the source.
+    """
     import drjit
 
-    if not is_code(kernel, tables) or is_recording(type(components[0])):
-        return False
-    return not (numbers.numbers or drjit.grad_enabled(components))
+    is_large = max(map(drjit.width, components)) > _MOST_AS_DATA
+    if is_large or is_recording(ops.float_type) or drjit.grad_enabled(components):
+        return None
+    has_code = is_code(kernel, tables)
+    if not (has_code or takes_data(kernel, tables)):
+        return None
+
+    def as_data() -> OnDrjitData:
+        return OnDrjitData(kernel, tables, ops.float_type)
+
+    def results(*arrays: Drjit) -> Values:
+        return kernel(ops, tables, *arrays) if has_code else as_data().at_points(*arrays)
+
+    recorded = frozen(results, (kernel, tables), ops.float_type, "points")
+    if recorded.requests < _FIRST_RECORDED:
+        return None
+    if has_code:
+        return recorded(*components)
+    data = as_data()
+    return recorded(*data.constants(), *components) if data.source.is_recorded else None
 
 
 def _order(
