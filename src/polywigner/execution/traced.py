@@ -31,7 +31,8 @@ from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest number of samples for which edges are data. Compiling edges as code would take longer.
+# Largest number of samples for which traced calls read edges from memory, because compiling edges
+# as code would take longer. Calls with at most as many samples may be recorded.
 _MOST_AS_DATA = 1 << 16
 # Number of the call from which calls with the same source are recorded, with up to 16 edges as
 # code. Tracing takes 1 to 3 ms in each call. Code compiles in 10 to 20 ms per edge.
