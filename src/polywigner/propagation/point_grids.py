@@ -78,8 +78,8 @@ DEFAULT_TOLERANCE = 1e-9
 _LEAST = 1e-13
 
 
-def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
-    return finite_array(points, f"{expected}, in metres", (..., *shape))
+def checked_coordinates(points: Any, expected: str, components: int) -> Floats:
+    return finite_array(points, f"{expected}, in metres", (..., components))
 
 
 def checked_points(points: Any) -> Floats:
@@ -169,7 +169,7 @@ def box_grid(box: Any, shape: Any) -> Grid:
 def plane_grid(where: Any, shape: Any) -> Grid:
     """Return a grid on a rectangle, specified by a flat box or by three corners."""
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
-    corners = _checked(where, expected, 3)
+    corners = finite_array(where, f"{expected}, in metres", (2, 3), (3, 3))
     counts = _counts(shape, 2)
     if corners.shape == (2, 3):
         low, high = corners
@@ -183,8 +183,6 @@ def plane_grid(where: Any, shape: Any) -> Grid:
         spans = {_AXES[k]: (low[k], high[k], n) for k, n in zip(sides, counts, strict=True)}
         origin = np.where(np.arange(3) == flat[0], low, 0.0)
         return _straight_grid(spans, origin, np.eye(3)[sides])
-    if corners.shape != (3, 3):
-        raise ArgumentError(f"{expected}, in m, got shape {corners.shape}")
     along = corners[1:] - corners[0]
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
@@ -211,9 +209,7 @@ def line_grid(ends: Any, samples: Any) -> Grid:
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     """Return a grid on a hemisphere, with the axes theta and phi."""
     length = checked_length(radius, "radius")
-    origin = _checked(centre, "expected a centre of shape (3,)", 3)
-    if origin.ndim != 1:
-        raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
+    origin = finite_array(centre, "expected a centre of shape (3,), in metres", (3,))
     points_at = partial(_spherical, origin, length)
     grid = Grid(angle_axes(*checked_theta_and_phi(theta, phi)), points_at)
     checked_points(grid.points((0, 0), grid.shape))
@@ -236,14 +232,8 @@ def _span(low: float, high: float, count: int) -> Floats:
 
 
 def _corners(name: str, corners: Any, which: str) -> Floats:
-    return _checked(corners, f"expected a {name} as two points of shape (2, 3), the {which}", 2, 3)
-
-
-def _checked(values: Any, expected: str, *shape: int) -> Floats:
-    array = checked_coordinates(values, expected, *shape)
-    if array.ndim > 2 or array.size > 9:
-        raise ArgumentError(f"{expected}, in metres, got shape {array.shape}")
-    return array
+    expected = f"expected a {name} as two points of shape (2, 3), the {which}, in metres"
+    return finite_array(corners, expected, (2, 3))
 
 
 def _counts(shape: Any, dimensions: int) -> Index:

@@ -17,9 +17,9 @@ from polywigner.geometry.arguments import (
     checked_flag,
     checked_number,
     checked_path,
-    checked_vectors,
     finite_array,
     in_place,
+    real_array,
     rigid_pose,
     shape_of,
     warn_caller,
@@ -146,9 +146,7 @@ def count_of(rays: xarray.Dataset) -> int:
 def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
-        columns.append(checked_vectors(value, f"expected {name} of shape {shape}", ()))
-        if columns[-1].shape != shape:
-            raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
+        columns.append(real_array(value, f"expected {name} of shape {shape}", shape))
     position, direction, weight = columns
     with np.errstate(over="ignore"):
         # False for lost rays, which contain NaN.
