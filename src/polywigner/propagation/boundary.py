@@ -144,11 +144,12 @@ def panels_of(
     longest: float,
     count: int,
     paraxial: bool,
-    is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
+    steep: bool | None = None,
 ) -> Iterator[_Panels]:
     """Yield blocks of about ``count`` panels, each at most ``longest`` wavelengths long.
 
-    ``is_wanted`` selects plane waves by the direction cosine p_z.
+    ``steep`` selects plane waves within 60 degrees of the normal (True) or other plane waves
+    (False). By default all plane waves are included.
     """
     for element in radiator.elements:
         plane = element.frequencies * wavelength
@@ -157,8 +158,8 @@ def panels_of(
         reach = np.full(len(plane), longest)
         if math.isfinite(longest):
             reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
-        wanted = np.full(len(plane), True) if is_wanted is None else is_wanted(cosines)
-        for wave in np.flatnonzero(wanted):
+        is_steep = cosines.real >= _STEEP_COSINE
+        for wave in range(len(plane)) if steep is None else np.flatnonzero(is_steep == steep):
             amplitude = element.amplitudes[wave]
             begin, along, length = _divided_edges(element.outline, wavelength * reach[wave])
             kappa = tuple(element.frequencies[wave])
@@ -323,8 +324,8 @@ def _summed(
     def by_steepest_descent(points: Floats, digits: float) -> tuple[Complex, Floats]:
         if paraxial:
             return edge_sums(points, digits, steepest_edge_sum, math.inf)
-        steep = edge_sums(points, digits, steepest_edge_sum, math.inf, _is_steep)
-        shallow = edge_sums(points, digits, integrals.edge_sum, _STRATA[-1][1], _is_shallow)
+        steep = edge_sums(points, digits, steepest_edge_sum, math.inf, True)
+        shallow = edge_sums(points, digits, integrals.edge_sum, _STRATA[-1][1], False)
         return steep[0] + shallow[0], steep[1] + shallow[1]
 
     if paraxial:
@@ -339,14 +340,6 @@ def _summed(
     return values, errors, allowed
 
 
-def _is_steep(cosines: Complex) -> NDArray[np.bool_]:
-    return cosines.real >= _STEEP_COSINE
-
-
-def _is_shallow(cosines: Complex) -> NDArray[np.bool_]:
-    return ~_is_steep(cosines)
-
-
 def _edge_sums(
     radiator: Radiator,
     wavelength: float,
@@ -357,7 +350,7 @@ def _edge_sums(
     digits: float,
     edge_sum: Callable[..., integrals.Values],
     longest: float,
-    is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
+    steep: bool | None = None,
 ) -> tuple[Complex, Floats]:
     """Return the field at points as a sum over panels, and its error of about exp(-digits)."""
     kernel = Kernel(
@@ -371,7 +364,7 @@ def _edge_sums(
         leave=integrals.leave_phase if paraxial else integrals.leave,
     )
     field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
-    for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial, is_wanted):
+    for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial, steep):
         step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
         blocks = [slice(low, low + step) for low in range(0, len(points), step)]
         with with_progress("points", blocks) as remaining:

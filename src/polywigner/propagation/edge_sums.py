@@ -33,16 +33,13 @@ from polywigner.kernels.boundary.edge_waves import (
     path_over,
 )
 from polywigner.kernels.kernel import Values
-from polywigner.numerics import Number
+from polywigner.numerics import Complex, Floats, Indices, Number
 from polywigner.numerics.nodes import gauss_legendre, nodes_needed
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation.equivalent_points import RadiatingPoint
 from polywigner.propagation.source_nodes import Interpolation, interpolation_for
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 # An edge within _CLOSE [wavelengths] of the point is near. The blend between near and far edges
 # ends at _OVERLAP times the near limits.
