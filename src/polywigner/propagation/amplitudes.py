@@ -36,7 +36,7 @@ from polywigner.propagation.point_grids import (
     warn_of_missed,
 )
 from polywigner.propagation.pupil_fields import aberrated_fresnel_field, aberrated_spectrum
-from polywigner.propagation.screens import PointSource, Screen, field_of_screen, incident_of_point
+from polywigner.propagation.screens import PointSource, Screen, field_of_screen, spherical_field
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
@@ -239,7 +239,7 @@ def field_and_error(
         others["method"] = None if method in (DEFAULT, "fresnel") else method
         return field_behind(source, points, wavelength, through, tolerance, others, engine)
     if isinstance(source, PointSource) or obstacles is not None:
-        _check_rays(source, method, through, obliquity)
+        _check_options(source, method, through, obliquity)
     if isinstance(method, str) and method == "wigner":
         raise ArgumentError(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
@@ -272,7 +272,7 @@ def field_and_error(
     return field.reshape(shape)[()], errors.reshape(shape)[()]
 
 
-def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
+def _check_options(source: object, method: object, through: object, obliquity: object) -> None:
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "
@@ -318,14 +318,14 @@ def _aberrated_field(
         return aberrated_fresnel_field(source, aberration, points, wavelength, tolerance)
     pupil = AberratedPupil.of(source, aberration, wavelength, 0.0)
     centre = radiator_of(flat_source(source)).centre
-    directions, distance, wave = _about(centre, points, wavelength)
+    directions, distance, wave = _seen_from(centre, points, wavelength)
     nu, cosine = directions[:, :2] / wavelength, np.maximum(directions[:, 2], 0.0)
     values, errors, _ = aberrated_spectrum(pupil, nu, tolerance, centre)
     scale = cosine / (distance * wavelength**2)
     return scale * values * wave / 1j, scale * errors
 
 
-def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
+def _seen_from(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
     """Return directions and distances [wavelengths] from a centre, and phase factors exp(ikr)."""
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -345,7 +345,7 @@ def _free_field(
 ) -> tuple[Complex, Floats]:
     allowed = tolerance_from(tolerance)
     if isinstance(source, PointSource):
-        field = source.amplitude * incident_of_point(source.position, points, wavelength)
+        field = source.amplitude * spherical_field(source.position, points, wavelength)
         return field, np.zeros(len(points))
     if method == "fraunhofer" and not isinstance(source, Screen):
         return _fraunhofer(source, points, wavelength, obliquity, engine)
@@ -387,7 +387,7 @@ def _fraunhofer(
     flat = flat_source(source)
     radiator = radiator_of(flat)
     check_slopes(source, kind)
-    directions, distance, wave = _about(radiator.centre, points, wavelength)
+    directions, distance, wave = _seen_from(radiator.centre, points, wavelength)
     centred = normal_form(flat).moved(-radiator.centre).public
     if isinstance(source, Wavefront):
         centred = source.on(centred, -radiator.centre)

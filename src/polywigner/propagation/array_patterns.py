@@ -170,7 +170,7 @@ def _checked_errors(**errors: float) -> dict[str, float]:
     return errors
 
 
-def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
+def _mean_and_variance(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
     """Return |m|^2 and v of (RP4), the squared mean and the variance of the random factors."""
     spread = (errors["amplitude"] / _NEPER) ** 2
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
@@ -202,7 +202,7 @@ def _statistics(
     factors: Complex,
     shifts: Floats | None,
 ) -> dict[str, Floats]:
-    square, variance = _moments(errors, wavelength)
+    square, variance = _mean_and_variance(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
     rows = max(1, _BLOCK // size)

@@ -190,7 +190,7 @@ def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
     if cut.directivity == -math.inf:
         return [(name, "nothing is radiated")]
 
-    def listed(angles: tuple[float, float], levels: tuple[float, float] | None = None) -> str:
+    def listing(angles: tuple[float, float], levels: tuple[float, float] | None = None) -> str:
         texts = [f"{math.degrees(angle):.1f}°" for angle in angles]
         if levels is not None:
             texts = [f"{level:.1f} dB at {t}" for level, t in zip(levels, texts, strict=True)]
@@ -198,10 +198,10 @@ def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
 
     width = cut.half_power_beamwidth
     width_text = "not in range" if math.isnan(width) else _degrees(width)
-    lobes = listed(cut.sidelobe_angles, cut.sidelobe_levels)
+    lobes = listing(cut.sidelobe_angles, cut.sidelobe_levels)
     rows = [
         (name, f"peak {cut.directivity:.2f} dBi, half-power width {width_text}"),
-        ("", f"first nulls {listed(cut.first_nulls) or 'not in range'}"),
+        ("", f"first nulls {listing(cut.first_nulls) or 'not in range'}"),
         ("", f"first sidelobes {lobes or 'not in range'}"),
     ]
     if not math.isnan(cut.peak_sidelobe_level):
@@ -320,13 +320,13 @@ def _warn_of_samples(
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
     """Return the metrics of a cut through a pattern whose beam has ``beam`` dBi."""
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
-    peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
+    peak = int(np.argmax(levels)) if cut.kind == "theta" else _nearest_peak(levels, angles)
     angle, level = _vertex(angles, levels, peak)
     if level < beam - _NOTHING:
         return CutMetrics(
             cut.phi, angle, -math.inf, math.nan, _NAN_PAIR, _NAN_PAIR, kind=cut.kind
         )  # fmt: skip
-    low, high = (_side(angles, levels, peak, step, level) for step in (-1, 1))
+    low, high = (_flank(angles, levels, peak, step, level) for step in (-1, 1))
     strongest = max((low, high), key=lambda side: side.peak_level)
     return CutMetrics(
         phi=cut.phi,
@@ -344,7 +344,7 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
     )
 
 
-def _top(levels: Floats, angles: Floats) -> int:
+def _nearest_peak(levels: Floats, angles: Floats) -> int:
     # The largest sample may lie in the back lobe.
     k = int(np.abs(angles).argmin())
     while True:
@@ -355,7 +355,7 @@ def _top(levels: Floats, angles: Floats) -> int:
         k = higher
 
 
-class _Side(NamedTuple):
+class _Flank(NamedTuple):
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan
@@ -366,16 +366,16 @@ class _Side(NamedTuple):
     peak_angle: float = math.nan
 
 
-def _side(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Side:
+def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Flank:
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
-        return _Side()
+        return _Flank()
     flank = int(below[0])  # Maxima above half power are ripples of the beam.
     half = _crossing(levels, angles, flank, level - _HALF)
     rising = np.flatnonzero(np.diff(levels[flank:]) > 0)
     if not rising.size:
-        return _Side(half)
+        return _Flank(half)
     null = flank + int(rising[0])
     # Near a null, |E|^2 is a parabola, but the level in dB is not.
     scale = levels[null - 1 : null + 2].max()
@@ -383,9 +383,9 @@ def _side(angles: Floats, levels: Floats, peak: int, step: int, level: float) ->
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))
     falling = np.flatnonzero(np.diff(levels[null:]) < 0)
     if not falling.size:
-        return _Side(half, null_angle, peak_level=peak_level, peak_angle=peak_angle)
+        return _Flank(half, null_angle, peak_level=peak_level, peak_angle=peak_angle)
     lobe_angle, lobe = _vertex(angles, levels, null + int(falling[0]))
-    return _Side(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
+    return _Flank(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
 
 
 def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:

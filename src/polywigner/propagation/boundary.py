@@ -123,7 +123,7 @@ def radiator_of(source: object) -> Radiator:
 # Direction cosine p_z below which rounding errors are not estimated.
 _GRAZING = 1e-6
 # Cycles of phase over half a panel that the largest Gauss rule resolves.
-_TURNS = 48.0
+_MOST_CYCLES = 48.0
 
 
 class _Panels(NamedTuple):
@@ -154,10 +154,10 @@ def panels_of(
     for element in radiator.elements:
         plane = element.frequencies * wavelength
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
-        errors = _rounding_of(element.frequencies, wavelength, plane, cosines, paraxial)
+        errors = _cosine_errors(element.frequencies, wavelength, plane, cosines, paraxial)
         reach = np.full(len(plane), longest)
         if math.isfinite(longest):
-            reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
+            reach = np.minimum(longest, _MOST_CYCLES / (1.0 + np.linalg.norm(plane, axis=1)))
         is_steep = cosines.real >= _STEEP_COSINE
         for wave in range(len(plane)) if steep is None else np.flatnonzero(is_steep == steep):
             amplitude = element.amplitudes[wave]
@@ -191,7 +191,7 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
     return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
 
 
-def _rounding_of(
+def _cosine_errors(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
     x, y = plane.T
@@ -256,7 +256,7 @@ def boundary_field(
     smaller.
     """
     if method != "fresnel":
-        return _summed(radiator, points, wavelength, method, tolerance, engine)
+        return _by_edge_sums(radiator, points, wavelength, method, tolerance, engine)
     spread = wavelength * points[:, 2]
     estimate = parabolic_field(radiator, points[:, :2], spread, tolerance, engine)
     x, y = radiator.centre.tolist()
@@ -281,10 +281,10 @@ def parabolic_field(
     # The kernel's unit of length is the source size instead of the wavelength.
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
-    return _summed(radiator, scaled, size, "fresnel", tolerance, engine)
+    return _by_edge_sums(radiator, scaled, size, "fresnel", tolerance, engine)
 
 
-def _summed(
+def _by_edge_sums(
     radiator: Radiator,
     points: Floats,
     wavelength: float,
@@ -294,7 +294,7 @@ def _summed(
 ) -> FieldEstimate:
     paraxial = method == "fresnel"
     # Weight of the second boundary term of (B3), which is absent in Fresnel fields.
-    share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
+    second_term = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
         raise ArgumentError(
@@ -303,10 +303,10 @@ def _summed(
         )
     edges = _TERMS * sum(element.edges for element in radiator.elements)
     chosen = resolved(engine, len(points), edges)
-    edge_sums = partial(_edge_sums, radiator, wavelength, share, paraxial, chosen)
+    edge_sums = partial(_edge_sums, radiator, wavelength, second_term, paraxial, chosen)
     # The bound includes the static field, which dominates within a wavelength of the source.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
-    bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
+    bound = radiator.content / distance * (1 / wavelength + second_term / (2 * math.pi * distance))
     allowed = tolerance * np.minimum(radiator.amplitude, bound)
     values, errors = np.zeros(len(points), np.complex128), np.full(len(points), np.inf)
 
@@ -343,7 +343,7 @@ def _summed(
 def _edge_sums(
     radiator: Radiator,
     wavelength: float,
-    share: float,
+    second_term: float,
     paraxial: bool,
     engine: str,
     points: Floats,
@@ -356,8 +356,8 @@ def _edge_sums(
     kernel = Kernel(
         name=f"boundary integral, {edge_sum.__name__}",
         dimension=3,
-        tables=lambda panels, double: _tables(
-            panels, radiator, wavelength, double, share, paraxial
+        tables=lambda panels, double: _kernel_tables(
+            panels, radiator, wavelength, double, second_term, paraxial
         ),
         enter=integrals.enter,
         edge_sum=edge_sum,
@@ -402,20 +402,23 @@ def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
 
 
 def boundary_tables(
-    radiator: Radiator, wavelength: float, longest: float, double: bool, share: float
+    radiator: Radiator, wavelength: float, longest: float, double: bool, second_term: float
 ) -> integrals.BoundaryTables:
-    """Return all panels of a source as kernel tables, with ``share`` as in `BoundaryTables`."""
+    """Return all panels of a source as kernel tables.
+
+    ``second_term``: weight of the second boundary term of (B3).
+    """
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
-    return _tables(panels, radiator, wavelength, double, share, False)
+    return _kernel_tables(panels, radiator, wavelength, double, second_term, False)
 
 
-def _tables(
+def _kernel_tables(
     panels: _Panels,
     radiator: Radiator,
     wavelength: float,
     double: bool,
-    share: float,
+    second_term: float,
     paraxial: bool,
 ) -> integrals.BoundaryTables:
     rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
@@ -427,4 +430,4 @@ def _tables(
     edges = tuple(map(tuple, columns.tolist()))
     x, y = radiator.centre.tolist()
     frame = integrals.BoundaryFrame((x, y), wavelength, double, paraxial)
-    return integrals.BoundaryTables(frame, edges, gauss_rules(), share)
+    return integrals.BoundaryTables(frame, edges, gauss_rules(), second_term)

@@ -123,7 +123,7 @@ def change_by_sheet(
     raised = np.where(on_plate | (edge == "soft"), least, 0.0)
     both = sheet.with_images(positions, origins.mean(axis=0), raised)
     seen = sheet.silhouettes(bodies, origins)
-    changes, waves, error = _clear_of(
+    changes, waves, error = _averaged(
         partial(compute, seen), both, _close_to(origins, both), _STEP * sheet.direction
     )
     (here, mirrored), wave = np.split(changes, 2), waves[:count]
@@ -154,7 +154,7 @@ def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
     return close
 
 
-def _clear_of(
+def _averaged(
     compute: Callable[[Floats], Fields], positions: Floats, close: NDArray[np.bool_], step: Floats
 ) -> Fields:
     """Return the results of ``compute``, averaged over neighbours of ``close`` positions."""

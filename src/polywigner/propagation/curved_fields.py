@@ -41,7 +41,7 @@ def curved_field(
     """Return the field of a curved wave at points (n, 3), and a bound on its rounding errors."""
     if method == "fresnel":
         return _fresnel(wave, points, wavelength)
-    return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
+    return summed_over_cells(wave, points, wavelength, partial(_integrand, wave, method=method))
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
@@ -57,7 +57,7 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
     return values, _ROUNDING * scale * radiator_of(wave.source).content
 
 
-class _Part(NamedTuple):
+class _Element(NamedTuple):
     triangles: Floats
     """In m, shape (n, 3, 2)."""
     shift: Floats
@@ -72,7 +72,7 @@ def summed_over_cells(
     wave: Wavefront,
     points: Floats,
     wavelength: float,
-    terms: Callable[[_Part, Floats, Floats, float], Complex],
+    terms: Callable[[_Element, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
     """Return an integral over a curved source for n points, and bounds on its rounding errors.
@@ -84,8 +84,8 @@ def summed_over_cells(
     with with_progress("points", range(0, len(points), _POINTS)) as starts:
         for start in starts:
             block = points[start : start + _POINTS]
-            for part in _parts(wave):
-                for owners, cells in _cells(wave, part, block, wavelength):
+            for part in _elements(wave):
+                for owners, cells in _point_cells(wave, part, block, wavelength):
                     integrand = terms(part, cells, block[owners], wavelength)
                     moduli = np.abs(integrand).reshape(len(cells), -1).sum(axis=1)
                     np.add.at(values, owners + start, integrand.sum(axis=1))
@@ -93,17 +93,17 @@ def summed_over_cells(
     return values, _ROUNDING * sizes
 
 
-def _parts(wave: Wavefront) -> Iterator[_Part]:
+def _elements(wave: Wavefront) -> Iterator[_Element]:
     for element in radiator_of(wave.source).elements:
         corners, numbers = triangulate(element.outline)
         for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
             amplitudes = weight * element.amplitudes
-            yield _Part(corners[numbers] + shift, shift, amplitudes, element.frequencies)
+            yield _Element(corners[numbers] + shift, shift, amplitudes, element.frequencies)
 
 
-def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
+def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element, Floats]]:
     """Yield parts of a curved source, and cells (k, 3, 2) small enough for any plane wave."""
-    for part in _parts(wave):
+    for part in _elements(wave):
         cells = part.triangles
         while len(cells):
             sides = cells - np.roll(cells, 1, axis=1)
@@ -118,7 +118,7 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
                 )
 
 
-def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
+def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -126,8 +126,8 @@ def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> F
     return highest
 
 
-def _cells(
-    wave: Wavefront, part: _Part, points: Floats, wavelength: float
+def _point_cells(
+    wave: Wavefront, part: _Element, points: Floats, wavelength: float
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
     """Yield indices (k,) of points, and the cells (k, 3, 2) that each point requires."""
     count = len(part.triangles)
@@ -148,7 +148,7 @@ def _cells(
 
 
 def _are_small(
-    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
+    wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
@@ -164,7 +164,7 @@ def _are_small(
 
 
 def field_at_nodes(
-    wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
+    wave: Wavefront, part: _Element, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
     """Return nodes (k, n, 2) on k cells, and the weighted field and normal derivative (k, n).
 
@@ -186,8 +186,8 @@ def field_at_nodes(
     return nodes, field * weights, slopes * weights
 
 
-def _terms(
-    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
+def _integrand(
+    wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float, method: str
 ) -> Complex:
     """Return the weighted integrand of (Q7) at the nodes of cells."""
     condition = CONDITIONS[method]

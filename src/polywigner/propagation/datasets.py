@@ -114,19 +114,19 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
         "quantity": quantity,
         **({"obliquity": DEFAULT} if method in _WITH_OBLIQUITY else {}),
         **options,
-        **({"obstacles": _described(options["obstacles"])} if "obstacles" in options else {}),
+        **({"obstacles": _summary(options["obstacles"])} if "obstacles" in options else {}),
         "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
     }
 
 
-def _described(obstacles: Sequence[Obstacle]) -> str:
+def _summary(obstacles: Sequence[Obstacle]) -> str:
     meshes = [obstacle_of(body) for body in obstacles]
     content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
     return f"{len(meshes)} obstacles: {names} (SHA-256 {hashlib.sha256(content).hexdigest()})"
 
 
-def _dataset(
+def _field_dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
     check_options(options, FieldOptions)
@@ -135,7 +135,7 @@ def _dataset(
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
-    common, shape = _settings(options, quantity), grid.shape
+    common, shape = _checked_settings(options, quantity), grid.shape
     is_lazy = options.get("chunks") is not None or options.get("out") is not None
     samples = math.prod(shape)
     if is_lazy:  # All chunks need the same engine, even on different machines.
@@ -165,7 +165,7 @@ def _dataset(
         )
 
 
-def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
+def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
     settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
@@ -253,7 +253,7 @@ def line(
     >>> field.fresnel.shape
     (5,)
     """
-    return _dataset(source, line_grid(ends, samples), wavelength, options)
+    return _field_dataset(source, line_grid(ends, samples), wavelength, options)
 
 
 @takes_frequency
@@ -339,7 +339,7 @@ def plane(
     >>> sorted(field.fresnel.shape)
     [4, 5]
     """
-    return _dataset(source, plane_grid(where, shape), wavelength, options)
+    return _field_dataset(source, plane_grid(where, shape), wavelength, options)
 
 
 @takes_frequency
@@ -389,7 +389,7 @@ def hemisphere(
     >>> field.fresnel.shape
     (2, 1)
     """
-    return _dataset(source, hemisphere_grid(radius, theta, phi, centre), wavelength, options)
+    return _field_dataset(source, hemisphere_grid(radius, theta, phi, centre), wavelength, options)
 
 
 @takes_frequency
@@ -433,7 +433,7 @@ def volume(
     >>> field.fresnel.size
     18
     """
-    return _dataset(source, box_grid(box, shape), wavelength, options, "float32")
+    return _field_dataset(source, box_grid(box, shape), wavelength, options, "float32")
 
 
 Kind = Literal["wigner", "ambiguity"]
@@ -502,7 +502,7 @@ def wigner_table(
     (1, 1, 2, 1)
     """
     axes = {"x": x, "y": y, "nu_x": nu_x, "nu_y": nu_y}
-    return _table("wigner", source, axes, out, options)
+    return _table_dataset("wigner", source, axes, out, options)
 
 
 def ambiguity_table(
@@ -545,7 +545,7 @@ def ambiguity_table(
     (2, 1, 1, 1)
     """
     axes = {"upsilon_x": upsilon_x, "upsilon_y": upsilon_y, "xi_x": xi_x, "xi_y": xi_y}
-    return _table("ambiguity", source, axes, out, options)
+    return _table_dataset("ambiguity", source, axes, out, options)
 
 
 def _values(
@@ -564,7 +564,7 @@ def _values(
     return np.ascontiguousarray(values.transpose(2, 3, 0, 1))
 
 
-def _table(
+def _table_dataset(
     kind: Kind,
     source: PhaseSpaceSource,
     axes: Mapping[str, ArrayLike],

@@ -178,7 +178,7 @@ class EdgeSum:
         for some in _blocks(len(pairs), 1):
             number, pair = numbers[some], pairs[some]
             point, columns = points[pair], np.column_stack([self.origins[number], rows[pair]])
-            real, imag, *rate = self._summed(term, np.zeros((1, 1)), columns, 4)
+            real, imag, *rate = self._row_sums(term, np.zeros((1, 1)), columns, 4)
             total = waves[number, point] * (real + 1j * imag)
             for dipole in dipoles:
                 total += dipole[number, point] * (rate[0] + 1j * rate[1])
@@ -197,13 +197,13 @@ class EdgeSum:
         by_angles, origin = targets.by_angles, self.origins[k]
         shadow = np.zeros(len(by_angles))
         edges = self.edges[self.sees[k]].reshape(-1, 6)
-        (angles,) = self._summed(_angle, edges, targets.aside[by_angles], 1, origin)
+        (angles,) = self._row_sums(_edge_angle, edges, targets.aside[by_angles], 1, origin)
         shadow[by_angles] = angles / (2.0 * math.pi)
         others = targets.subset(~by_angles)
         shadow[~by_angles] -= self.bodies.hide(origin, others.aside, others.margin)
         return shadow
 
-    def _summed(
+    def _row_sums(
         self, term: Any, rows: Floats, columns: Floats, outputs: int, shared: Floats = _NONE
     ) -> tuple[Floats, ...]:
         if not len(rows) * len(columns):
@@ -220,16 +220,16 @@ class EdgeSum:
         shared = np.array([self.nodes.detour, *self.nodes.far.centre])
         total = np.zeros(len(positions), np.complex128)
         for some in _blocks(len(samples), len(self.points)):
-            nodes = self._nodes_at(samples[some], number[some])
+            nodes = self._far_nodes(samples[some], number[some])
             ends = self.edges[number[some]].reshape(-1, 6)
             ends = np.column_stack([samples[some], tangents[some], ends])
             rows = np.column_stack([np.repeat(ends, len(nodes) // len(ends), axis=0), nodes])
             term = partial(_far_wave, 7 if self._is_oblique else 5)
-            real, imag = self._summed(term, rows, positions, 2, shared)
+            real, imag = self._row_sums(term, rows, positions, 2, shared)
             total += real + 1j * imag
         return total
 
-    def _nodes_at(self, samples: Floats, number: Indices) -> Floats:
+    def _far_nodes(self, samples: Floats, number: Indices) -> Floats:
         """Return table rows with the directions and waves of far nodes at edge samples (q, 3).
 
         Zero weights pad the last row of a sample.
@@ -332,7 +332,7 @@ def _boundary_waves(
     return boundary.real, boundary.imag, rate.imag, -rate.real
 
 
-def _angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
+def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
     return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
 
 

@@ -220,7 +220,7 @@ def _cst_columns(header: str) -> list[Column | None]:
     ]
 
 
-def _check_header(columns: Sequence[Column | None]) -> None:
+def _check_columns(columns: Sequence[Column | None]) -> None:
     contents = [column[1:4] for column in columns if column is not None]
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
@@ -250,10 +250,10 @@ def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
 
     ``first``: number of the first line, for error messages.
     """
-    return _cells_of([line.split() for line in lines], first, columns)
+    return _number_table([line.split() for line in lines], first, columns)
 
 
-def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
+def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -289,14 +289,14 @@ def _tables_of(
     for value in np.unique(frequencies):
         rows = slice(None) if np.isnan(value) else frequencies == value
         cells = [(column, numbers[rows]) for column, numbers in known]
-        (a, columns_a), (b, columns_b) = (_component(name, cells) for name in ("theta", "phi"))
+        (a, columns_a), (b, columns_b) = (_field_of(name, cells) for name in ("theta", "phi"))
         fields, used = np.array([a, b]), [*columns_a, *columns_b]
         repeated = [(c, c.intensity(v)) for c, v in cells if c.part == "size" and c not in used]
         _compare(fields, repeated, {column.quantity for column in used if column.part != "phase"})
         yield FarFieldTable(axes["theta"][rows], axes["phi"][rows], fields, float(value), repeated)
 
 
-def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
+def _field_of(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     """Return E_theta or E_phi in V, and the columns that determine it."""
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
@@ -348,16 +348,16 @@ _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
-    _check_header(columns)
+    _check_columns(columns)
     frequencies = set(re.findall(r"Freq='([^']*)'", lines[0]))
     frequency = parse_frequency(frequencies.pop()) if len(frequencies) == 1 else math.nan
-    values = _cells_of(list(csv.reader(lines[1:])), 2, len(columns))
+    values = _number_table(list(csv.reader(lines[1:])), 2, len(columns))
     yield from _tables_of(columns, values, frequency)
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
     columns = _cst_columns(lines[0])
-    _check_header(columns)
+    _check_columns(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
     yield from _tables_of(columns, numbers_of(lines[first:], first + 1, len(columns)))
 
@@ -391,7 +391,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
                 "expected a header line that starts with # and contains the column names before "
                 f"line {numbers[0]}, got none"
             )
-        _check_header(columns)
+        _check_columns(columns)
         text = settings.get("#frequency")
         frequency = math.nan if text is None else parse_frequency(text)
         cells = numbers_of(block, numbers[0], len(columns))
@@ -418,10 +418,10 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
                 f"expected {len(theta)} directions for each frequency, got {len(table)}"
             )
         frequency = parse_frequency(lines[start].split(maxsplit=1)[-1])
-        yield FarFieldTable(theta, phi, _pair(table), frequency)
+        yield FarFieldTable(theta, phi, _components(table), frequency)
 
 
-def _pair(table: Floats) -> Complex:
+def _components(table: Floats) -> Complex:
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
@@ -459,7 +459,7 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
         along, across = start + step * np.arange(count), np.full(count, constant)
         theta, phi = (along, across) if cut == 1 else (across, along)
         parts = cuts.setdefault(parse_frequency(named[0]) if named else 0.0, [])
-        parts.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
+        parts.append((theta, phi, _from_grasp(int(kind), _components(table), np.radians(phi))))
         k += 2 + count
     # GRASP normalises the radiated power to 4 pi W, so |E|^2 is the directivity.
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))

@@ -251,10 +251,10 @@ class FarField:
             rows = max(1, _BLOCK // len(across))
             for k in range(0, len(along), rows):
                 grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
-                candidates.append(_near_largest(*self._on_disc(grid), 2 / steps, width))
+                candidates.append(_near_peak(*self._on_disc(grid), 2 / steps, width))
         cosines, values = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-        cosines, _ = _near_largest(cosines, values, 2 / steps, width)
-        cosines, values = _climbed(self._on_disc, cosines, 2 / steps, width)
+        cosines, _ = _near_peak(cosines, values, 2 / steps, width)
+        cosines, values = _peaks(self._on_disc, cosines, 2 / steps, width)
         theta = np.arcsin(np.minimum(1, np.linalg.norm(cosines, axis=-1)))
         phi = np.arctan2(cosines[:, 1], cosines[:, 0]) % (2 * math.pi)
         first = np.lexsort([phi.round(6), theta.round(6)])[0]
@@ -291,7 +291,7 @@ _EQUAL = 1e-9
 _MOST_REFINED = 256
 
 
-def _near_largest(
+def _near_peak(
     points: Floats, values: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
     """Return samples that may lie next to the largest peak, in descending order of values.
@@ -304,7 +304,7 @@ def _near_largest(
     return points[best], values[best]
 
 
-def _climbed(
+def _peaks(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
     """Return positions and heights of the largest peaks, from samples near them.
@@ -319,7 +319,7 @@ def _climbed(
         step = step / _WINDOW
         best = np.arange(len(near)), values.argmax(axis=-1)
         distinct = np.unique((near[best] / step).round(), axis=0, return_index=True)[1]
-        points, values = _near_largest(near[best][distinct], values[best][distinct], step, width)
+        points, values = _near_peak(near[best][distinct], values[best][distinct], step, width)
     return points, values
 
 
@@ -361,7 +361,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     radiator, length = checked_radiator(source), checked_wavelength(wavelength)
     check_width(largest_lag(radiator), length)
     if element is not None:
-        return _of_elements(radiator, length, element, polarisation, how)
+        return _array_field(radiator, length, element, polarisation, how)
     if polarisation is not None:
         model = checked_choice("huygens" if method is None else method, "method", MODELS)
         parts = polarised_parts(radiator, polarisation)
@@ -376,7 +376,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     return FarField(radiator, length, at, powers, {"obliquity": name}, is_vector=False, how=how)
 
 
-def _of_elements(
+def _array_field(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
     if not isinstance(source, Array) or source.repeated is None:
@@ -434,9 +434,9 @@ def steered_direction(
             return None
         positions = source.repeated[1]
         near = math.sin(beam[0]) * np.array([math.cos(beam[1]), math.sin(beam[1])])
-        cosines = _of_weights(positions, source.weights, wavelength, near)
+        cosines = _phase_slope(positions, source.weights, wavelength, near)
     else:
-        cosines = _of_waves(source.illumination, wavelength)
+        cosines = _central_wave(source.illumination, wavelength)
     if cosines is None or np.linalg.norm(cosines) > 1:
         return None
     theta = math.asin(float(np.linalg.norm(cosines)))
@@ -444,7 +444,7 @@ def steered_direction(
     return theta, phi if theta > _SYMMETRIC else 0.0
 
 
-def _of_weights(
+def _phase_slope(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
     """Return the direction cosines of linear phases, closest to ``near``; None for other phases."""
@@ -460,7 +460,7 @@ def _of_weights(
     return near + slope[:2] if error <= _LINEAR else None
 
 
-def _of_waves(illumination: Any, wavelength: float) -> Values | None:
+def _central_wave(illumination: Any, wavelength: float) -> Values | None:
     """Return the central direction cosines of symmetric plane waves, or None for other waves."""
     if illumination is None:
         return np.zeros(2)

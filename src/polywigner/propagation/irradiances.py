@@ -280,7 +280,7 @@ def _irradiance_and_error(
     for part, length, weight in _band(source, wavelength, bandwidth, error):
         mean: Floats | None = None
         if has_tilts and obstacles is None:
-            mean = _of_shared_samples(compute, part, points, length, method, through, error)
+            mean = _tilt_mean(compute, part, points, length, method, through, error)
         if mean is None:
             tilted = _tilted(part, error) if has_tilts else [(part, 1.0)]
             mean = np.asarray(sum(w * compute(s, length, points) for s, w in tilted))
@@ -349,7 +349,7 @@ def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
         yield coherent_source(source, tilt), float(weight)
 
 
-def _of_shared_samples(
+def _tilt_mean(
     compute: Compute,
     source: Wavefront,
     points: ArrayLike,

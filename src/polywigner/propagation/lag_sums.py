@@ -217,7 +217,7 @@ def summed_over_pairs(
             xi = lags[start : start + _LAGS]
             degrees = _degrees(channels, xi, width, wavelength) * weights[start : start + _LAGS]
             for a, b in neighbours:
-                x, amounts, lag_of = _pairs(a, b, xi, mean_rates(xi), extra)
+                x, amounts, lag_of = _point_pairs(a, b, xi, mean_rates(xi), extra)
                 lag = xi[lag_of]
                 cycles = ((x - source.centre) @ source.curvature * lag).sum(axis=1)
                 factor = amounts * a.weight * np.conj(b.weight) * np.exp(2j * np.pi * cycles)
@@ -256,7 +256,7 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
-def _pairs(
+def _point_pairs(
     first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, Indices]:
     """Return midpoints (n, 2), weights and lag indices (n,) of pairs of points on two elements."""

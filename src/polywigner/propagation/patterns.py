@@ -387,7 +387,7 @@ def _checked_levels(
     return first, second, levels, dict(zip(_ATTRIBUTES, map(float, values), strict=True))
 
 
-def _cross_polar(
+def _cross_levels(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
     if "cross_field" not in pattern:
@@ -431,7 +431,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
     """Return the meridians of a pattern, or the great circles of :func:`beam_cuts`."""
     if "cut" not in getattr(pattern, "dims", ()):
         theta, phi, levels, about = checked_pattern(pattern)
-        crossed = _cross_polar(pattern, ("theta", "phi"), about, levels)
+        crossed = _cross_levels(pattern, ("theta", "phi"), about, levels)
         fronts = (front_of(theta, part) for part in (levels, crossed))
         co, cross = (cuts_of(angles, phi, part) for angles, part in fronts)
         cuts = [
@@ -440,7 +440,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
         ]
     else:
         kinds, angles, levels, about = _checked_levels(pattern, ("cut", "angle"))
-        crossed = _cross_polar(pattern, ("cut", "angle"), about, levels)
+        crossed = _cross_levels(pattern, ("cut", "angle"), about, levels)
         azimuths = pattern["azimuth"].values.tolist()
         cuts = [
             Cut(azimuths[k], angles[ahead], levels[k, ahead], kinds.item(k), crossed[k, ahead])

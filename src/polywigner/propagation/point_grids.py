@@ -144,7 +144,7 @@ class Grid:
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
 
-def _straight(origin: Floats, directions: Floats, *along: Floats) -> Floats:
+def _affine(origin: Floats, directions: Floats, *along: Floats) -> Floats:
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
 
@@ -163,7 +163,7 @@ def box_grid(box: Any, shape: Any) -> Grid:
         )
     counts = _counts(shape, 3)
     spans = dict(zip(_AXES, zip(low, high, counts, strict=True), strict=True))
-    return _straight_grid(spans, np.zeros(3), np.eye(3))
+    return _affine_grid(spans, np.zeros(3), np.eye(3))
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
@@ -182,7 +182,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
         sides = [k for k in range(3) if k != flat[0]]
         spans = {_AXES[k]: (low[k], high[k], n) for k, n in zip(sides, counts, strict=True)}
         origin = np.where(np.arange(3) == flat[0], low, 0.0)
-        return _straight_grid(spans, origin, np.eye(3)[sides])
+        return _affine_grid(spans, origin, np.eye(3)[sides])
     along = corners[1:] - corners[0]
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
@@ -191,7 +191,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
             f"sides {along[0].tolist()} and {along[1].tolist()} that are not perpendicular"
         )
     spans = {name: (0.0, lengths[k], counts[k]) for k, name in enumerate(("u", "v"))}
-    return _straight_grid(spans, corners[0], along / lengths[:, None])
+    return _affine_grid(spans, corners[0], along / lengths[:, None])
 
 
 def line_grid(ends: Any, samples: Any) -> Grid:
@@ -203,7 +203,7 @@ def line_grid(ends: Any, samples: Any) -> Grid:
             f"expected a line between two different points, got {start.tolist()} twice"
         )
     count = checked_count(samples, "samples", 1)
-    return _straight_grid({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
+    return _affine_grid({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
@@ -216,18 +216,18 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     return grid
 
 
-def _straight_grid(
+def _affine_grid(
     spans: dict[str, tuple[float, float, int]], origin: Floats, directions: Floats
 ) -> Grid:
     axes = {
-        name: labelled_array(_span(*span), (name,), {"units": "m"}) for name, span in spans.items()
+        name: labelled_array(_axis(*span), (name,), {"units": "m"}) for name, span in spans.items()
     }
-    points_at = partial(_straight, origin, directions)
+    points_at = partial(_affine, origin, directions)
     checked_points(points_at(*(np.array([low, high]) for low, high, _ in spans.values())))
     return Grid(axes, points_at)
 
 
-def _span(low: float, high: float, count: int) -> Floats:
+def _axis(low: float, high: float, count: int) -> Floats:
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 

@@ -109,7 +109,7 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
             f"at most {_MOST:.0e} are allowed; use fewer points, or a grid along x and y"
         )
     if lattice.index is None:
-        return lattice.summed(nodes.reshape(-1, 2), field.ravel())
+        return lattice.fourier_sum(nodes.reshape(-1, 2), field.ravel())
     x, y = nodes[:, 0, 0], nodes[..., 1]
     total: Any = 0.0
     rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
@@ -122,7 +122,7 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSpectrum:
+class _Derivatives:
     pupil: AberratedPupil
     nu: Floats
     extra: int
@@ -173,9 +173,9 @@ def aberrated_fresnel_field(
         pupil = AberratedPupil.of(source, aberration, wavelength, 0.5 / scale)
         nu = points[some, :2] / scale
         values, error, _ = aberrated_spectrum(pupil, nu, tolerance)
-        turns = math.fmod(z, wavelength) / wavelength
-        turns = turns + 0.5 * np.square(points[some, :2]).sum(axis=1) / scale
-        field[some] = waves_of_cycles(turns) * values / (1j * scale)
+        cycles = math.fmod(z, wavelength) / wavelength
+        cycles = cycles + 0.5 * np.square(points[some, :2]).sum(axis=1) / scale
+        field[some] = waves_of_cycles(cycles) * values / (1j * scale)
         errors[some] = error / scale
     return field, errors
 
@@ -290,7 +290,7 @@ def psf(
             aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
             nu = image_points.reshape(-1, 2) / scale
             values, _, extra = aberrated_spectrum(aberrated, nu, allowed)
-            jets = numbers.joined(values, _OfSpectrum(aberrated, nu, extra, allowed)) / scale
+            jets = numbers.joined(values, _Derivatives(aberrated, nu, extra, allowed)) / scale
         total = total + fraction * squared_modulus(jets)
     energy = pupil.energy_jets(plain, aberrated, numbers, allowed)
     return numbers.result(quotient(total, energy), image_points.shape[:-1], is_complex=False)

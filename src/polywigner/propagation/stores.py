@@ -145,7 +145,7 @@ def results_on_grid(
     result = labelled_arrays(data, {**axes, **coords}, attrs)
     if out is None:
         return result
-    _complete(checked_path(out), result, "synchronous" if compiled else "threads", options)
+    _fill_store(checked_path(out), result, "synchronous" if compiled else "threads", options)
     return open_store(out)
 
 
@@ -200,7 +200,7 @@ def _compute_chunk(
         return np.asarray(block(origin, shape))
 
 
-def _complete(
+def _fill_store(
     folder: Path, dataset: xarray.Dataset, default: str, options: Mapping[str, Any]
 ) -> None:
     """Compute the missing chunks of a store, which is created if necessary.
@@ -215,16 +215,16 @@ def _complete(
     is_new = not os.path.lexists(folder)
     if not is_new:
         _check_same(folder, dataset)
-    tasks = _missing(folder, dataset)
+    tasks = _missing_tasks(folder, dataset)
     if not tasks:
         return
     keys, total = {task.key for task in tasks}, sum(a.data.npartitions for a in dataset.values())
     bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
-    with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
+    with nullcontext(default) if scheduler is None else _client(scheduler) as executor:
         try:
             # Create the store after connecting, so that a failed connection leaves no store.
             if is_new:
-                _create(folder, dataset)
+                _create_store(folder, dataset)
             with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
                 dask.compute(*tasks, scheduler=executor, num_workers=threads)
         except OSError as error:
@@ -260,7 +260,7 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
     }
 
 
-def _create(folder: Path, dataset: xarray.Dataset) -> None:
+def _create_store(folder: Path, dataset: xarray.Dataset) -> None:
     # Compression would halve the speed, and rounding errors do not compress.
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # NaN for missing chunks
@@ -278,7 +278,7 @@ def _create(folder: Path, dataset: xarray.Dataset) -> None:
             ) from None
 
 
-def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
+def _missing_tasks(folder: Path, dataset: xarray.Dataset) -> list[Any]:
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
@@ -298,7 +298,7 @@ def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> N
     return values[(slice(0),) * values.ndim].copy()
 
 
-def _connected(scheduler: Scheduler) -> Client:
+def _client(scheduler: Scheduler) -> Client:
     distributed = required("distributed")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
@@ -359,7 +359,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     True
     """
     required("h5netcdf", "h5py")
-    parts = _real_parts(_opened(dataset))
+    parts = _real_parts(_as_dataset(dataset))
     with in_place(checked_path(path)) as scratch:
         parts.to_netcdf(scratch, engine="h5netcdf")
 
@@ -369,10 +369,10 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.
-        _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
+        _as_dataset(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
 
 
-def _opened(dataset: Stored) -> xarray.Dataset:
+def _as_dataset(dataset: Stored) -> xarray.Dataset:
     import xarray
 
     if isinstance(dataset, xarray.DataArray):

@@ -316,7 +316,7 @@ def _field_bands(
         )
         tangents = [unit_vectors(theta + math.pi / 2, phi).reshape(-1, 3), around.reshape(-1, 3)]
         ends = [("theta", "rad", 0.0, _GRAZING), ("phi", "rad", 0.0, 2 * math.pi)]
-    rays = _rays(points, bounds)
+    rays = _ray_directions(points, bounds)
     bands: list[Band] = []
     for end, tangent in zip(ends, tangents, strict=True):
         cosines = np.einsum("nqc,nc->nq", rays, np.broadcast_to(tangent, points.shape))
@@ -326,7 +326,7 @@ def _field_bands(
     return bands
 
 
-def _rays(points: Floats, bounds: tuple[float, ...]) -> Floats:
+def _ray_directions(points: Floats, bounds: tuple[float, ...]) -> Floats:
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)
         for k, (low, high) in enumerate(zip(bounds[:2], bounds[2:], strict=True))

@@ -40,7 +40,7 @@ _VARIABLES = {
 _UNIT = 1e-4
 
 
-def bundle(
+def rays_dataset(
     position: Floats,
     direction: Floats,
     weight: Floats,
@@ -108,7 +108,7 @@ def traced(
     """
     _, _, weights, batch = checked_bundle(rays)
     columns = _columns(len(weights), position, direction, weights if weight is None else weight)
-    return bundle(*columns, batch, {**rays.attrs, "count": count_of(rays)})
+    return rays_dataset(*columns, batch, {**rays.attrs, "count": count_of(rays)})
 
 
 def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
@@ -225,9 +225,9 @@ def rebuild(
     import xarray
 
     position, direction, weight, batch = checked_bundle(rays)
-    pose = _pose(plane)
+    pose = _plane_pose(plane)
     checked_flag(virtual, "virtual")
-    edges = _edges(bounds, shape)
+    edges = _pixel_edges(bounds, shape)
     size = len(edges[1]) - 1, len(edges[0]) - 1
     pixels = math.prod(size)
     # Batch numbers of a selection of rays may have gaps.
@@ -253,7 +253,7 @@ def rebuild(
             squares += np.bincount(pixel, power**2, squares.size)
     sums[:, -1] = sums[:, :-1].sum(axis=1)
     squares[-1] = squares[:-1].sum()
-    total, error = _errors(sums, squares, count_of(rays))
+    total, error = _estimates(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
     images = {}
     for name, values, meaning in (
@@ -270,7 +270,7 @@ def rebuild(
     return xarray.Dataset(images, coords, {**rays.attrs, **totals})
 
 
-def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
+def _estimates(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
@@ -296,7 +296,7 @@ def _pixel_coordinates(
     return np.where(meets[:, None], pixels, np.nan)
 
 
-def _pose(plane: Any) -> Floats:
+def _plane_pose(plane: Any) -> Floats:
     if shape_of(plane) == "()":
         pose = np.eye(4)
         pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
@@ -304,7 +304,7 @@ def _pose(plane: Any) -> Floats:
     return rigid_pose(plane)
 
 
-def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
+def _pixel_edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     expected = "expected bounds to be (xmin, ymin, xmax, ymax) in m"
     row = finite_array(bounds, expected, (4,))
     if not (row[2:] > row[:2]).all():
@@ -511,4 +511,4 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])
         weight = -weight if ours[2] == "negative" else weight
-    return bundle(position, direction, weight, None, attrs)
+    return rays_dataset(position, direction, weight, None, attrs)

@@ -293,7 +293,7 @@ class Links:
             half, relative = (cells.high[cell] - cells.low[cell]) / 2, points - _centre(cells, cell)
             for start in range(0, len(points), step):
                 part = slice(start, start + step)
-                first, second = _basis(relative[part] / half, order)
+                first, second = _lagrange(relative[part] / half, order)
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
                     field = waves_of_cycles(waves[block] @ relative[part].T) * weights[part]
@@ -332,7 +332,7 @@ def _rule(order: int) -> tuple[Floats, Floats]:
     return np.stack([x.ravel(), y.ravel()], axis=1), series
 
 
-def _basis(points: Floats, order: int) -> Floats:
+def _lagrange(points: Floats, order: int) -> Floats:
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
@@ -362,7 +362,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
     count = len(links.offset)
     first = np.zeros(count, np.intp)
     digits = -math.log10(tolerance)
-    parts = _first(links, _feasible(links, _table(_PAIR, np.arange(count), first, first)), digits)
+    parts = _initial(links, _divided(links, _table(_PAIR, np.arange(count), first, first)), digits)
     work = 0.0
     while True:
         pose = parts.pose
@@ -374,8 +374,8 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
             break
         per_pair = (allowed / 2 / np.maximum(np.bincount(pose[open_], minlength=count), 1))[pose]
         halved = open_ & (_expected_error(links, parts) > per_pair)
-        smaller = _first(links, _feasible(links, _halves(links, parts[halved])), digits)
-        raised = _raised(links, parts[open_ & ~halved])
+        smaller = _initial(links, _divided(links, _halves(links, parts[halved])), digits)
+        raised = _next_order(links, parts[open_ & ~halved])
         work += sum(float((_ORDERS[part.orders] ** 4.0).sum()) for part in (smaller, raised))
         if work > _MOST_VALUES * count:
             raise _too_much(links, parts)
@@ -406,17 +406,17 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
     return np.where(parts.orders == len(_ORDERS) - 1, np.inf, expected)
 
 
-def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
+def _initial(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Evaluate pairs at the two lowest orders that may give correct digits."""
     phase = _phase(links, pairs)
     # Fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)
-    return _raised(links, _evaluated(links, pairs, orders, np.full(len(pairs), np.inf)))
+    return _next_order(links, _evaluated(links, pairs, orders, np.full(len(pairs), np.inf)))
 
 
-def _raised(links: Links, parts: Pairs) -> Pairs:
+def _next_order(links: Links, parts: Pairs) -> Pairs:
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
@@ -455,7 +455,7 @@ def _phase(links: Links, pairs: Pairs) -> Floats:
     return result
 
 
-def _feasible(links: Links, pairs: Pairs) -> Pairs:
+def _divided(links: Links, pairs: Pairs) -> Pairs:
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)

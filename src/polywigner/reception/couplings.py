@@ -200,7 +200,7 @@ def coupling(
     flat = poses.reshape(-1, 4, 4)
     _check_facing(flat, *(cells_of(source, length).corners for source in sources))
     warn_of_distance(sources, flat[:, :3, 3], length)
-    terms = _Link(sources, length, name, allowed, counted, jones).summed(flat)
+    terms = _Link(sources, length, name, allowed, counted, jones).evaluate(flat)
     warn_of_missed(*terms[1:], "couplings")
     values, errors = (part.reshape(poses.shape[:-2])[()] for part in terms[:2])
     return (values, errors) if return_error else values
@@ -223,7 +223,7 @@ class _Link:
             for source, jones in zip(self.sources, vectors, strict=True)
         )
 
-    def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
+    def evaluate(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
@@ -437,7 +437,7 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
         if normalise == "aperture":
             return math.sqrt(sum(energy_of(part) for part, _ in parts))
         return math.sqrt(vector_powers(parts, wavelength, method)[0])
-    _check_field(source)
+    _check_sum(source)
     if normalise == "aperture":
         return math.sqrt(energy_of(source))
     condition = CONDITIONS[method if method in CONDITIONS else DEFAULT]
@@ -447,7 +447,7 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
     return math.sqrt(_radiated(source, wavelength, condition))
 
 
-def _check_field(source: Any) -> None:
+def _check_sum(source: Any) -> None:
     norm = energy_of(flat_source(source))
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area

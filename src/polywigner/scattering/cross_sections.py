@@ -236,10 +236,10 @@ def rcs(
         return (area[()], power[()]) if return_power else area[()]
     if receiver is not None or return_power:
         raise ArgumentError("receiver and return_power require a source; pass source=")
-    return sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
+    return far_sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 
-def sections(
+def far_sections(
     facets: Facets,
     lengths: Floats,
     to_radar: ArrayLike,
@@ -433,7 +433,7 @@ class Pattern:
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces
-        return sections(self.facets, lengths, towards, *how, warns=False)
+        return far_sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
         from polywigner import __version__

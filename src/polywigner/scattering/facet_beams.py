@@ -87,7 +87,7 @@ def sums_of_beams(
             return
         ends = Ends(group, k, s)
         try:
-            for hits in followed(facets, ends, bounces):
+            for hits in hits_after(facets, ends, bounces):
                 _add_fields(later, facets, hits, ends, lengths)
         except _ERRORS as error:
             later[ends.samples] = 0.0
@@ -237,7 +237,7 @@ class Hits:
     """Illuminated part in coordinates of the triangle, as in :class:`Visible`, shape (n,)."""
 
 
-def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
+def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
     """Yield the illuminated parts of triangles after each reflection.
 
     Raises ArgumentError if the computation would take more than several minutes.
@@ -293,11 +293,11 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
     normal = facets.normal[facet] * hits.signs[first, None]
     height = (normal * facets.corner[facet]).sum(axis=1)
     mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
-    shift = before.shift + 2 * height[:, None] * _times(before.rotation, normal)
+    shift = before.shift + 2 * height[:, None] * _transformed(before.rotation, normal)
     return Beams(before.wave, before.rotation @ mirror, shift, normal, height, polygons)
 
 
-def _times(matrices: Floats, vectors: Floats) -> Floats:
+def _transformed(matrices: Floats, vectors: Floats) -> Floats:
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
@@ -312,7 +312,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     # Restore the counter-clockwise order.
     backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
-    beyond, number = _in_front(points, ahead)
+    beyond, number = _clipped(points, ahead)
     projected = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
     wide = projected.has_width
     number, projected = number[wide], projected.subset(wide)
@@ -323,7 +323,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     # Without a grid, GEOS sometimes loses polygons with edges on the window's edges.
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)
-    boxes = _side_by_side(projected.points, beam[number], facets.size)
+    boxes = _displaced_boxes(projected.points, beam[number], facets.size)
     shadowed, left = less_shadows(projected, triangles, lit, boxes, grid)
     lit[shadowed] = left
     least = NOTHING * facets.size * shapely.length(triangles)
@@ -345,7 +345,7 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
     for start in range(0, len(beams), step):
         block = beams.taken(slice(start, start + step))
         shape = len(block), len(facets.corner), 3
-        sides = facing(facets, _times(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
+        sides = facing(facets, _transformed(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
         may_meet = sides != 0
         heights = (block.normal @ points.T).reshape(shape) - block.height[:, None, None]
         may_meet &= heights.max(axis=2) >= NOTHING * facets.size
@@ -363,7 +363,7 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
     return beam, facet, signs
 
 
-def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
+def _clipped(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     """Return the parts (m, 3, 3) of triangles in front of mirrors, and their triangle indices."""
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
@@ -386,7 +386,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     return triangles, np.concatenate([rows for _, rows in parts])
 
 
-def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
+def _displaced_boxes(points: Floats, beam: Indices, size: float) -> Shapes:
     """Return bounding boxes, displaced so that boxes of different beams do not overlap."""
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
@@ -412,7 +412,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     k = ends.k[beams.wave]
     # Path lengths at a corner and along two sides. Divided by the wavelength, they are phases in
     # cycles.
-    rate = ends.s[view] - _times(back, k)
+    rate = ends.s[view] - _transformed(back, k)
     corner, first, second = (
         (rate * part).sum(axis=1) for part in (pieces.corner, pieces.first, pieces.second)
     )

@@ -132,10 +132,10 @@ def facets_of(body: Any) -> Facets:
 
     Raises ArgumentError for other objects, and for plates with a field.
     """
-    return _facets(_parts(body))
+    return _facets(_bodies(body))
 
 
-def _parts(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
+def _bodies(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     if isinstance(body, Array):
         if not (body.weights == 1).all():
             raise ArgumentError(
@@ -301,13 +301,13 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     return Visible(signs, parts)
 
 
-def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
+def less_hidden(illuminated: Visible, visible: Visible, faces: Sides) -> Visible:
     """Remove the parts hidden from a receiver; ``faces`` are the sides that face the receiver.
 
     Illuminated sides that face away from the receiver remain, because they contribute to the
     forward field.
     """
-    signs, parts = lit.signs.copy(), lit.parts.copy()
+    signs, parts = illuminated.signs.copy(), illuminated.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)
     signs[faces_receiver & (visible.signs == 0)] = 0
     (cut,) = np.nonzero(faces_receiver & (visible.signs != 0) & ~shapely.is_missing(visible.parts))
