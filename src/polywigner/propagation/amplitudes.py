@@ -273,6 +273,7 @@ def field_and_error(
 
 
 def _check_options(source: object, method: object, through: object, obliquity: object) -> None:
+    """Raise ArgumentError for options that exclude obstacles and point sources."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "
@@ -289,6 +290,7 @@ def _check_options(source: object, method: object, through: object, obliquity: o
 def _checked_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> Aperture | Array | Wavefront:
+    """Return the source; raise ArgumentError if another argument excludes an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -311,6 +313,7 @@ def _aberrated_field(
     method: str,
     tolerance: float,
 ) -> tuple[Complex, Floats]:
+    """Return the Fresnel or Fraunhofer field of an aberrated source at points, and its error."""
     if isinstance(source, Wavefront):
         checked_wavefront(source)
     checked_aberration(aberration, wavelength)
@@ -326,7 +329,7 @@ def _aberrated_field(
 
 
 def _seen_from(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return directions and distances [wavelengths] from a centre, and phase factors exp(ikr)."""
+    """Return directions, distances [wavelengths] and phase factors of points from a centre."""
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     doubled = distance_of(_OPS, ahead)
@@ -343,6 +346,7 @@ def _free_field(
     tolerance: float | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
+    """Return the field without obstacles at points (n, 3), and its estimated error."""
     allowed = tolerance_from(tolerance)
     if isinstance(source, PointSource):
         field = source.amplitude * spherical_field(source.position, points, wavelength)
@@ -365,6 +369,7 @@ def _free_field(
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
+    """Return points (..., 3); raise ArgumentError if a point is the position of the source."""
     positions = checked_coordinates(
         points, "expected points to be real numbers of shape (..., 3)", 3
     )
@@ -383,6 +388,7 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
+    """Return the Fraunhofer field (B7) at points (n, 3), and a bound on its rounding error."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)

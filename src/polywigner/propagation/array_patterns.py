@@ -158,6 +158,7 @@ def array_tolerance(
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:
+    """Return the errors of array_tolerance; raise ArgumentError if one is out of range."""
     for name, (most, meaning) in _ERRORS.items():
         errors[name] = checked_number(errors[name], name, meaning)
         if not 0 <= errors[name] <= most:
@@ -184,6 +185,11 @@ def _mean_and_variance(errors: dict[str, float], wavelength: float) -> tuple[flo
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complex, Floats | None]:
+    """Draw random factors of an array's weights, and shifts of its elements in m.
+
+    ``shape``: numbers of elements and samples. Shifts (elements, samples, 3) are None without
+    errors of the position.
+    """
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
     alive = random.random(shape) >= errors["dead"]
@@ -202,6 +208,7 @@ def _statistics(
     factors: Complex,
     shifts: Floats | None,
 ) -> dict[str, Floats]:
+    """Return |E|^2 in directions (n, 3): nominal, expected, and mean and quantiles of samples."""
     square, variance = _mean_and_variance(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
@@ -229,6 +236,7 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
+    """Return the far field of each element with a weight of 1, shape (directions, elements)."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

@@ -186,11 +186,13 @@ class BeamMetrics:
 
 
 def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
+    """Return the rows of the printed table for one cut, as pairs of name and text."""
     name = "cut across it" if cut.kind == "across" else f"cut phi {_degrees(cut.phi)}"
     if cut.directivity == -math.inf:
         return [(name, "nothing is radiated")]
 
     def listing(angles: tuple[float, float], levels: tuple[float, float] | None = None) -> str:
+        """Return angles in degrees as text, with levels if specified; omit NaN angles."""
         texts = [f"{math.degrees(angle):.1f}°" for angle in angles]
         if levels is not None:
             texts = [f"{level:.1f} dB at {t}" for level, t in zip(levels, texts, strict=True)]
@@ -300,6 +302,7 @@ def beam_metrics(
 def _warn_of_samples(
     cuts: tuple[CutMetrics, ...], lines: list[Cut], about: dict[str, float], has_circles: bool
 ) -> None:
+    """Warn if angles are coarse for the beamwidth, or if no cut passes through the beam."""
     best = max(cuts, key=lambda cut: cut.directivity)
     step = max(float(np.diff(line.angles).max()) for line in lines)
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:
@@ -345,6 +348,7 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
 
 
 def _nearest_peak(levels: Floats, angles: Floats) -> int:
+    """Return the index of the maximum that is reached uphill from the angle 0."""
     # The largest sample may lie in the back lobe.
     k = int(np.abs(angles).argmin())
     while True:
@@ -367,6 +371,11 @@ class _Flank(NamedTuple):
 
 
 def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Flank:
+    """Return the half-power angle, null and sidelobes of a cut on one side of its peak.
+
+    ``peak`` and ``level``: index and level of the peak. ``step``: 1 for larger angles, -1 for
+    smaller angles.
+    """
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
@@ -402,6 +411,7 @@ def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
 
 
 def _crossing(levels: Floats, angles: Floats, k: int, level: float) -> float:
+    """Return the angle between samples k - 1 and k at which the falling curve reaches ``level``."""
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:
@@ -420,8 +430,10 @@ def checked_efficiency(value: Any) -> float:
 
 
 def _degrees(angle: float) -> str:
+    """Return an angle in rad as a text in degrees."""
     return f"{math.degrees(angle):.2f}°"
 
 
 def _direction(theta: float, phi: float) -> str:
+    """Return a direction with angles in rad as a text in degrees."""
     return f"theta {_degrees(theta)}, phi {_degrees(phi)}"

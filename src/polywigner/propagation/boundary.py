@@ -65,6 +65,7 @@ class Radiator:
 
     @property
     def centre(self) -> Floats:
+        """Centre of the bounding box in m, shape (2,)."""
         return self.low / 2 + self.high / 2
 
     @property
@@ -194,6 +195,7 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
 def _cosine_errors(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
+    """Return the rounding errors of the direction cosines of m plane waves, shape (m, 3)."""
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -292,6 +294,7 @@ def _by_edge_sums(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
+    """Compute the field at points by steepest descent, or by panels if that is inaccurate."""
     paraxial = method == "fresnel"
     # Weight of the second boundary term of (B3), which is absent in Fresnel fields.
     second_term = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
@@ -311,6 +314,7 @@ def _by_edge_sums(
     values, errors = np.zeros(len(points), np.complex128), np.full(len(points), np.inf)
 
     def improve(some: Indices, field: Callable[..., tuple[Complex, Floats]], rounds: int) -> None:
+        """Recompute ``some`` points, with more digits in each round, while errors are too large."""
         digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(rounds):
             if not len(some):
@@ -322,6 +326,7 @@ def _by_edge_sums(
             digits *= _HARDER
 
     def by_steepest_descent(points: Floats, digits: float) -> tuple[Complex, Floats]:
+        """Return the field at points and its error; grazing and evanescent waves use panels."""
         if paraxial:
             return edge_sums(points, digits, steepest_edge_sum, math.inf)
         steep = edge_sums(points, digits, steepest_edge_sum, math.inf, True)
@@ -421,6 +426,7 @@ def _kernel_tables(
     second_term: float,
     paraxial: bool,
 ) -> integrals.BoundaryTables:
+    """Return panels as tables of the kernel, with direction cosines as sums of two floats."""
     rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
     cosines, errors = rows[:, 5:8], rows[:, 8:11]
     high = cosines if double else cosines.astype(np.float32).astype(np.float64)

@@ -130,6 +130,7 @@ def _root_phase(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
+    """Return rounding errors (n,) of `chirp_transform` at the frequencies slopes/wavelength."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -177,6 +178,7 @@ def _image(
 
 
 def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
+    """Return the field u of a source at positions (n, 2) in its plane."""
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -185,6 +187,7 @@ def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
+    """Return the field of an element at positions (n, 2), not cut off at its outline."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -229,6 +232,7 @@ def field_behind(
 
 
 def checked_points_behind(points: Any) -> Floats:
+    """Return points (..., 2) in m behind a system; raise ArgumentError for other values."""
     expected = (
         "with through=, expected points to be real numbers of shape (..., 2), since the system "
         "determines z"
@@ -288,6 +292,7 @@ def _clipped_planes(
 
 
 def _clipped(plane: PublicSource, outline: Aperture) -> PublicSource:
+    """Return the part of a source inside an outline; raise ArgumentError if there is none."""
     elements = normal_form(plane).in_plane.elements
     parts = [
         (e.shape & outline, e.weight)
@@ -319,6 +324,7 @@ def _behind_stops(
         return collins_field(stop, points, wavelength, system, tolerance, engine)
 
     def on_stop(nodes: Floats) -> FieldEstimate:
+        """Return the incident field at nodes (m, 2) on the last stop, with its errors."""
         # Errors at the nodes of the stop may add up in phase.
         finer = max(0.1 * tolerance, _FINEST)
         return _behind_stops(others, earlier_systems, nodes, wavelength, finer, engine)
@@ -365,6 +371,7 @@ def _stop_rate(
 def _stop_rule(
     stop: Any, rate: float, extra: float, lattice: FrequencyLattice
 ) -> tuple[Floats, Complex]:
+    """Return nodes (m, 2) on a stop, and quadrature weights times its transmission."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work

@@ -53,6 +53,7 @@ class Sheet:
         return np.asarray(across / np.linalg.norm(across))
 
     def heights(self, positions: Floats) -> Floats:
+        """Return the heights (n,) of positions (n, 3) above the plane."""
         return np.asarray(positions @ self.plane[:3] + self.plane[3])
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
@@ -137,6 +138,7 @@ def change_by_sheet(
 
 
 def check_source(bodies: Obstacles, origins: Floats) -> None:
+    """Raise ArgumentError if a point of the source lies on a plate."""
     least = ON * float(np.abs(bodies.vertices).max())
     if min(float(body.distance(origins).min()) for body in bodies.bodies) <= least:
         raise ArgumentError(
@@ -146,6 +148,7 @@ def check_source(bodies: Obstacles, origins: Floats) -> None:
 
 
 def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
+    """Return a mask of positions (n, 3) within 1e-4 wavelengths of a point in ``origins``."""
     close = np.zeros(len(positions), bool)
     low, high = origins.min(axis=0) - _CLOSE, origins.max(axis=0) + _CLOSE
     rows = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))
@@ -177,6 +180,7 @@ def mean_of_neighbours(
 
 
 def check_edge(edge: object, obstacles: object) -> None:
+    """Raise ArgumentError for an unknown boundary condition, or a condition without obstacles."""
     checked_choice(edge, "edge", EDGES)
     if obstacles is None and edge != "black":
         raise ArgumentError(

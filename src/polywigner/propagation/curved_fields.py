@@ -94,6 +94,7 @@ def summed_over_cells(
 
 
 def _elements(wave: Wavefront) -> Iterator[_Element]:
+    """Yield each element of a curved source."""
     for element in radiator_of(wave.source).elements:
         corners, numbers = triangulate(element.outline)
         for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
@@ -119,6 +120,10 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element
 
 
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
+    """Return the highest spatial frequency of the field times another wave on each cell, in 1/m.
+
+    ``frequencies``: spatial frequencies of the other wave at the corners of the cells.
+    """
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -150,6 +155,7 @@ def _point_cells(
 def _are_small(
     wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
+    """Return whether one Gauss rule integrates the wave of each cell to its point."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]

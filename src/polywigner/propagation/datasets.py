@@ -100,12 +100,14 @@ def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
+    """Compute a block of a field on a grid, from the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)
     return np.asarray(np.angle(field) if quantity == "phase" else field, dtype)
 
 
 def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the attributes of the variable that contains a field."""
     units, long_name = _QUANTITIES[quantity]
     return {
         "units": units,
@@ -120,6 +122,7 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
 
 
 def _summary(obstacles: Sequence[Obstacle]) -> str:
+    """Return a text with the number, the types and the SHA-256 hash of obstacles."""
     meshes = [obstacle_of(body) for body in obstacles]
     content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
@@ -129,6 +132,7 @@ def _summary(obstacles: Sequence[Obstacle]) -> str:
 def _field_dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
+    """Return the fields of all requested methods on a grid, in memory, lazy or stored."""
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     methods = _checked_methods(options.get("method", "wigner"))
@@ -166,6 +170,7 @@ def _field_dataset(
 
 
 def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
+    """Return the options that are passed to irradiance or amplitude."""
     settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
@@ -183,6 +188,7 @@ def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
 
 
 def _checked_methods(method: Any) -> tuple[str, ...]:
+    """Return one or several names of methods as a tuple; raise ArgumentError for others."""
     methods = tuple(method) if isinstance(method, (list, tuple)) else (method,)
     if not methods or len(set(map(str, methods))) < len(methods):
         raise ArgumentError(
@@ -552,6 +558,7 @@ def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
+    """Compute a block of the table of W or A, from the index ``origin``."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
@@ -571,6 +578,7 @@ def _table_dataset(
     out: str | os.PathLike[str] | None,
     options: TableOptions,
 ) -> xarray.Dataset:
+    """Return W or A on a grid of four coordinates, in memory, lazy or stored."""
     check_options(options, TableOptions)
     if kernel_for(kind, flat_source(source)).dimension != 2:
         raise ArgumentError(
@@ -598,6 +606,7 @@ def _table_dataset(
 
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
+    """Return a coordinate of a table in m or 1/m; raise ArgumentError for other values."""
     expected = f"expected {name} to be finite numbers of shape (n,)"
     array = finite_array(values, expected, (None,))
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"

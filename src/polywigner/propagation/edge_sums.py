@@ -72,6 +72,7 @@ class Targets(NamedTuple):
     """Whether edge angles determine visibility, without ray tracing, shape (n,)."""
 
     def subset(self, some: Any) -> Targets:
+        """Return the positions with the given indices or mask."""
         return Targets(*(part[some] for part in self))
 
 
@@ -146,10 +147,11 @@ class EdgeSum:
 
     @cached_property
     def _is_oblique(self) -> bool:
+        """Whether the weight of the field, which causes the obliquity term, is not always zero."""
         return any(point.field for point in self.points)
 
     def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
-        """Return the change of the field, and the free field."""
+        """Return the change of the field by the obstacles at all targets, and the free field."""
         change = self._far_waves(targets.positions)
         free = np.zeros_like(change)
         for some in _blocks(len(change), max(len(self.edges), len(self.points))):
@@ -206,11 +208,13 @@ class EdgeSum:
     def _row_sums(
         self, term: Any, rows: Floats, columns: Floats, outputs: int, shared: Floats = _NONE
     ) -> tuple[Floats, ...]:
+        """Return sums of ``term(row, column, shared)`` over rows, an array (n,) for each output."""
         if not len(rows) * len(columns):
             return (np.zeros(len(columns)),) * outputs
         return execution.evaluate_rows(term, rows, columns, shared, outputs, self.engine)
 
     def _far_waves(self, positions: Floats) -> Complex:
+        """Return the sum of the waves of far edges at positions (n, 3)."""
         number = np.repeat(np.arange(len(self.counts)), self.counts)
         rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(self.counts).tolist()}
         at, weight = np.concatenate([rules[count] for count in self.counts.tolist()]).T
@@ -290,7 +294,7 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
 
 
 def _slope(along: Point, end: Point, point: Point) -> Number:
-    """Return the derivative of the distance from a point at one end of an edge."""
+    """Return the derivative along an edge of the distance from a point, at one end of the edge."""
     away = difference(end, point)
     return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
 
@@ -333,6 +337,7 @@ def _boundary_waves(
 
 
 def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
+    """Return the angle that the edge in ``row`` spans about the line from source to sample."""
     return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
 
 

@@ -165,6 +165,7 @@ class ElementPattern:
         return 2 * math.pi * total
 
     def _phi_waves(self, phi: Floats) -> Complex:
+        """Return the Fourier waves exp(i m phi) of all orders m, shape (n, orders)."""
         return np.exp(1j * phi[:, None] * self._orders)
 
     def _theta_matrix(self, theta: Floats) -> Floats:
@@ -190,6 +191,7 @@ class ElementPattern:
 
 
 def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
+    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad."""
     sine, cosine = np.sin(phi), np.cos(phi)
     radial = np.cos(theta) * polar
     x, y = radial * cosine - azimuthal * sine, radial * sine + azimuthal * cosine
@@ -386,6 +388,7 @@ def fit_pattern(
 
 
 def _fit_waves(aperture: Aperture, wavelength: float) -> Floats:
+    """Return the spatial frequencies (m, 2) of the plane waves that :func:`fit_pattern` adds up."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents

@@ -100,6 +100,7 @@ def equivalent_grid(
 
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
+    """Return ascending numbers of Gauss nodes to try, for ``cycles`` of phase along half a side."""
     # The last numbers resolve any field on the source.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
@@ -271,6 +272,7 @@ def radiating_points(
     tried: list[int] = []
 
     def allowed(counts: Sequence[int]) -> bool:
+        """Record the numbers of nodes, and return whether their product is small enough."""
         tried[:] = counts
         return math.prod(counts) <= most
 

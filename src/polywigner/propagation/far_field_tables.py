@@ -205,6 +205,7 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
+    """Return the columns in the header of a CST table, None for each unknown column."""
     # Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
@@ -221,6 +222,7 @@ def _cst_columns(header: str) -> list[Column | None]:
 
 
 def _check_columns(columns: Sequence[Column | None]) -> None:
+    """Raise FileFormatError for repeated columns, or if theta or phi is missing."""
     contents = [column[1:4] for column in columns if column is not None]
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
@@ -254,6 +256,10 @@ def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
 
 
 def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
+    """Return cells of text as an array of numbers; omit rows without text.
+
+    ``first``: line of the first row, and ``columns``: number of cells per row, for error messages.
+    """
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -283,6 +289,10 @@ def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Fl
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
+    """Yield the far field at each frequency in a table of numbers.
+
+    ``frequency``: frequency in Hz of a table without a frequency column.
+    """
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
@@ -346,6 +356,7 @@ _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\
 
 
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a report of HFSS in CSV format."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
     _check_columns(columns)
@@ -356,6 +367,7 @@ def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a far-field table of CST."""
     columns = _cst_columns(lines[0])
     _check_columns(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
@@ -363,6 +375,7 @@ def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a far-field file of FEKO."""
     columns: list[Column | None] = []
     settings = {"#coordinate system": "spherical", "#result type": ""}
     numbered = ((n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.startswith("**"))
@@ -399,6 +412,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a far-field file of HFSS."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -422,10 +436,12 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _components(table: Floats) -> Complex:
+    """Return two complex fields (2, n) from columns with their real and imaginary parts."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
 def _checked_count(count: float, line: int) -> int:
+    """Return a number of angles as an int; raise FileFormatError for other values."""
     if not (1 <= count <= MOST_DIRECTIONS and count == int(count)):
         raise FileFormatError(
             f"expected the number of angles as a positive integer in line {line}, got {count:g}"
@@ -434,6 +450,7 @@ def _checked_count(count: float, line: int) -> int:
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read spherical cuts of GRASP, joined for each frequency."""
     cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
     k = 0
     while k < len(lines):

@@ -146,6 +146,7 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
+    """Raise ArgumentError if a Wavefront has no normal derivative that an obliquity requires."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
@@ -168,6 +169,7 @@ def powers_of(
 def _intensity(
     source: PlaneSource | Wavefront, directions: NDArray[np.float64], wavelength: float, name: str
 ) -> NDArray[np.float64]:
+    """Return |E|^2 in W/sr in directions (n, 3), also for partially coherent sources."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
     # `radiant_intensity` includes the factor cos(theta) of "paper". The default condition requires
@@ -261,6 +263,7 @@ class FarField:
         return float(values.max()), float(theta[first]), float(phi[first])
 
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
+        """Return regions of direction cosines to search: centres, and numbers of steps each way."""
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
         sides = [sides_of(e.bounds) for e in flat.elements_in_plane]
@@ -274,6 +277,7 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
+        """Move direction cosines (..., 2) into the unit disc; return them with intensities."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
@@ -379,6 +383,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
 def _array_field(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
+    """Return the far field of an array whose elements have a given pattern."""
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             f"element= requires a phased_array, got {type(source).__name__}; create one with "
@@ -394,12 +399,15 @@ def _array_field(
     _, positions = source.repeated
 
     def factor(s: Values, **how: Any) -> Values:
+        """Return the array factor in directions (..., 3)."""
         return np.asarray(array_factor(positions, source.weights, s[..., :2] / wavelength, **how))
 
     def at(s: Values) -> Values:
+        """Return far-field vectors in directions (..., 3)."""
         return element.vectors(s) * factor(s)[..., None]
 
     def on_grid(theta: Values, phi: Values) -> Values:
+        """Return far-field vectors (n, m, 3) at angles theta (n,) and phi (m,)."""
         return element.grid(theta, phi) * factor(unit_vectors(theta, phi), **how)[..., None]
 
     extent = float(np.linalg.norm(np.ptp(positions, axis=0)))

@@ -228,6 +228,7 @@ def _irradiance_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Floats, Floats]:
+    """Return the irradiance at points, and its error, with the options of :func:`irradiance`."""
     checked_method(method, ("wigner", *METHODS, "auto"))
     meaning = "a number above 0 and below 1"
     allowed = checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
@@ -254,6 +255,7 @@ def _irradiance_and_error(
         field_tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
 
     def compute(part: LightSource, length: float, positions: ArrayLike) -> Floats:
+        """Return irradiance and error (2, ...) of one source at one wavelength."""
         if through is not None:
             behind = None if allowed == _TOLERANCE else allowed
             field = field_behind(part, positions, length, through, behind, others, engine)
@@ -296,6 +298,7 @@ def _by_rays(
     tolerance: float,
     engine: Engine,
 ) -> Floats:
+    """Return the irradiance by Wigner rays at points (..., 3), and its error, shape (2, ...)."""
     length = checked_wavelength(wavelength)
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -332,6 +335,7 @@ def mixture_parts(
 def _band(
     source: Any, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Any, float, float]]:
+    """Yield the source with its field at each wavelength of a band, the wavelength and a weight."""
     length = checked_wavelength(wavelength)
     band = [(length, 1.0)]
     if bandwidth is not None:
@@ -342,6 +346,7 @@ def _band(
 
 
 def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
+    """Yield tilted coherent copies of a partially coherent source, and their weights."""
     if not is_partly_coherent(source):
         yield source, 1.0
         return
@@ -358,6 +363,10 @@ def _tilt_mean(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
+    """Return the mean irradiance and error over all tilts (2, ...) by common samples.
+
+    The result is None if the fields of the tilts must be computed separately.
+    """
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]
     stops: Sequence[object] = []

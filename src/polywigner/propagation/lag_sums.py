@@ -56,7 +56,7 @@ def _sum_over_lags(
     rates: Floats,
     error: float,
 ) -> Floats | None:
-    """Integrate over lags by successive rules; return None if they do not converge.
+    """Integrate the irradiance over lags; return None if successive rules do not converge.
 
     ``irradiance(lags, weights, extra)``: contribution of lags (m, 2) with ``extra`` additional
     nodes. ``error`` is relative to the largest irradiance.
@@ -73,6 +73,7 @@ def _sum_over_lags(
 
 
 def _longest_lags(source: Wavefront) -> Floats:
+    """Return the longest lags along x and y in m that contribute to the irradiance."""
     return np.asarray(np.minimum(sides_of(source.bounds), _LONGEST * source.coherence_width))
 
 
@@ -126,6 +127,7 @@ def summed_over_lags(
         return None
 
     def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
+        """Return the contribution of lags (m, 2) to the irradiance at all points."""
         values = np.asarray(ambiguity(source, -lags @ bend, lags)) * weights
         total = np.empty(len(points))
         step = max(1, _BLOCK // len(lags))
@@ -190,6 +192,7 @@ def summed_over_pairs(
     largest = 2.0 * abs(form.frequencies).max(axis=0)
 
     def mean_rates(lags: Floats) -> Floats:
+        """Return the highest frequencies along x and y of the integrand over midpoints."""
         return np.asarray(bend * np.linalg.norm(lags, axis=-1, keepdims=True) + largest)
 
     reach = _longest_lags(source)
@@ -212,6 +215,7 @@ def summed_over_pairs(
     ]
 
     def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
+        """Return the contribution of lags (m, 2) to the irradiance at all points."""
         total = np.zeros(len(points))
         for start in range(0, len(lags), _LAGS):
             xi = lags[start : start + _LAGS]
@@ -280,6 +284,7 @@ def _sum_of_waves(
     total = np.zeros(len(points))
 
     def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:
+        """Return the factors of the field and of its normal derivative at one end of a pair."""
         slope = np.asarray(condition.field * (z / distance) * (1 + 1j / (k * distance)), complex)
         values: list[Complex | float] = [slope] if condition.field else []
         return values + ([condition.slope] if condition.slope else [])

@@ -65,6 +65,7 @@ def partly_coherent_irradiance(
 
 
 def _with_error(values: Floats, error: float) -> Floats:
+    """Return irradiances, and an error relative to the largest irradiance, shape (2, n)."""
     return np.stack([values, np.full(len(values), error * float(values.max(initial=0.0)))])
 
 
@@ -84,6 +85,7 @@ def _in_parabolic_waves(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
+    """Return irradiances and errors (2, n) of Fresnel fields, or behind a first-order system."""
     heights, plane_of = np.zeros(1), np.zeros(len(points), np.intp)
     systems = [system]
     if system is None:
@@ -93,6 +95,7 @@ def _in_parabolic_waves(
     blurs = [_blur_of(source, plane.B, wavelength) for plane, _ in planes]
 
     def by_lags() -> Floats | None:
+        """Return irradiances and errors as sums over lags, or None if they do not converge."""
         values = np.empty(len(points))
         for plane, members in planes:
             part = summed_over_lags(source, points[members, :2], wavelength, plane, error)
@@ -102,6 +105,7 @@ def _in_parabolic_waves(
         return _with_error(values, error)
 
     def by_convolution() -> Floats | None:
+        """Return irradiances and errors as convolutions, or None for too many nodes."""
         rules = []
         for (_, members), blur in zip(planes, blurs, strict=True):
             rule = _convolution(points[members, :2], blur, error)
@@ -139,7 +143,10 @@ class _Blur(NamedTuple):
 
 
 def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
-    """Return the blur for the matrix B: a tilt t displaces the irradiance by ``wavelength B t``."""
+    """Return the blur of the irradiance by random tilts, behind a system with the matrix B.
+
+    A tilt t displaces the irradiance by ``wavelength B t``.
+    """
     axes, scales, right = np.linalg.svd(transfer)
     extents = (abs(right) @ sides_of(source.bounds)) / source.coherence_width
     spreads = wavelength * scales / (2 * math.pi * source.coherence_width)
@@ -173,6 +180,7 @@ def _convolution(
             x, y = np.nonzero(needed)
 
             def mean_on_lattice(values: Floats) -> Floats:
+                """Return means (k, n) of values (k, m) at the lattice points."""
                 table = np.zeros((*values.shape[:-1], *shape))
                 table[..., needed] = values
                 means = np.empty((*values.shape[:-1], len(points)))
@@ -189,6 +197,7 @@ def _convolution(
     shifted = along[:, None] + nodes * blur.spreads
 
     def mean_of_nodes(values: Floats) -> Floats:
+        """Return means (k, n) of values (k, m) at the nodes of all points."""
         return np.asarray(values.reshape(*values.shape[:-1], len(points), -1) @ weights)
 
     return shifted.reshape(-1, 2) @ blur.axes.T, mean_of_nodes
@@ -204,7 +213,11 @@ class _LatticeAxis(NamedTuple):
 
 
 def _lattice_axis(along: Floats, spread: float, extent: float, steps: float) -> _LatticeAxis:
-    """Return the rule for normal distributions about ``along``, with the error exp(-steps^2/2)."""
+    """Return lattice nodes along an axis, and normal weights of the nodes near each point.
+
+    ``along`` (n,): coordinates of the points. ``extent``: extent of the source in coherence widths.
+    The error is exp(-steps^2/2).
+    """
     # The irradiance is band-limited to extent/(2 pi spread), so the aliasing error is
     # exp(-steps^2/2).
     step = 2 * math.pi * spread / (extent + steps)
@@ -253,11 +266,15 @@ class _TiltAxis(NamedTuple):
 
     @property
     def tilts(self) -> Floats:
+        """Tilts in cycles per metre, in ascending order."""
         return np.asarray(self.step * np.arange(-self.half, self.half + 1), np.float64)
 
 
 def _tilt_axis(tail: float, extent: float, width: float) -> _TiltAxis:
-    """Return the rule up to ``tail`` standard deviations, with steps of 2 pi/extent."""
+    """Return a quadrature rule for tilts along an axis, up to ``tail`` standard deviations.
+
+    The step is 2 pi/extent standard deviations.
+    """
     step = 2 * math.pi / extent
     half = math.ceil(tail / step)
     weights = np.exp(-0.5 * (step * np.arange(-half, half + 1)) ** 2)
@@ -346,6 +363,7 @@ def _summed_over_tilts(
 
 @lru_cache(maxsize=64)
 def _trapezoids(outline: Aperture) -> Cells:
+    """Return the corners (n, 4, 2) of trapezoids that tile an outline, cached."""
     return trapezoids(outline.rings).corners
 
 

@@ -156,6 +156,7 @@ def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarr
 def _read(
     path: str | os.PathLike[str], frequency: float | None, tolerance: float
 ) -> xarray.Dataset:
+    """Read a pattern at ``frequency``, within a relative ``tolerance`` of the file's frequency."""
     file = checked_path(path)
     suffix = file.suffix.lower()
     try:
@@ -170,6 +171,7 @@ def _read(
 
 
 def _check_suffix(suffix: str, known: Iterable[str]) -> None:
+    """Raise FileFormatError unless a suffix such as ".ffd" is one of the known ones."""
     if suffix not in known:
         raise FileFormatError(
             f"the suffix {suffix or 'none'!r} of the pattern file is not supported; use one of "
@@ -180,6 +182,7 @@ def _check_suffix(suffix: str, known: Iterable[str]) -> None:
 def _at_frequency(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
+    """Return the far field at a frequency in Hz; raise FileFormatError if there is none."""
     if not tables:
         raise FileFormatError("the file contains no far field")
     known = np.array([table.frequency for table in tables])
@@ -204,6 +207,7 @@ def _at_frequency(
 
 
 def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
+    """Return a far field from a file as the pattern of a polarised source."""
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
         raise FileFormatError(
             "some directions occur several times in the file; keep one row for each direction"
@@ -234,6 +238,7 @@ def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
 def _attributes(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
+    """Return the attributes of a pattern with levels (n, m) in dBi, including its beam."""
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -320,6 +325,7 @@ _GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE
 
 
 def _msi_pattern(lines: list[str]) -> xarray.Dataset:
+    """Return the horizontal and the vertical cut of an MSI file as a pattern."""
     words = [line.split() for line in lines]
     values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
     match = _GAIN.fullmatch(values.get("GAIN", ""))
@@ -354,6 +360,7 @@ def _msi_pattern(lines: list[str]) -> xarray.Dataset:
 
 
 def _msi_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
+    """Return angles in degrees and attenuations in dB of the "HORIZONTAL" or "VERTICAL" cut."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
@@ -390,6 +397,7 @@ class _Pattern:
     """In Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
+        """Yield phi, theta and the values of columns (n, m); theta varies fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)
@@ -470,6 +478,7 @@ def write_pattern(
 
 
 def _file_pattern(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
+    """Return a pattern as files contain it; raise ArgumentError for invalid arguments."""
     checked_pattern(pattern)
     if "field" not in pattern:
         raise ArgumentError(
@@ -495,6 +504,7 @@ def _file_pattern(pattern: Any, polarisation: Any, efficiency: float) -> _Patter
 
 
 def _csv_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of a report in the format of HFSS."""
     names = [f"{part}(rE{name}) [V]" for name in ("Theta", "Phi") for part in ("re", "im")]
     yield ",".join(["Phi [deg]", "Theta [deg]", "dB(DirTotal)", *names])
     parts = [part for field in pattern.components for part in (field.real, field.imag)]
@@ -503,6 +513,7 @@ def _csv_lines(pattern: _Pattern) -> Lines:
 
 
 def _cst_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of a far-field table in the format of CST."""
     heading = (
         "Theta [deg.]  Phi   [deg.]  Abs(Dir.)[dBi   ]   Abs(Theta)[dBi   ]  Phase(Theta)[deg.]  "
         "Abs(Phi  )[dBi   ]  Phase(Phi  )[deg.]  Ax.Ratio[dB    ]"
@@ -521,6 +532,7 @@ def _cst_lines(pattern: _Pattern) -> Lines:
 
 
 def _ffd_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of far-field data in the format of HFSS."""
     if pattern.theta.min() < 0:
         raise ArgumentError(
             "an .ffd file requires theta from 0 to 180 degrees, got theta = "
@@ -535,6 +547,7 @@ def _ffd_lines(pattern: _Pattern) -> Lines:
 
 
 def _grasp_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of polar cuts in the format of GRASP."""
     step = _even_step("theta", pattern.theta, ".cut")
     # |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P.
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * pattern.about["radiated_power"]))
@@ -545,11 +558,13 @@ def _grasp_lines(pattern: _Pattern) -> Lines:
 
 
 def _field_lines(first: Complex, second: Complex) -> Lines:
+    """Yield a line with real and imaginary parts of two field components for each direction."""
     for a, b in zip(first, second, strict=True):
         yield f"{a.real:.9e} {a.imag:.9e} {b.real:.9e} {b.imag:.9e}"
 
 
 def _msi_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of an MSI file with a horizontal and a vertical cut."""
     peak = pattern.about["peak_directivity"]
     yield "NAME polywigner"
     yield "MAKE polywigner"
@@ -586,6 +601,7 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
 
 
 def _even_step(name: str, angles: Floats, suffix: str) -> float:
+    """Return the step of angles in degrees; raise ArgumentError if they are not evenly spaced."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

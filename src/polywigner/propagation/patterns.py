@@ -207,6 +207,7 @@ def beam_cuts(
 
 
 def _great_circles(far: FarField, step: float) -> xarray.Dataset:
+    """Return the pattern along two great circles through the beam, with steps of ``step`` rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
     reach = math.pi if far.goes_backwards else math.pi / 2 + theta
@@ -238,6 +239,7 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
+    """Return a pattern from field values in given directions, with attributes of the beam."""
     power, energy = far.powers
     largest, theta, phi = far.beam
     squares = np.square(np.abs(values))
@@ -306,6 +308,7 @@ def decibels(intensity: Values, power: float) -> Values:
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
+    """Return the ratio of co- to cross-polar field in dB."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
@@ -378,6 +381,7 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
 def _checked_levels(
     pattern: Any, axes: tuple[str, str]
 ) -> tuple[NDArray[Any], Floats, Floats, dict[str, float]]:
+    """Return both axes of a pattern, directivity in dBi, and numerical attributes."""
     names = dict(zip(axes, axes, strict=True)) | {"directivity": " ".join(axes)}
     first, second, levels, *values = arrays_of(
         pattern, names, "polywigner.radiation_pattern", *_ATTRIBUTES
@@ -390,6 +394,7 @@ def _checked_levels(
 def _cross_levels(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
+    """Return the cross-polar directivity in dBi, or ``levels`` for a scalar pattern."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values

@@ -33,6 +33,7 @@ _AXES = ("x", "y", "z")
 
 
 def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
+    """Return angles theta and phi in rad; raise ArgumentError for other values."""
     return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 
@@ -79,10 +80,12 @@ _LEAST = 1e-13
 
 
 def checked_coordinates(points: Any, expected: str, components: int) -> Floats:
+    """Return finite coordinates (..., components) in m; errors start with ``expected``."""
     return finite_array(points, f"{expected}, in metres", (..., components))
 
 
 def checked_points(points: Any) -> Floats:
+    """Return points (..., 3) in m with z > 0; raise ArgumentError for other values."""
     expected = (
         "expected points to be real numbers of shape (..., 3), with x, y and z along the last axis"
     )
@@ -113,6 +116,7 @@ def tolerance_from(
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
+    """Return the name of a method; raise ArgumentError if it is not allowed."""
     return checked_choice(method, "method", allowed)
 
 
@@ -136,6 +140,7 @@ class Grid:
 
     @property
     def shape(self) -> Index:
+        """Number of points along each axis."""
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
@@ -145,11 +150,13 @@ class Grid:
 
 
 def _affine(origin: Floats, directions: Floats, *along: Floats) -> Floats:
+    """Return points (n, m, ..., 3) from an origin and distances along directions (k, 3)."""
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
 
 
 def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Floats:
+    """Return points (n, m, 3) on a sphere about ``centre``, at angles in rad."""
     return centre + radius * unit_vectors(theta, phi)
 
 
@@ -219,6 +226,10 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
 def _affine_grid(
     spans: dict[str, tuple[float, float, int]], origin: Floats, directions: Floats
 ) -> Grid:
+    """Return a grid of points from an origin and distances along directions (k, 3).
+
+    ``spans``: name, first value, last value and number of points of each axis.
+    """
     axes = {
         name: labelled_array(_axis(*span), (name,), {"units": "m"}) for name, span in spans.items()
     }
@@ -228,15 +239,18 @@ def _affine_grid(
 
 
 def _axis(low: float, high: float, count: int) -> Floats:
+    """Return evenly spaced values, or the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 
 def _corners(name: str, corners: Any, which: str) -> Floats:
+    """Return two points (2, 3) in m; ``name`` and ``which`` are used in error messages."""
     expected = f"expected a {name} as two points of shape (2, 3), the {which}, in metres"
     return finite_array(corners, expected, (2, 3))
 
 
 def _counts(shape: Any, dimensions: int) -> Index:
+    """Return numbers of points; raise ArgumentError unless there is one for each dimension."""
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
         raise ArgumentError(f"expected shape to be {dimensions} integers, got {value_text(shape)}")

@@ -57,6 +57,7 @@ def aberrated_spectrum(
     some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
 
     def evaluate(extra: int, points: Floats) -> Complex:
+        """Return the transform at ``points`` with ``extra`` additional nodes."""
         sums = element_sums(pupil, points, band, extra, tolerance, centre=centre)
         weighted = (weight * row for weight, (row,) in zip(pupil.weights, sums, strict=True))
         return np.asarray(sum(weighted))
@@ -129,10 +130,12 @@ class _Derivatives:
     error: float
 
     def _sums(self, factors: Callable[[Floats, Floats], Floats] | None = None) -> Iterator[Complex]:
+        """Yield the Fourier transforms of unweighted elements times factors, as element_sums."""
         band = band_of(self.nu)
         return element_sums(self.pupil, self.nu, band, self.extra, self.error, factors)
 
     def vertices(self) -> Complex:
+        """Return the derivatives with respect to the coordinates of all vertices."""
         pupil, parts = self.pupil, []
         largest = np.abs(np.stack(band_of(self.nu))).max(axis=0)
         for k, edges in enumerate(edges_of(pupil)):
@@ -147,10 +150,12 @@ class _Derivatives:
         return np.concatenate(parts, axis=1)
 
     def weights(self) -> tuple[Complex, Complex]:
+        """Return the derivatives with respect to weights (n, elements), and to their conjugates."""
         by_weight = np.stack([row for (row,) in self._sums()], axis=1)
         return by_weight, np.zeros_like(by_weight)
 
     def coefficients(self) -> Complex:
+        """Return the derivatives with respect to the coefficients of the aberration."""
         path = self.pupil.aberration
         assert path is not None
         sums = self._sums(path.modes)

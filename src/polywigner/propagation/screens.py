@@ -88,6 +88,7 @@ def waves_through(
 
 
 def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
+    """Return a mask of points (n, 3) close to a line from the source through a corner (k, 2)."""
     near = np.zeros(len(points), np.bool_)
     away = points - source
     lengths = np.linalg.norm(away, axis=1)
@@ -262,12 +263,14 @@ def field_of_screen(
 
 
 def _three_numbers(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
+    """Return three finite floats; raise ArgumentError for other values."""
     expected = f"expected {name} to be three finite numbers {meaning}"
     x, y, z = (finite_array(value, expected, (3,)) + 0.0).tolist()
     return x, y, z
 
 
 def _checked_amplitude(value: complex) -> complex:
+    """Return a finite amplitude as a float or complex; raise ArgumentError for others."""
     if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
         raise ArgumentError(
             f"expected amplitude to be a finite complex number, got {value_text(value)}"

@@ -283,6 +283,7 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
+    """Return a radiator in which the mean of four waves replaces each grazing plane wave."""
     half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
     step = _ASIDE / (2 * math.pi * half)
     elements = []

@@ -102,6 +102,7 @@ def irradiance_by_rays(
         )
 
     def node_sum(rule: tuple[Floats, Floats], block: Floats) -> Floats:
+        """Return the irradiance at points (n, 3) for a quadrature rule on the source."""
         total = np.zeros(len(block))
         for kernel, part, constants in terms:
             total += execution.evaluate_sums(
@@ -140,6 +141,7 @@ def _along_rays(base: Kernel) -> Kernel:
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
+        """Return the factor of W in the irradiance, and the arguments of the kernel of W."""
         point, wavelength, forms, curved = rest[:3], rest[3], Forms(*rest[4:7]), rest[7:]
         along_x, along_y = point[0] - x, point[1] - y
         square = along_x * along_x + along_y * along_y + point[2] * point[2]
@@ -155,9 +157,11 @@ def _along_rays(base: Kernel) -> Kernel:
     base_sum = base.edge_sum
 
     def edge_sum(ops: Any, tables: Any, _: Any, *inner: Any) -> Values:
+        """Return the edge sum of W, without the factor of the irradiance."""
         return base_sum(ops, tables, *inner)
 
     def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+        """Return W times the factor of the irradiance."""
         return (inner[0] * base.leave(ops, frame, inner[1:], sums)[0],)
 
     return replace(
@@ -208,6 +212,7 @@ def _refined_sums(
 
 
 def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
+    """Raise ArgumentError if the coarsest rule has too many nodes."""
     count = node_count(triangles, rate, _LEVELS[0])
     if not count <= _MOST_NODES:
         across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
@@ -221,6 +226,7 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
 def _phase_rates(
     source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
 ) -> Floats:
+    """Return the highest spatial frequency in 1/m of the integrand for each point, shape (n,)."""
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
@@ -294,6 +300,7 @@ def _triangles(source: Aperture | Array) -> Triangles:
 
 
 def _intersection_count(segments: Floats) -> float:
+    """Estimate the number of pairs of segments (m, 2, 2) that intersect."""
     lines = shapely.linestrings(segments)
     sample = lines[:: max(1, len(lines) // _SAMPLE)]
     intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]

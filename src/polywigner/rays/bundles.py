@@ -47,9 +47,9 @@ def rays_dataset(
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return n rays as a dataset.
+    """Return positions, directions and weights of n rays as a dataset.
 
-    ``batch`` (n,): index of each ray's independent set of quasi-random numbers.
+    ``batch`` (n,): index of the independent set of quasi-random numbers of each ray.
     """
     import xarray
 
@@ -144,6 +144,7 @@ def count_of(rays: xarray.Dataset) -> int:
 
 
 def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
+    """Return checked positions, directions and weights of ``count`` rays."""
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
         columns.append(real_array(value, f"expected {name} of shape {shape}", shape))
@@ -271,6 +272,11 @@ def rebuild(
 
 
 def _estimates(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return the total of each pixel, and its standard error.
+
+    ``sums``: sums of weights for each batch and pixel. ``squares``: sums of squared weights of
+    independent rays.
+    """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
@@ -297,6 +303,7 @@ def _pixel_coordinates(
 
 
 def _plane_pose(plane: Any) -> Floats:
+    """Return the pose (4, 4) of a plane, specified by a pose or by its z in m."""
     if shape_of(plane) == "()":
         pose = np.eye(4)
         pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
@@ -305,6 +312,7 @@ def _plane_pose(plane: Any) -> Floats:
 
 
 def _pixel_edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
+    """Return the edges of pixels along x and y in m; raise ArgumentError for other values."""
     expected = "expected bounds to be (xmin, ymin, xmax, ymax) in m"
     row = finite_array(bounds, expected, (4,))
     if not (row[2:] > row[:2]).all():
@@ -394,6 +402,7 @@ def save(
 
 
 def _checked_file(path: str | os.PathLike[str]) -> Path:
+    """Return an absolute path; raise ArgumentError unless its suffix is .dat."""
     file = checked_path(path)
     if file.suffix.lower() != ".dat":
         raise ArgumentError(
@@ -406,6 +415,7 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
+    """Write all rays, or the rays whose power has a given sign, and return the path of the file."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)
@@ -423,6 +433,7 @@ def _write_part(
 
 
 def _warn_of_negative(weight: Floats) -> None:
+    """Warn if some powers are negative."""
     below = weight < 0
     if below.any():
         fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
@@ -471,6 +482,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     file = _checked_file(path)
 
     def wrong(got: str) -> FileFormatError:
+        """Return the error for a file that is not a valid ray file."""
         return FileFormatError(
             f"expected {file.name} to be a ray file of OpticStudio, got {got}; export it again"
         )

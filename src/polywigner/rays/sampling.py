@@ -117,6 +117,7 @@ _MOST_SAMPLES = 1 << 28
 
 
 def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
+    """Return random numbers (n, columns), or check numbers that the caller specifies."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
@@ -130,6 +131,7 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
 
 
 def _automean(source: Any) -> Aperture | Slits:
+    """Return the automean of a flat source or of slits."""
     if isinstance(source, Array) and source.dimension > 1:
         return automean(source.support)
     if isinstance(source, Aperture):
@@ -144,6 +146,10 @@ def _automean(source: Any) -> Aperture | Slits:
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Map numbers in [0, 1) to cells in proportion to their sizes.
+
+    Returns the index of each cell, and the position within the cell in [0, 1].
+    """
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)
@@ -198,6 +204,7 @@ def _normal_numbers(numbers: Floats) -> Floats:
 
 
 def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
+    """Return sqrt(numerator/divisor), or sqrt(limit) if the divisor is zero."""
     return np.sqrt(np.divide(numerator, divisor, out=limit, where=divisor > 0))
 
 
@@ -230,6 +237,7 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
+        """Return the centres (n, 2) of beams in the unit disc that the cone is mapped to."""
         cosines = self.frame[:2, 2] + slope
         # Limit beams to directions in front of the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
@@ -466,6 +474,7 @@ def sample_rays(
 
 
 def _with_pose(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
+    """Return the source in its plane and its pose in the world."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
@@ -477,6 +486,7 @@ def _with_pose(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Flo
 
 
 def _power_scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
+    """Return the factor of all weights for a specified power in W; 1 for None."""
     if power is None:
         return 1.0
     watts = checked_length(power, "power", meaning="a number in W above zero")

@@ -102,12 +102,14 @@ class Cells:
         return (nodes - self.centre) / self.wavelength, values
 
     def _triangles(self, cell: int) -> tuple[Floats, Indices]:
+        """Return triangles (n, 3, 2) that tile a cell, in m, and their element indices."""
         polygons, numbers = self._parts[cell]
         triangles, owner = triangles_of(polygons)
         wide = areas(triangles) > 0
         return triangles[wide], numbers[owner[wide]]
 
     def _halves(self, cell: int) -> list[int]:
+        """Return the indices of the two or four parts of a cell, which are created on demand."""
         if cell not in self._children:
             low, high = self.low[cell], self.high[cell]
             is_long = high - low > _SQUARE * (high - low).max()
@@ -120,6 +122,7 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
+        """Add the part of a cell inside a box as a new cell, unless it is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -129,6 +132,7 @@ class Cells:
             self._add(np.array(flat, dtype=object), numbers[wide])
 
     def _add(self, polygons: NDArray[np.object_], numbers: Indices) -> None:
+        """Add a cell made of polygons in m, whose element indices are ``numbers``."""
         self._parts.append((polygons, numbers))
         bounds = (shapely.total_bounds(polygons).reshape(2, 2) - self.centre) / self.wavelength
         self.low = np.vstack([self.low, bounds[0]])
@@ -156,6 +160,7 @@ Pairs: TypeAlias = Any
 
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
+    """Return columns as a record array; ``names`` are separated by commas."""
     make: Any = np.rec.fromarrays  # The type hints of NumPy require formats.
     return make(columns, names=names)
 
@@ -229,6 +234,7 @@ class Links:
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
+        """Return the vectors (n, 3) from the transmitter cell to the receiver cell of each pair."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -304,6 +310,7 @@ class Links:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
+    """Return interpolation nodes (n, q^2, 2) of cells, and the same relative to their centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
@@ -319,6 +326,7 @@ def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Co
 
 
 def _centre(cells: Cells, numbers: Indices | int) -> Floats:
+    """Return the centres (n, 2) of cells."""
     return np.asarray((cells.low[numbers] + cells.high[numbers]) / 2)
 
 
@@ -333,6 +341,7 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _lagrange(points: Floats, order: int) -> Floats:
+    """Return Lagrange polynomials (2, n, q) of Gauss nodes at points (n, 2) in [-1, 1]^2."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
@@ -417,6 +426,7 @@ def _initial(links: Links, pairs: Pairs, digits: float) -> Pairs:
 
 
 def _next_order(links: Links, parts: Pairs) -> Pairs:
+    """Evaluate pairs at the next higher order."""
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
@@ -434,10 +444,12 @@ def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Fl
 
 
 def _joined(*pairs: Pairs) -> Pairs:
+    """Concatenate record arrays."""
     return np.concatenate(pairs).view(np.recarray)
 
 
 def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
+    """Return the error for a coupling that would take too long."""
     _, _, distance = links.sizes(pairs)
     nearest = int(distance.argmin())
     return ArgumentError(
@@ -456,6 +468,7 @@ def _phase(links: Links, pairs: Pairs) -> Floats:
 
 
 def _divided(links: Links, pairs: Pairs) -> Pairs:
+    """Divide pairs of cells until all can be interpolated with the available orders."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)
@@ -469,6 +482,7 @@ def _divided(links: Links, pairs: Pairs) -> Pairs:
 
 
 def _halves(links: Links, pairs: Pairs) -> Pairs:
+    """Divide the larger cell of each pair."""
     here, there, _ = links.sizes(pairs)
     at_transmitter = here >= there
     first, second = pairs[at_transmitter], pairs[~at_transmitter]

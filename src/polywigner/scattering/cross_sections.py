@@ -272,6 +272,7 @@ def far_sections(
 
 
 def warn_of_small(facets: Facets, wavelength: float) -> None:
+    """Warn if a face is smaller than a square wavelength."""
     if facets.least_face < wavelength:
         warn_caller(
             "physical optics requires faces of several wavelengths, but at the wavelength of "
@@ -290,6 +291,7 @@ def _power(
     """
 
     def field(h: Floats | Complex) -> Complex:
+        """Return the scattered field for the magnetic field h (m, 3), shape (m, 3)."""
         first: Complex = np.cross(sums, h)
         return first if later is None else first + np.einsum("mij,mj->mi", later, h)
 
@@ -387,6 +389,7 @@ class Pattern:
     facets: Facets = field(init=False)
 
     def __post_init__(self, body: Body) -> None:
+        """Check all arguments, and convert the body to triangles."""
         self.wavelength = checked_wavelength(self.wavelength)
         self.azimuth = checked_angles(self.azimuth, "azimuth", math.inf)
         self.elevation = checked_angles(self.elevation, "elevation", math.pi / 2)
@@ -436,6 +439,7 @@ class Pattern:
         return far_sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
+        """Return cross sections at all angles as a dataset."""
         from polywigner import __version__
 
         about: dict[str, Any] = {
@@ -466,12 +470,14 @@ class Pattern:
         return labelled_arrays(table, angles, about)
 
     def _some_directions(self) -> Floats:
+        """Return propagation directions (k, 3) of incident waves, for the reflection test."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
+        """Return unit vectors towards the radar at angles in rad, displaced from the poles."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

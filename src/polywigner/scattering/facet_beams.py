@@ -81,6 +81,7 @@ def sums_of_beams(
     at_once = max(1, _AT_ONCE // len(facets.corner))
 
     def add(group: list[View]) -> None:
+        """Add the fields of some pairs of directions; retry single pairs after an error."""
         for view in group:
             first[view.rows] = surface_sums(view.pieces, nu[view.rows])
         if later is None:
@@ -156,12 +157,16 @@ class Ends:
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
+    """Return the first index and the length of consecutive ranges with given lengths."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
 
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    """Return the position in ``owner`` and the value of each index in ranges ``runs[owner]``."""
+    """Return all indices in the ranges ``runs[owner]``, after their positions in ``owner``.
+
+    Both arrays have one entry for each index. ``runs``: first index and length of each range.
+    """
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
     return pair, np.arange(len(pair)) + (begins - np.cumsum(counts) + counts)[pair]
@@ -174,6 +179,7 @@ def _views(
     monostatic: bool,
     failures: list[tuple[Indices, Exception]],
 ) -> Iterator[View]:
+    """Yield the view of each pair of directions (k, s); add views that fail to ``failures``."""
     pairs, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
     ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(pairs)))
@@ -214,6 +220,7 @@ class Beams:
     """Cross section in the transmitter's image plane, shape (n,)."""
 
     def taken(self, rows: Indices | slice) -> Beams:
+        """Return the beams with the given indices."""
         return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def __len__(self) -> int:
@@ -259,6 +266,7 @@ def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
 
 
 def _first_beams(facets: Facets, ends: Ends) -> Beams:
+    """Return the beams that the illuminated parts of a body reflect."""
     signs = np.stack([lit.signs for lit in ends.lit])
     wave, facet = np.nonzero(signs)
     parts = np.stack([lit.parts for lit in ends.lit])[wave, facet]
@@ -298,10 +306,12 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
 
 
 def _transformed(matrices: Floats, vectors: Floats) -> Floats:
+    """Return the product of each matrix (n, 3, 3) with a vector (n, 3)."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
+    """Return the parts of all triangles that beams illuminate after their last reflection."""
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
@@ -334,12 +344,14 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
+    """Return the heights of corners (n, 3, 3) above the last mirrors of n beams, shape (n, 3)."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
+    """Return beam, triangle and illuminated side of pairs whose bounding boxes overlap."""
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):

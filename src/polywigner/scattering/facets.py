@@ -136,6 +136,7 @@ def facets_of(body: Any) -> Facets:
 
 
 def _bodies(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
+    """Return bodies and plates as a tuple; raise ArgumentError for other objects."""
     if isinstance(body, Array):
         if not (body.weights == 1).all():
             raise ArgumentError(
@@ -161,6 +162,7 @@ def _bodies(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 # Hashing a million vertices takes some ms, less than computing their triangles.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | PlacedAperture, ...]) -> Facets:
+    """Return the triangles of all bodies and plates."""
     surfaces = [surface for part in parts for surface in shells(obstacle_of(part))]
     corners, plates = [], []
     for surface in surfaces:
@@ -202,6 +204,7 @@ class Pieces:
     """Normals on the illuminated side, times twice the areas, shape (n, 3)."""
 
     def taken(self, rows: Indices | slice) -> Pieces:
+        """Return the triangles with the given indices."""
         return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
 
     def __len__(self) -> int:
@@ -235,6 +238,10 @@ def facing_point(facets: Facets, point: Floats) -> Sides:
 
 
 def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
+    """Return the sides of triangles that face an observer.
+
+    ``cosine``: cosine between the outward normals and the direction from the observer.
+    """
     sides = (cosine < -_EDGE_ON).astype(np.int8)
     sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
     return sides
@@ -252,6 +259,7 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
     across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
+        """Project corners (n, 3, 3) along parallel lines onto the image."""
         depth = corners @ direction
         return Projected(corners @ across.T, depth, facets.size, np.ones_like(depth))
 
@@ -267,6 +275,7 @@ def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
     def projected(corners: Floats) -> Projected:
+        """Project corners (n, 3, 3) in perspective onto the image."""
         return in_perspective(corners - point, frame, distance, facets.size)
 
     return _visible(facets, facing_point(facets, point), projected)
@@ -318,6 +327,7 @@ def less_hidden(illuminated: Visible, visible: Visible, faces: Sides) -> Visible
 
 
 def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
+    """Return the visible parts of a body, divided into triangles."""
     (rows,) = np.nonzero(visible.signs)
     return pieces_of(facets, rows, visible.signs[rows], visible.parts[rows])[0]
 
@@ -339,6 +349,7 @@ def pieces_of(
     weights = np.concatenate([signs[complete], signs[owner] * measure])
 
     def at(point: Floats) -> Floats:
+        """Map coordinates along two sides of the cut triangles to vectors (k, 3)."""
         return point[:, :1] * first + point[:, 1:] * second
 
     rows = np.concatenate([complete, owner])
@@ -408,6 +419,7 @@ _STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
+    """Warn if waves along ``travelling`` (n, 3) are reflected from one face to another."""
     if illuminates_itself(facets, travelling):
         warn_caller(
             "faces of the body illuminate each other, but paths with two or three reflections, "

@@ -58,6 +58,7 @@ def checked_unit_vectors(name: str, vectors: Any) -> Floats:
 
 
 def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the common shape of array arguments; raise ArgumentError if there is none."""
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError:
@@ -175,6 +176,7 @@ class Antenna:
         return np.asarray(self._amplitude(points)[0] / self.root_of_power)
 
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
+        """Return the scalar field of the unscaled source at points, and its error."""
         how: Any = self.wavelength, self.condition
         points = self.to_frame(points)
         field, error = amplitude_with_error(self.source, points, *how, tolerance=self.tolerance)
@@ -200,6 +202,7 @@ class Antenna:
         return field, slope, rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0)
 
     def _fields(self, points: Floats) -> tuple[Complex, Complex]:
+        """Return the electric field, and the magnetic field times the impedance, for 1 W."""
         assert self.jones is not None
         # The magnetic field times the impedance of free space equals the electric field of the dual
         # currents. The polarisation of dual Huygens' currents is rotated by 90 degrees.
@@ -219,6 +222,7 @@ class Antenna:
         return float(abs(value) / self.root_of_power) ** 2 if abs(value) > error else 0.0
 
     def check_in_front(self, facets: Facets, name: str) -> None:
+        """Raise GeometryError if a part of a body is behind the plane of the antenna."""
         lowest = float(self.to_frame(facets.corners.reshape(-1, 3))[:, 2].min())
         if not lowest > 0:
             raise GeometryError(
@@ -289,6 +293,7 @@ def field_gradient(
 
 
 def _derivative(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
+    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component."""
     elements = []
     for element in radiator.elements:
         rates = (
@@ -402,6 +407,7 @@ def _summed(
 
 
 def _illuminated(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
+    """Return the parts of a body that are visible from transmitter and receiver."""
     if not facets.casts_shadows:
         signs = facing_point(facets, transmitter.position)
         return visible_pieces(facets, Visible(signs, np.full(len(signs), None)))
@@ -413,6 +419,7 @@ def _illuminated(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pie
 
 
 def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
+    """Divide pieces until the fields of both antennas on each piece are nearly plane waves."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _deviation(pieces, transmitter, receiver) > tolerance
@@ -447,6 +454,7 @@ def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
 
 
 def _quartered(pieces: Pieces) -> Pieces:
+    """Divide each triangle into four congruent triangles."""
     corner, first, second = pieces.corner, pieces.first / 2, pieces.second / 2
     return Pieces(
         np.concatenate([corner, corner + first, corner + second, corner + first + second]),
