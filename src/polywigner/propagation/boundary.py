@@ -156,13 +156,13 @@ def panels_of(
         plane = element.frequencies * wavelength
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
         errors = _cosine_errors(element.frequencies, wavelength, plane, cosines, paraxial)
-        reach = np.full(len(plane), longest)
+        piece = np.full(len(plane), longest)
         if math.isfinite(longest):
-            reach = np.minimum(longest, _MOST_CYCLES / (1.0 + np.linalg.norm(plane, axis=1)))
+            piece = np.minimum(longest, _MOST_CYCLES / (1.0 + np.linalg.norm(plane, axis=1)))
         is_steep = cosines.real >= _STEEP_COSINE
         for wave in range(len(plane)) if steep is None else np.flatnonzero(is_steep == steep):
             amplitude = element.amplitudes[wave]
-            begin, along, length = _divided_edges(element.outline, wavelength * reach[wave])
+            begin, along, length = _divided_edges(element.outline, wavelength * piece[wave])
             kappa = tuple(element.frequencies[wave])
             cycles = phases.reduced(_OPS, phases.dot(_OPS, kappa, (begin[:, 0], begin[:, 1])))
             step = max(1, count // len(length))

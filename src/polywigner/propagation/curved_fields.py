@@ -160,11 +160,11 @@ def _are_small(
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
     height = points[:, 2]
-    reach = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)
+    corner_distance = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)
     centre = away.mean(axis=1)
     distance = np.sqrt((centre**2).sum(axis=1) + height**2)
     near = np.maximum(height, distance - size)
-    highest = _highest(wave, part, cells, away / (wavelength * reach[..., None]))
+    highest = _highest(wave, part, cells, away / (wavelength * corner_distance[..., None]))
     rate = highest + np.minimum(size / near, 1.0) / wavelength
     return np.asarray((rate * size <= _MOST_CYCLES) & (size <= 2 * near))
 
@@ -201,9 +201,9 @@ def _integrand(
         wave, part, cells, wavelength, condition.needs_normal_derivative
     )
     height = points[:, 2, None]
-    reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
+    distance = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
     k = 2 * math.pi / wavelength
     value = condition.slope * slopes
-    value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
-    wave_to_point = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
+    value += condition.field * field * (height / distance) * (1 + 1j / (k * distance))
+    wave_to_point = np.exp(2j * math.pi * (distance / wavelength)) / (1j * wavelength * distance)
     return np.asarray(value * wave_to_point)

@@ -274,19 +274,19 @@ def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
 def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error: float) -> Indices:
     """Return the number of samples (m,) that each edge needs for waves at positions (n, 3)."""
     source, at, ops = nodes.far, tuple(positions.T), _OPS
-    reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
+    radius = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
     digits, centre, numbers = -math.log(error), tuple(source.centre), []
     for start, end in _ends_of_blocks(edges, len(positions)):
         along = difference(end, start)
         length = ops.sqrt(dot(along, along))
         slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
         distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
-        phase = math.pi * (ops.maximum(*slopes) + 2.0 * reach * length / distance)
+        phase = math.pi * (ops.maximum(*slopes) + 2.0 * radius * length / distance)
         # lateral: distance between the edge and the line from source to point, measured at the
         # edge.
         away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
         part = away / (distance + away)
-        lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - reach * part
+        lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - radius * part
         clear = ops.minimum(ops.minimum(lateral, away), distance) / (0.5 * length)
         needed, _ = nodes_needed(ops, digits, clear.min(axis=1), phase.max(axis=1))
         numbers.append(np.maximum(np.ceil(needed), 2.0))

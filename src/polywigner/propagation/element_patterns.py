@@ -202,8 +202,8 @@ def covers_front(theta: Floats, phi: Floats) -> bool:
     """Return whether angles theta and phi in rad cover the front hemisphere in even steps."""
     even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
-    reach = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
-    return bool(even and around and reach)
+    spans_front = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
+    return bool(even and around and spans_front)
 
 
 def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:

@@ -267,11 +267,11 @@ class FarField:
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
         sides = [sides_of(e.bounds) for e in flat.elements_in_plane]
-        reach = _LOBES * wavelength / np.min(sides, axis=0)
+        radius = _LOBES * wavelength / np.min(sides, axis=0)
         if isinstance(source, Wavefront):
             half = sides_of(flat.bounds) / 2
-            reach = reach + wavelength * np.abs(source.curvature) @ half
-        counts = np.ceil(np.minimum(reach, 1.0) / step).astype(np.intp)
+            radius = radius + wavelength * np.abs(source.curvature) @ half
+        counts = np.ceil(np.minimum(radius, 1.0) / step).astype(np.intp)
         waves = normal_form(flat).frequencies
         centres = np.unique(np.round(waves * wavelength / step), axis=0) * step
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]

@@ -83,8 +83,8 @@ def _lag_cells(source: Wavefront) -> Cells:
     No kink of the ambiguity function crosses a trapezoid if there are at most _MOST_KINKS kinks.
     """
     # Kinks lie on the segments V - E of all vertices V and edges E.
-    reach = _longest_lags(source)
-    half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
+    longest = _longest_lags(source)
+    half = shapely.box(-longest[0], 0.0, longest[0], longest[1])
     rings = normal_form(source).rings
     begin = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
@@ -97,7 +97,7 @@ def _lag_cells(source: Wavefront) -> Cells:
         if len(kinks) > _MOST_KINKS:
             return _trapezoids_in([half])[0]
     cut = shapely.intersection(np.array(kinks, object), half)
-    noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(reach)))
+    noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(longest)))
     return _trapezoids_in(np.array(polygons_in(shapely.polygonize([noded])), object))[0]
 
 
@@ -195,13 +195,13 @@ def summed_over_pairs(
         """Return the highest frequencies along x and y of the integrand over midpoints."""
         return np.asarray(bend * np.linalg.norm(lags, axis=-1, keepdims=True) + largest)
 
-    reach = _longest_lags(source)
+    extent = _longest_lags(source)
     rates = largest_rates(source, points, wavelength).max(axis=0)
     rates = np.hypot(rates, _OF_NORMAL / width)
     cells = _lag_cells(source)
     polygons = shapely.get_parts([element.shape.polygons for element in elements])
     tiles, _ = _trapezoids_in(polygons)
-    counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(reach / 2), _ERROR)]
+    counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(extent / 2), _ERROR)]
     lag_count, mean_count = (float(count.prod(axis=1).sum()) for count in counts)
     time = len(points) * _PAIR * mean_count + _CUT * sum(len(ring) for ring in form.rings)
     if _TWO_RULES * lag_count * time > longest_time:
@@ -211,7 +211,7 @@ def summed_over_pairs(
     neighbours = [
         (a, b)
         for a, b in product(elements, repeat=2)
-        if a.shape.polygons.distance(b.shape.polygons) <= np.linalg.norm(reach)
+        if a.shape.polygons.distance(b.shape.polygons) <= np.linalg.norm(extent)
     ]
 
     def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
@@ -246,8 +246,8 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
-    reach = float(np.linalg.norm(lags, axis=1).max()) / width
-    nodes, weights = normal_product_rule((reach, reach), _MEAN_ERROR)
+    extent = float(np.linalg.norm(lags, axis=1).max()) / width
+    nodes, weights = normal_product_rule((extent, extent), _MEAN_ERROR)
     tilts = nodes / (2 * math.pi * width)
     cosines = np.stack(
         [

@@ -589,9 +589,9 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
     for angle, theta, levels in meridians:
         offset = (math.degrees(angle) - phi) % 360.0
         same, opposite = min(offset, 360.0 - offset) < 1e-6, abs(offset - 180.0) < 1e-6
-        reach = np.degrees(theta)
-        if (same or opposite) and reach.min() <= -90 + 1e-6 and reach.max() >= 90 - 1e-6:
-            return (reach, levels) if same else (-reach[::-1], levels[::-1])
+        degrees = np.degrees(theta)
+        if (same or opposite) and degrees.min() <= -90 + 1e-6 and degrees.max() >= 90 - 1e-6:
+            return (degrees, levels) if same else (-degrees[::-1], levels[::-1])
     raise ArgumentError(
         f"an .msi file requires a cut at phi = {phi:g} degrees with theta from -90 to 90 degrees, "
         f"got phi = {', '.join(f'{a:g}' for a in pattern.phi[:8])} and theta from "

@@ -210,13 +210,13 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
     """Return the pattern along two great circles through the beam, with steps of ``step`` rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
-    reach = math.pi if far.goes_backwards else math.pi / 2 + theta
+    limit = math.pi if far.goes_backwards else math.pi / 2 + theta
     beam, outwards = unit_vectors(np.array([theta, theta + math.pi / 2]), np.array([phi]))[:, 0]
     around = np.array([-math.sin(phi), math.cos(phi), 0.0])
     rotation = -phi if is_normal else 0.0
     sine, cosine = math.sin(rotation), math.cos(rotation)
     tangents = np.array([cosine * outwards + sine * around, cosine * around - sine * outwards])
-    count = math.ceil(reach / step - 1e-9)
+    count = math.ceil(limit / step - 1e-9)
     angle = np.asarray(step * np.arange(-count, count + 1), np.float64)
     directions = np.cos(angle)[:, None] * beam + np.sin(angle)[:, None] * tangents[:, None]
     azimuths = (rotation + phi + np.array([0.0, math.pi / 2])) % (2 * math.pi)

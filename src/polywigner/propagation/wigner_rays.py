@@ -111,8 +111,8 @@ def irradiance_by_rays(
         return total
 
     area = sum(element.area for element in flat.elements_in_plane)
-    reach = wavelength * radiator.distance_of_centre(points)
-    largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)
+    spread = wavelength * radiator.distance_of_centre(points)
+    largest = energy_of(flat) / area * np.minimum(1.0, (area / spread) ** 2)
     floor = _FLOOR * largest
     values, errors = np.zeros(len(points)), np.zeros(len(points))
     rates = _phase_rates(flat, wavelength, points, curved)

@@ -294,10 +294,10 @@ def _pixel_coordinates(
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
         along = direction @ pose[:3, :3]
-        reach = -local[:, 2] / along[:, 2]
-        point = local[:, :2] + reach[:, None] * along[:, :2]
+        distance = -local[:, 2] / along[:, 2]
+        point = local[:, :2] + distance[:, None] * along[:, :2]
         largest = np.maximum(np.abs(local).max(axis=1), (high - low).max())
-        meets = virtual | (reach >= -_ON_PLANE * largest)
+        meets = virtual | (distance >= -_ON_PLANE * largest)
         pixels = (point - low) / (high - low) * [len(axis) - 1 for axis in edges]
     return np.where(meets[:, None], pixels, np.nan)
 

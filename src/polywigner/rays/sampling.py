@@ -307,8 +307,8 @@ def _squared_reach(plane: Floats, centre: Floats) -> Floats:
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
     # Avoid cancellation in chord - along.
-    reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
-    return np.asarray(reach**2)
+    radius = np.divide(inside, chord + along, out=chord - along, where=along > 0)
+    return np.asarray(radius**2)
 
 
 def _disc_points(numbers: Floats) -> Floats:
