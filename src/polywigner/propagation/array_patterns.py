@@ -154,7 +154,7 @@ def array_tolerance(
         "count": number,
         "peak_loss": float(directivities["nominal"][peak] - directivities["expected"][peak]),
     }
-    return described(source, angle_axes(polar, azimuth), directivities, about)
+    return described(source, angle_axes(theta=polar, phi=azimuth), directivities, about)
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:

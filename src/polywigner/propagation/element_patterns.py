@@ -192,9 +192,7 @@ class ElementPattern:
 
 def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
     """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad."""
-    sine, cosine = np.sin(phi), np.cos(phi)
-    radial = np.cos(theta) * polar
-    x, y = radial * cosine - azimuthal * sine, radial * sine + azimuthal * cosine
+    x, y = polar_components(np.cos(theta) * polar, azimuthal, -phi)
     return np.stack([x, y, -np.sin(theta) * polar], axis=-1)
 
 

@@ -262,8 +262,6 @@ def _irradiance_and_error(
             return np.stack(squared_field(*field))
         if method == "wigner":
             return _by_rays(part, positions, length, obliquity, allowed, engine)
-        if obstacles is None and not isinstance(part, (Screen, PointSource)):
-            part = checked_radiator(part)
         field = field_and_error(
             part, positions, length, method, obstacles=obstacles, edge=edge, obliquity=obliquity,
             tolerance=field_tolerance, engine=engine, with_error=with_error,

@@ -227,12 +227,11 @@ def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
         power = _radiated_power(table, ElementPattern(theta, phi, (polar, azimuthal)).power(0.0))
     levels = decibels(np.square(np.abs(polar)) + np.square(np.abs(azimuthal)), power)
-    sine, cosine = np.sin(phi), np.cos(phi)
-    along = polar * cosine - azimuthal * sine, polar * sine + azimuthal * cosine
+    along = polar_components(polar, azimuthal, -phi)
     peak = np.unravel_index(levels.argmax(), levels.shape)
     about = _attributes(theta, phi, levels, table.frequency, power)
     jones = jones_of((along[0][peak], along[1][peak]))
-    return vector_dataset(angle_axes(theta, phi), levels, along, jones, about)
+    return vector_dataset(angle_axes(theta=theta, phi=phi), levels, along, jones, about)
 
 
 def _attributes(
@@ -356,7 +355,7 @@ def _msi_pattern(lines: list[str]) -> xarray.Dataset:
     order = np.argsort(theta)
     theta, levels, phi = np.radians(theta[order]), levels[order], np.array([0.0, math.pi / 2])
     about = _attributes(theta, phi, levels, frequency, math.nan)
-    return described(None, angle_axes(theta, phi), {"directivity": levels}, about)
+    return described(None, angle_axes(theta=theta, phi=phi), {"directivity": levels}, about)
 
 
 def _msi_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:

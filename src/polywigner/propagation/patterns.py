@@ -152,7 +152,7 @@ def radiation_pattern(
     polar, azimuth = checked_theta_and_phi(theta, phi)
     far = checked_far_field(source, wavelength, options)
     values = far.grid(polar, azimuth)
-    return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(polar, azimuth))
+    return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(theta=polar, phi=azimuth))
 
 
 @takes_frequency

@@ -37,12 +37,19 @@ def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
     return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 
-def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
-    """Return the coordinates theta and phi of a dataset, in rad."""
-    axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
+_ANGLES = {
+    "theta": "angle from z",
+    "phi": "angle from x",
+    "azimuth": "angle about z from x",
+    "elevation": "angle above z = 0",
+}
+
+
+def angle_axes(**angles: Floats) -> dict[str, xarray.Variable]:
+    """Return angles in rad, with names in `_ANGLES`, as coordinates of a dataset."""
     return {
-        name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
-        for name, (values, meaning) in axes.items()
+        name: labelled_array(values, (name,), {"units": "rad", "long_name": _ANGLES[name]})
+        for name, values in angles.items()
     }
 
 
@@ -218,7 +225,8 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     length = checked_length(radius, "radius")
     origin = finite_array(centre, "expected a centre of shape (3,), in metres", (3,))
     points_at = partial(_spherical, origin, length)
-    grid = Grid(angle_axes(*checked_theta_and_phi(theta, phi)), points_at)
+    angles = checked_theta_and_phi(theta, phi)
+    grid = Grid(angle_axes(theta=angles[0], phi=angles[1]), points_at)
     checked_points(grid.points((0, 0), grid.shape))
     return grid
 

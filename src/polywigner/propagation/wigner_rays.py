@@ -6,7 +6,7 @@ Gauss rules integrate the Wigner function W over triangles on the automean that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -115,7 +115,7 @@ def irradiance_by_rays(
     largest = energy_of(flat) / area * np.minimum(1.0, (area / spread) ** 2)
     floor = _FLOOR * largest
     values, errors = np.zeros(len(points)), np.zeros(len(points))
-    rates = _phase_rates(flat, wavelength, points, curved)
+    rates = _phase_rates(source, wavelength, points)
     steps = np.ceil(rates * wavelength / _RATE_STEP)
     triangles = _triangles(flat)
     for step in np.unique(steps):
@@ -223,24 +223,18 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
         )
 
 
-def _phase_rates(
-    source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
-) -> Floats:
+def _phase_rates(source: PlaneSource | Wavefront, wavelength: float, points: Floats) -> Floats:
     """Return the highest spatial frequency in 1/m of the integrand for each point, shape (n,)."""
-    xmin, ymin, xmax, ymax = source.bounds
-    corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
+    form = normal_form(source)
+    low, high = np.reshape(form.bounds, (2, 2))
+    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     rays = points[:, None, :2] - corners
     length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)
-    nu = rays / (wavelength * length[..., None])
-    bent = 0.0
-    if curved:
-        q = np.array([curved[:2], curved[1:3]])
-        nu = nu - (corners - np.array(curved[3:])) @ q
-        bent = float(np.linalg.norm(q, 2) * np.hypot(xmax - xmin, ymax - ymin))
+    nu = rays / (wavelength * length[..., None]) - (corners - form.centre) @ form.curvature
     rates = np.zeros(len(points))
-    for kappa in normal_form(source).frequencies:
+    for kappa in form.frequencies:
         rates = np.maximum(rates, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
-    return rates + bent
+    return rates + float(np.linalg.norm(form.curvature, 2) * np.linalg.norm(high - low))
 
 
 # Largest number of kinks, which take some seconds, and of their intersections.

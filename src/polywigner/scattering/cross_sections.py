@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.numerics import Complex, Floats
-from polywigner.propagation.point_grids import checked_angles
+from polywigner.propagation.point_grids import angle_axes, checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import Body, Facets, axes_across, facets_of, warn_of_reflections
@@ -458,16 +458,9 @@ class Pattern:
             "method": f"physical optics: {_REFLECTIONS[self.bounces]}, no edge diffraction",
             "polywigner_version": __version__,
         }
-        axes = {
-            "azimuth": (self.azimuth, "angle about z from x"),
-            "elevation": (self.elevation, "angle above z = 0"),
-        }
-        angles = {
-            name: labelled_array(angle, (name,), {"units": "rad", "long_name": meaning})
-            for name, (angle, meaning) in axes.items()
-        }
+        axes = angle_axes(azimuth=self.azimuth, elevation=self.elevation)
         table = {"rcs": labelled_array(values, tuple(axes), of_values)}
-        return labelled_arrays(table, angles, about)
+        return labelled_arrays(table, axes, about)
 
     def _some_directions(self) -> Floats:
         """Return propagation directions (k, 3) of incident waves, for the reflection test."""
