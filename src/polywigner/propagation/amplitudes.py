@@ -273,7 +273,7 @@ def field_and_error(
 
 
 def _check_options(source: object, method: object, through: object, obliquity: object) -> None:
-    """Raise ArgumentError for options that exclude obstacles and point sources."""
+    """Raise ArgumentError for options that obstacles and point sources do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "

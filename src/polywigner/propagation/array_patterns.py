@@ -172,7 +172,7 @@ def _checked_errors(**errors: float) -> dict[str, float]:
 
 
 def _mean_and_variance(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
-    """Return |m|^2 and v of (RP4), the squared mean and the variance of the random factors."""
+    """Return the squared mean |m|^2 and the variance v of the random factors in (RP4)."""
     spread = (errors["amplitude"] / _NEPER) ** 2
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]

@@ -100,7 +100,7 @@ def collins_field(
 
 
 def _zero_scales(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return whether each singular value of B, in descending order, is zero."""
+    """Return whether the singular values of the matrix B are zero; in an image, all are zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -108,7 +108,10 @@ def _zero_scales(system: FirstOrder) -> NDArray[np.bool_]:
 def _coefficients(
     system: FirstOrder, points: Floats, wavelength: float
 ) -> tuple[Floats, Floats, Complex]:
-    """Return M, q (n, 2) and c (n,) of c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx (O4)."""
+    """Return the coefficients M, q (n, 2) and c (n,) of Collins' integral (O4) at points (n, 2).
+
+    The integral is ``c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx``.
+    """
     inverse = np.linalg.inv(system.B)
     front = _root_phase(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
     out = waves_of_cycles(_quadratic(system.D @ inverse, points, wavelength)) * front
@@ -121,7 +124,10 @@ def _quadratic(form: Floats, points: Floats, wavelength: float) -> Floats:
 
 
 def _root_phase(matrix: Floats) -> complex:
-    """Return the phase factor of (O4): 1/sqrt(±i) for each positive or negative eigenvalue."""
+    """Return the phase factor of Collins' integral (O4) for a matrix B.
+
+    The factor is the product of 1/sqrt(±i) over the positive and negative eigenvalues.
+    """
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
@@ -393,6 +399,7 @@ class FrequencyLattice:
     """
 
     def __init__(self, nu: Floats) -> None:
+        """Prepare sums for the frequencies nu (n, 2)."""
         axes = [np.unique(nu[:, k], return_inverse=True) for k in (0, 1)]
         self.axes = [values for values, _ in axes]
         self.index: tuple[NDArray[np.intp], ...] | None = tuple(index for _, index in axes)

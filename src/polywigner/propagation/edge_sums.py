@@ -147,7 +147,7 @@ class EdgeSum:
 
     @cached_property
     def _is_oblique(self) -> bool:
-        """Whether the weight of the field, which causes the obliquity term, is not always zero."""
+        """Whether edge waves have an obliquity term, because a point has a weight of the field."""
         return any(point.field for point in self.points)
 
     def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
@@ -234,9 +234,10 @@ class EdgeSum:
         return total
 
     def _far_nodes(self, samples: Floats, number: Indices) -> Floats:
-        """Return table rows with the directions and waves of far nodes at edge samples (q, 3).
+        """Return table rows of the far nodes, as seen from samples (q, 3) of edges.
 
-        Zero weights pad the last row of a sample.
+        A row contains the directions and waves of several nodes. Zero weights pad the last row of a
+        sample.
         """
         source = self.nodes.far
         waves = source.waves_and_dipoles(samples)
@@ -257,7 +258,7 @@ class EdgeSum:
 
 
 def _blocks(count: int, width: int) -> list[Indices]:
-    """Divide ``range(count)`` into blocks for arrays of ``width`` columns."""
+    """Divide the indices from 0 to count - 1 into blocks that limit arrays of ``width`` columns."""
     return np.array_split(np.arange(count), 1 + count * width // _PAIRS)
 
 
@@ -310,7 +311,7 @@ def _distance(ops: Any, start: Point, end: Point, point: Point) -> Number:
 def _near_weight(
     ops: Any, least: Number, source: Point, start: Point, end: Point, point: Point
 ) -> Number:
-    """Return the fraction of an edge wave that counts as near.
+    """Return the weight of an edge in the sum over near edges, from 0 to 1.
 
     ``least``: smallest detour of far edges.
     """

@@ -112,7 +112,10 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 def _spectra(
     source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Return far fields of the field and of its normal derivative, in square wavelengths."""
+    """Return the far fields due to a source's field and to its normal derivative.
+
+    The unit is a square wavelength. Parts that the boundary condition does not contain are omitted.
+    """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
     phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
     spectra = []

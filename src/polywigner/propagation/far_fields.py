@@ -146,7 +146,7 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
-    """Raise ArgumentError if a Wavefront has no normal derivative that an obliquity requires."""
+    """Raise ArgumentError for a Wavefront and an obliquity that requires normal derivatives."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
@@ -263,7 +263,7 @@ class FarField:
         return float(values.max()), float(theta[first]), float(phi[first])
 
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
-        """Return regions of direction cosines to search: centres, and numbers of steps each way."""
+        """Return regions of direction cosines to search for the beam: centres and step counts."""
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
         sides = [sides_of(e.bounds) for e in flat.elements_in_plane]
@@ -455,7 +455,10 @@ def steered_direction(
 def _phase_slope(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Return the direction cosines of linear phases, closest to ``near``; None for other phases."""
+    """Return the direction cosines to which the weights of an array are steered, or None.
+
+    The phases must be linear apart from signs. ``near`` selects one of several grating lobes.
+    """
     if len(weights) < 2:
         return None
     residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
@@ -469,7 +472,7 @@ def _phase_slope(
 
 
 def _central_wave(illumination: Any, wavelength: float) -> Values | None:
-    """Return the central direction cosines of symmetric plane waves, or None for other waves."""
+    """Return the direction cosines about which plane waves are symmetric, or None."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

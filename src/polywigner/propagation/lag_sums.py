@@ -155,7 +155,10 @@ _PAIRS, _POINTS = 1 << 12, 4
 
 
 def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
-    """Return the field and the normal derivatives that a boundary condition requires."""
+    """Return the field and the normal derivatives that a boundary condition requires.
+
+    None stands for the field, and a frequency (2,) for the normal derivative of a plane wave.
+    """
     channels: list[Channel] = [None] if condition.field else []
     return channels + (list(normal_form(source).frequencies) if condition.slope else [])
 

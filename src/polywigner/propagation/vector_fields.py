@@ -234,7 +234,11 @@ def _near_field(
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Return Phi for SECOND, otherwise dPhi/dz/(ik), with factors of p_x and p_y."""
+        """Return the integral Phi of (VP1) for SECOND, otherwise dPhi/dz/(ik), at all points.
+
+        ``factor``: function of the direction cosines (m, 2) of plane waves, by which they are
+        multiplied.
+        """
         base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
             factors = factor(element.frequencies * wavelength)

@@ -51,6 +51,7 @@ class Cells:
     """
 
     def __init__(self, source: Any, wavelength: float) -> None:
+        """Create the tree with the entire source as its only cell."""
         self._source = normal_form(source).in_plane
         self.centre = np.reshape(self._source.bounds, (2, 2)).mean(axis=0)
         self.wavelength = wavelength
@@ -178,6 +179,7 @@ class Sight:
     """
 
     def __init__(self, x: Floats, y: Floats, offset: Floats, rotation: Floats) -> None:
+        """Compute distances and dot products between all pairs of nodes."""
         self._x, self._y, self._offset, self.rotation = x, y, offset, rotation
         normal = rotation[:, :, 2]
         centre_distance = np.sqrt((offset * offset).sum(axis=1))[:, None, None]

@@ -217,7 +217,7 @@ class _Link:
     """Jones vectors of the transmitter and the receiver; None for scalar fields."""
 
     def norm(self, normalise: str) -> float:
-        """Return the square root of the product of both powers N in W."""
+        """Return sqrt(N_t N_r) in W, by which couplings are divided."""
         vectors = self.jones or (None, None)
         return math.prod(
             root_of_norm(source, self.wavelength, self.method, normalise, jones)
@@ -247,7 +247,7 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return couplings before normalisation, errors and allowed errors of two parts."""
+        """Return unnormalised couplings of two parts of the sources, and both kinds of errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre

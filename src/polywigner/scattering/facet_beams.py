@@ -137,6 +137,7 @@ class Ends:
     """The m transmitters and n receivers of n views, sorted by transmitter."""
 
     def __init__(self, views: Sequence[View], k: Floats, s: Floats) -> None:
+        """Group views by transmitter; ``k`` and ``s`` are the directions of all samples."""
         before = [None, *(view.lit for view in views)]
         new = [view.lit is not last for view, last in zip(views, before, strict=False)]
         of_transmitter = [j for j, is_new in enumerate(new) if is_new]
