@@ -360,6 +360,8 @@ def _nearest_peak(levels: Floats, angles: Floats) -> int:
 
 
 class _Flank(NamedTuple):
+    """One side of a cut through a main beam: angles in rad and levels in dBi."""
+
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan

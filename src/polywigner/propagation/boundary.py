@@ -37,6 +37,8 @@ _OPS = NumpyOperations()
 
 @dataclass(frozen=True)
 class _Element:
+    """Copies of an outline with a field that is a sum of m plane waves."""
+
     outline: Aperture
     amplitudes: Complex
     """Shape (m,)."""

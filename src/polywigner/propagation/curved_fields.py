@@ -58,6 +58,8 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
 
 
 class _Element(NamedTuple):
+    """An element of a curved source, divided into triangles, with m plane waves."""
+
     triangles: Floats
     """In m, shape (n, 3, 2)."""
     shift: Floats

@@ -62,6 +62,8 @@ _OPS: Any = NumpyOperations()
 
 
 class Targets(NamedTuple):
+    """Positions at which the field behind obstacles is computed."""
+
     positions: Floats
     """Shape (n, 3)."""
     aside: Floats

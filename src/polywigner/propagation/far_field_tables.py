@@ -130,6 +130,8 @@ _NAME = re.compile(
 
 
 class Column(NamedTuple):
+    """Content and unit of a column of a far-field file."""
+
     title: str
     quantity: str
     """Such as "theta", "field" or "gain"."""

@@ -259,7 +259,7 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
         ]
     )
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
-    # Starting the threads of BLAS would take longer than such small products.
+    # BLAS would start threads, which takes longer than such small products.
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
@@ -309,7 +309,7 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # Starting the threads of BLAS would take longer than such short products.
+        # BLAS would start threads, which takes longer than such short products.
         total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 

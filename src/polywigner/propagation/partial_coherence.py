@@ -134,6 +134,8 @@ def _in_parabolic_waves(
 
 
 class _Blur(NamedTuple):
+    """Blur of the irradiance in a plane by random tilts of the source."""
+
     axes: Floats
     """Principal directions as columns, shape (2, 2)."""
     spreads: Floats
@@ -204,6 +206,8 @@ def _convolution(
 
 
 class _LatticeAxis(NamedTuple):
+    """Lattice nodes along an axis, and their weights in the means about n points."""
+
     nodes: Floats
     """Shape (m,)."""
     near: Indices
@@ -257,6 +261,8 @@ _LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
+    """Quadrature rule for tilts along an axis."""
+
     step: float
     """In cycles per metre."""
     half: int
@@ -282,6 +288,8 @@ def _tilt_axis(tail: float, extent: float, width: float) -> _TiltAxis:
 
 
 class _TiltSum(NamedTuple):
+    """Source and quadrature rule of a mean over tilts."""
+
     source: Wavefront
     elements: Sequence[SourceElement]
     wavelength: float

@@ -384,6 +384,8 @@ _AXIAL_RATIO = 40.0
 
 @dataclass(frozen=True)
 class _Pattern:
+    """A pattern with the angles, units and phases of files."""
+
     theta: Floats
     """In degrees, shape (n,)."""
     phi: Floats

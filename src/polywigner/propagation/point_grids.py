@@ -140,6 +140,8 @@ def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
+    """A grid of points, with its axes as coordinates of a dataset."""
+
     coords: dict[str, xarray.Variable]
     """Axes in m or rad."""
     points_at: Callable[..., Floats]

@@ -124,6 +124,8 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
 
 @dataclass(frozen=True, eq=False)
 class _Derivatives:
+    """Derivatives of an aberrated pupil's Fourier transform at n frequencies."""
+
     pupil: AberratedPupil
     nu: Floats
     extra: int

@@ -208,6 +208,8 @@ def _seen(
 
 @dataclass(frozen=True)
 class _Edges:
+    """Silhouette edges of all source points, grouped by the surfaces behind them."""
+
     groups: list[tuple[Floats, Blocker | None]]
     """Edges (k, 17) by blocker: source point (7), both ends (6), plane of the face behind (4)."""
     targets: Targets

@@ -208,6 +208,8 @@ def coupling(
 
 @dataclass(frozen=True, eq=False)
 class _Link:
+    """Two sources, and the settings with which they are coupled."""
+
     sources: tuple[Any, Any]
     wavelength: float
     method: str
