@@ -32,7 +32,7 @@ from polywigner.geometry.hidden_parts import (
 )
 from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import obstacle_of, shells
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics import Complex, Floats, Indices, cluster_indices
 from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
@@ -90,8 +90,7 @@ class Facets:
     def plane(self) -> Indices:
         """Index of the plane of each triangle, shape (n,)."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
-        rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
-        return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
+        return cluster_indices(np.concatenate([self.normal, height], axis=1), _ONE_PLANE)
 
     @cached_property
     def neighbours(self) -> tuple[Indices, Indices]:
