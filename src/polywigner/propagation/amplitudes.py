@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -231,9 +231,8 @@ def field_and_error(
     The error behind obstacles is estimated only if ``with_error`` is true.
     """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
-    pupil = None
     if aberration is not None:
-        pupil = _checked_aberrated(source, method, through, obstacles, obliquity)
+        _check_aberrated(source, method, through, obstacles, obliquity)
     if through is not None and obstacles is None and not isinstance(source, PointSource):
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
@@ -256,9 +255,9 @@ def field_and_error(
     if obstacles is not None:
         limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
         allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
-    if pupil is not None and aberration is not None:
+    if aberration is not None:
         allowed = tolerance_from(tolerance)
-        field, errors = _aberrated_field(pupil, aberration, flat, length, name, allowed)
+        field, errors = _aberrated_field(source, aberration, flat, length, name, allowed)
     else:
         field, errors = _free_field(source, flat, length, name, obliquity, tolerance, engine)
     if obstacles is not None:
@@ -287,10 +286,10 @@ def _check_options(source: object, method: object, through: object, obliquity: o
         )
 
 
-def _checked_aberrated(
+def _check_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
-) -> Aperture | Array | Wavefront:
-    """Return the source; raise ArgumentError if another argument excludes an aberration."""
+) -> None:
+    """Raise ArgumentError if another argument cannot be combined with an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -302,11 +301,10 @@ def _checked_aberrated(
             f'"fraunhofer", without through=, obstacles= and obliquity=; got method={method!r}. '
             "Omit the other options, or use polywigner.psf for a lens"
         )
-    return source
 
 
 def _aberrated_field(
-    source: Aperture | Array | Wavefront,
+    source: Any,
     aberration: Aberration,
     points: Floats,
     wavelength: float,

@@ -18,7 +18,7 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, checked_vectors, rigid_poses, warn_caller
+from polywigner.geometry.arguments import checked_choice, real_array, rigid_poses, warn_caller
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
@@ -242,12 +242,11 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
         "source, or as poses (..., 4, 4) that map the body's frame into the source's frame"
     )
-    array = checked_vectors(positions, expected, ())
+    array = real_array(positions, expected, (..., 4, 4), (..., 3))
     if array.shape[-2:] == (4, 4):
         poses = rigid_poses(array, name)
         poses[..., :3, 3] += poses[..., :3, :3] @ centre
         return poses
-    array = checked_vectors(array, expected, (3,))
     distance = np.linalg.norm(array, axis=-1, keepdims=True)
     if not (np.isfinite(distance) & (distance > 0)).all():
         raise ArgumentError(f"{expected}, got a vector that is zero or not finite")
