@@ -47,7 +47,7 @@ from polywigner.mitsuba.plugins.source_parameters import (
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end, vertices_of
 from polywigner.numerics import Floats
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
@@ -266,8 +266,7 @@ class WignerEmitter(VariantPlugin):
 
 def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Move the mesh of a source to a pose."""
-    local = np.asarray(mi.traverse(shape)["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
-    set_mesh(shape, vertex_positions=_in_scene(local, pose, spec.centre))
+    set_mesh(shape, vertex_positions=_vertices_at(shape, pose, spec))
 
 
 def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
@@ -279,23 +278,19 @@ def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Raise SceneError if a user has moved the mesh of a source without its emitter."""
-    params = mi.traverse(shape)
-    local, actual = (
-        np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
-        for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
-    )
-    expected = _in_scene(local, pose, spec.centre)
-    allowed = PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
-    if not np.abs(actual - expected).max() <= allowed:
+    expected = _vertices_at(shape, pose, spec)
+    error = np.abs(vertices_of(shape) - expected).max()
+    if not error <= PLACE_ERROR * np.abs(expected).max():
         raise SceneError(
             "the vertex_positions of a wigner shape were moved away from the pose of its "
             "emitter; change emitter.to_world instead, which moves both the mesh and the emitter"
         )
 
 
-def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
-    result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
-    return result
+def _vertices_at(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> Floats:
+    """Return the vertices (n, 3) of a source's mesh at a pose, from its texture coordinates."""
+    local = np.array(dr.detach(mi.traverse(shape)["vertex_texcoords"]), np.float64)
+    return np.asarray((local.reshape(-1, 2) + spec.centre) @ pose[:3, :2].T + pose[:3, 3])
 
 
 def checked_parameters(

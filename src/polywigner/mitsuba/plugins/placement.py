@@ -13,8 +13,8 @@ import shapely
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.mitsuba.plugins.mixtures import SceneSource
-from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
-from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of, reach_of
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, wigner_emitters
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -69,10 +69,6 @@ class PlacedSource(SourceParameters):
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
-    def touching(self, scene: mi.Scene) -> PlacedSource:
-        """Return a copy whose ``reach`` includes the adjacent surfaces of a scene."""
-        return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
-
     @property
     def centre(self) -> Floats:
         """Centre of the bounding box of the source in m, shape (3,)."""
@@ -118,15 +114,18 @@ def _mirrored(source: SceneSource) -> SceneSource:
     return result
 
 
-def placed_emitter(emitter: Any, number: int) -> PlacedSource:
-    """Return an emitter with its pose; ``number`` replaces a missing id."""
-    name = emitter.get_shape().id() or f"emitter {number}"
-    return replace(_placed(emitter, name), power=_single(emitter.power, emitter.spec.power))
+def placed_emitters(scene: mi.Scene) -> list[PlacedSource]:
+    """Return the coherent sources of a scene with their poses, sorted by shape id."""
+    sources = []
+    for number, emitter in enumerate(wigner_emitters(scene)):
+        placed = _placed(scene, emitter, emitter.get_shape().id() or f"emitter {number}")
+        sources.append(replace(placed, power=_single(emitter.power, emitter.spec.power)))
+    return sources
 
 
-def placed_receiver(sensor: Any, number: int) -> PlacedSource:
+def placed_receiver(scene: mi.Scene, sensor: Any, number: int) -> PlacedSource:
     """Return a receiver with its pose; ``number`` replaces a missing id."""
-    placed = _placed(sensor, sensor.id() or f"receiver {number}")
+    placed = _placed(scene, sensor, sensor.id() or f"receiver {number}")
     return replace(placed, medium=sensor.get_medium())
 
 
@@ -157,12 +156,13 @@ def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
         )
 
 
-def _placed(plugin: Any, name: str) -> PlacedSource:
+def _placed(scene: mi.Scene, plugin: Any, name: str) -> PlacedSource:
+    """Return the source of an emitter or receiver plugin with its present pose and wavelength."""
     spec = plugin.spec
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
-    return PlacedSource(
-        **vars(spec) | {"name": name, "pose": pose_of(plugin), "wavelength": wavelength}
-    )
+    changed = {"pose": pose_of(plugin), "wavelength": wavelength}
+    reach = reach_of(scene, plugin) * spec.scene_unit
+    return PlacedSource(**vars(spec) | changed, name=name, reach=reach)
 
 
 def _single(value: Any, known: float) -> float:

@@ -71,11 +71,8 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         length = dr.select(is_null, step, length)
         return m.Point3f(start + direction * length), distance + length, going & is_null
 
-    if dr.is_jit_v(m.Float):
-        return dr.while_loop(state, lambda *state: state[2], body, mode="symbolic")[1]
-    while state[2]:
-        state = body(*state)
-    return state[1]
+    mode = "symbolic" if dr.is_jit_v(m.Float) else "scalar"
+    return dr.while_loop(state, lambda *state: state[2], body, mode=mode)[1]
 
 
 def _step(m: Any, point: mi.Point3f) -> Drjit:

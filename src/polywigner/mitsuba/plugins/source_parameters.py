@@ -132,15 +132,6 @@ class SourceParameters:
             if stokes is None or stokes[0] > 0
         )
 
-    def reach_in(self, scene: mi.Scene, pose: Floats) -> float:
-        """Return the largest coordinate of the source and of adjacent flat surfaces.
-
-        The result is in scene units, but the translation of ``pose`` is in metres.
-        """
-        low, high = np.reshape(self.source.bounds, (2, 2))
-        corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
-        return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / self.scene_unit)
-
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
         spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
@@ -406,5 +397,10 @@ def pose_of(plugin: Any) -> Floats:
 
 
 def reach_of(scene: mi.Scene, plugin: Any) -> float:
-    """Return the largest coordinate of a source or receiver, as in :meth:`reach_in`."""
-    return float(plugin.spec.reach_in(scene, pose_of(plugin)))
+    """Return the largest coordinate of a source or receiver and of adjacent flat surfaces.
+
+    The result is in scene units.
+    """
+    pose, (left, bottom, right, top) = pose_of(plugin), plugin.spec.source.bounds
+    corners = np.array([[x, y] for x in (left, right) for y in (bottom, top)])
+    return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / plugin.spec.scene_unit)

@@ -132,24 +132,29 @@ class WignerRadiance:
 
         ``wigner(ops, x, y, nu_x, nu_y)`` replaces the Wigner function of each term.
         """
-        front = direction.z > 0.0
-        cosine = dr.select(front, direction.z, 1.0)
         position = (x.x * self._unit, x.y * self._unit)
         frequency = self._sheared(_frequency(direction, wave), position, wave.inverse)
-        density = 0.0
-        for term in self.terms:
+        point = (*position, *frequency)
+
+        def wigner_of(term: _Term) -> Drjit:
             if wigner is not None:
-                value = wigner(self._ops, *position, *frequency)
-            elif self._jit:
-                value = kernel_with_derivatives(
-                    term.kernel, self._ops, term.tables, (*position, *frequency), Traced()
-                )[0]
-            else:
-                value = term.kernel(self._ops, term.tables, *position, *frequency)[0]
-            density = density + times_stokes(
-                self._m, term.stokes, value * term.forms.radiance(cosine)
-            )
-        return dr.select(front, density, 0.0)
+                return wigner(self._ops, *point)
+            if self._jit:
+                arguments = term.kernel, self._ops, term.tables, point, Traced()
+                return kernel_with_derivatives(*arguments)[0]
+            return term.kernel(self._ops, term.tables, *point)[0]
+
+        return self._sum_over_terms(direction, wigner_of)
+
+    def _sum_over_terms(self, direction: Drjit, value_of: Callable[[_Term], Drjit]) -> Drjit:
+        """Return the sum of h times ``value_of(term)``, as a number or Stokes vector."""
+        front = direction.z > 0.0
+        cosine = dr.select(front, direction.z, 1.0)
+        total = 0.0
+        for term in self.terms:
+            value = value_of(term) * term.forms.radiance(cosine)
+            total = total + times_stokes(self._m, term.stokes, value)
+        return dr.select(front, total, 0.0)
 
     def _sheared(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
         """Subtract the local spatial frequency of a curved wave."""
@@ -170,18 +175,15 @@ class WignerRadiance:
 
         ``intensity(ops, nu_x, nu_y)`` replaces the |F|^2 of each term.
         """
-        front = direction.z > 0.0
-        cosine = dr.select(front, direction.z, 1.0)
         x, y = _frequency(direction, wave)
-        total = 0.0
-        for term in self.terms:
+
+        def intensity_of(term: _Term) -> Drjit:
             if intensity is not None:
-                square = intensity(self._ops, x, y)
-            else:
-                value = fourier(term.source, self._m.Vector2f(x, y) if self._jit else [x, y])
-                square = value.real * value.real + value.imag * value.imag
-            total = total + times_stokes(self._m, term.stokes, square * term.forms.radiance(cosine))
-        return dr.select(front, total, 0.0)
+                return intensity(self._ops, x, y)
+            value = fourier(term.source, self._m.Vector2f(x, y) if self._jit else [x, y])
+            return value.real * value.real + value.imag * value.imag
+
+        return self._sum_over_terms(direction, intensity_of)
 
 
 def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:

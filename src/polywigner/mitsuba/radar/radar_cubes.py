@@ -25,7 +25,7 @@ from polywigner.mitsuba.radar.scatterers import checked_velocities, scatterers
 from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described, noise_power_of
 from polywigner.mitsuba.receive.received_power import matched
-from polywigner.mitsuba.scenes.reflectors import Chain, Echo, Route, routes_in
+from polywigner.mitsuba.scenes.reflectors import Echo, Route, routes_in
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.numerics import Complex, Floats
@@ -321,40 +321,27 @@ def _rate_of(
 ) -> float:
     """Return the rate of change of the path length in m/s."""
     still = np.zeros(3)
-    emitted, received = (speeds.get(_owner(end.name), still) for end in (emitter, receiver))
-    if not isinstance(route, Echo):
-        image, velocity = _moving_image(emitter, emitted, route, speeds)
-        return _distance_rate(image, velocity, receiver.centre, received)
-    centre = route.body.facets.centre
-    motion = speeds.get(route.body.name, still)
-    legs = ((emitter, emitted, route.before), (receiver, received, route.after[::-1]))
-    return sum(
-        _distance_rate(*_moving_image(end, speed, chain, speeds), centre, motion)
-        for end, speed, chain in legs
-    )
+    if isinstance(route, Echo):
+        body, point = route.body.name, route.body.facets.centre
+        legs = [(emitter, route.before), (receiver, route.after[::-1])]
+    else:
+        body, point, legs = _owner(receiver.name), receiver.centre, [(emitter, route)]
+    rate = 0.0
+    for end, chain in legs:
+        # Velocity of the end's mirror image relative to the body or the receiver.
+        velocity = speeds.get(_owner(end.name), still)
+        for mirror in chain:
+            moved = velocity - speeds.get(mirror.name, still)
+            velocity = velocity - 2 * (moved @ mirror.normal) * mirror.normal
+        velocity = velocity - speeds.get(body, still)
+        offset = end.image(chain).centre - point
+        rate += float(offset @ velocity / np.linalg.norm(offset))
+    return rate
 
 
 def _owner(name: str) -> str:
     """Return the id of the receiver to which an element such as "rx[3]" belongs."""
     return name.partition("[")[0] if name.endswith("]") else name
-
-
-def _moving_image(
-    end: PlacedSource, velocity: Floats, chain: Chain, speeds: Velocities
-) -> tuple[Floats, Floats]:
-    """Return the position and the velocity of a mirror image in m and m/s."""
-    for mirror in chain:
-        moved = speeds.get(mirror.name, np.zeros(3))
-        velocity = velocity - 2 * ((velocity - moved) @ mirror.normal) * mirror.normal
-    return end.image(chain).centre, velocity
-
-
-def _distance_rate(
-    first: Floats, first_velocity: Floats, second: Floats, second_velocity: Floats
-) -> float:
-    """Return the rate of change of the distance between two points in m/s."""
-    offset = first - second
-    return float(offset @ (first_velocity - second_velocity) / np.linalg.norm(offset))
 
 
 def _cloud(

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_callable, real_array
-from polywigner.mitsuba.plugins.films import check_seed, check_spp, seed_of
+from polywigner.mitsuba.plugins.films import seed_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import (
     check_sums,
@@ -37,7 +37,7 @@ from polywigner.mitsuba.receive.received_power import (
     scattered_here,
 )
 from polywigner.mitsuba.receive.scattered import by_source, standard_error
-from polywigner.mitsuba.scenes.rendering import default_spp, exposed
+from polywigner.mitsuba.scenes.rendering import exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -234,35 +234,28 @@ def _bins_of(by_light: Floats, direct: Floats) -> Values:
     ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
     direct power (receivers, lights, values), both in W.
     """
-    each = by_light.sum(axis=1)
-    scattered, error = each.mean(axis=1), standard_error(each, axis=1)
-    of_direct, all_bins = direct.sum(axis=1), each.sum(axis=-1)
-    total = of_direct + scattered
-    of_light = direct + by_light.mean(axis=2)
-    bins, everywhere = ("range",), "from all ranges"
-    rows: list[tuple[str, Any, tuple[str, ...], str]] = [
-        ("power", total[:, 1:-1], bins, "power of a bin"),
-        ("standard_error", error[:, 1:-1], bins, "standard error of the power"),
-        (
-            "direct_power",
-            of_direct[:, 1:-1],
-            bins,
-            "power of a bin, line of sight and via flat mirrors",
-        ),
-        ("scattered_power", scattered[:, 1:-1], bins, "scattered power of a bin"),
-        ("emitter_power", of_light[..., 1:-1], ("emitter", *bins), "power of one emitter"),
-        ("before", total[:, 0], (), "power from nearer than all bins"),
-        ("after", total[:, -1], (), "power from farther than all bins"),
-        ("direct", of_direct.sum(axis=1), (), f"direct power {everywhere}"),
-        ("scattered", all_bins.mean(axis=1), (), f"scattered power {everywhere}"),
-        (
-            "scattered_error",
-            standard_error(all_bins, axis=1),
-            (),
-            f"standard error of the scattered power {everywhere}",
-        ),
-    ]
-    return {name: (array, dims, "W", meaning) for name, array, dims, meaning in rows}
+    batches = by_light.sum(axis=1)
+    scattered, of_direct = batches.mean(axis=1), direct.sum(axis=1)
+    total, of_light = of_direct + scattered, direct + by_light.mean(axis=2)
+    by_range = {
+        "power": (total, "power of a bin"),
+        "standard_error": (standard_error(batches, axis=1), "standard error of the power"),
+        "direct_power": (of_direct, "power of a bin, line of sight and via flat mirrors"),
+        "scattered_power": (scattered, "scattered power of a bin"),
+    }
+    error = standard_error(batches.sum(axis=-1), axis=1)
+    sums = {
+        "before": (total[:, 0], "power from nearer than all bins"),
+        "after": (total[:, -1], "power from farther than all bins"),
+        "direct": (of_direct.sum(axis=1), "direct power from all ranges"),
+        "scattered": (scattered.sum(axis=1), "scattered power from all ranges"),
+        "scattered_error": (error, "standard error of the scattered power from all ranges"),
+    }
+    return {
+        **{name: (a[:, 1:-1], ("range",), "W", text) for name, (a, text) in by_range.items()},
+        "emitter_power": (of_light[..., 1:-1], ("emitter", "range"), "W", "power of one emitter"),
+        **{name: (a, (), "W", text) for name, (a, text) in sums.items()},
+    }
 
 
 def _noise_of(powers: list[ReceivedPower]) -> Values:
@@ -359,14 +352,12 @@ def range_frames(
     """
     edges = checked_ranges(ranges)
     require_transients()
-    entropy = check_seed(seed)
-    exposure = exposed(scene, integrator, 1, 0, sensor)
-    camera = exposure.camera
+    exposure = exposed(scene, integrator, spp, seed, sensor)
+    camera, total = exposure.camera, exposure.cut.samples
     if is_receiver(camera):
         raise ArgumentError(
             f"expected a camera, but sensor {sensor} is a receiver; use range_profile for receivers"
         )
-    total = check_spp(default_spp(scene, sensor) if spp is None else spp)
     method = transient_integrator(exposure.integrator, scene, camera)
     units = {emitter.spec.scene_unit for emitter in wigner_emitters(scene)} or {1.0}
     if len(units) > 1:
@@ -379,7 +370,8 @@ def range_frames(
     with with_progress("renders", range(parts)) as numbers:
         for part in numbers:
             samples = total // parts + (part < total % parts)
-            image = sorted_by_range(scene, camera, method, lengths, samples, seed_of(entropy, part))
+            seed_of_part = seed_of(exposure.seed, part)
+            image = sorted_by_range(scene, camera, method, lengths, samples, seed_of_part)
             sums = sums + samples / total * image
             if progress is not None:
                 progress(part + 1, parts)
@@ -390,4 +382,4 @@ def range_frames(
         "before": (sums[..., 0], pixels, unit, "radiance from nearer than all bins"),
         "after": (sums[..., -1], pixels, unit, "radiance from farther than all bins"),
     }
-    return described(values, range_axes(edges), {"samples": total, "seed": entropy})
+    return described(values, range_axes(edges), {"samples": total, "seed": exposure.seed})

@@ -16,7 +16,7 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, finite_array
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import checked_finite, depths_of
-from polywigner.mitsuba.plugins.placement import placed_emitter
+from polywigner.mitsuba.plugins.placement import placed_emitters
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import check_is_compiled
@@ -307,12 +307,11 @@ class _Names:
             _number("Shape", shape): shape.id() or f"shape {k}"
             for k, shape in enumerate(sorted_shapes(scene))
         }
-        lights, coherent = {}, 0
+        lights, sources = {}, iter(placed_emitters(scene))
         for k, light in enumerate(sorted_emitters(scene)):
             name = light.id() or f"light {k}"
             if is_source(light):
-                name = placed_emitter(light, coherent).name
-                coherent += 1
+                name = next(sources).name
             elif light.get_shape() is not None:
                 name = light.get_shape().id() or name
             lights[_number("Emitter", light)] = name

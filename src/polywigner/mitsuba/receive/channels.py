@@ -29,7 +29,7 @@ from polywigner.mitsuba.plugins.placement import (
     check_obliquity,
     check_unit,
     facing_parts,
-    placed_emitter,
+    placed_emitters,
     placed_receiver,
 )
 from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisation_summary
@@ -54,7 +54,7 @@ from polywigner.mitsuba.scenes.reflectors import (
     routes_in,
 )
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
-from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
+from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
@@ -141,12 +141,9 @@ def channel(
     options = ReceiveOptions(reflections=reflections, tolerance=tolerance, coherent=True, **waves)
     jones, count = options.polarisation, options.reflections
     with polarised_by_default(scene, jones):
-        receivers = [
-            placed_receiver(s, n).touching(scene) for n, (_, s) in enumerate(receivers_of(scene))
-        ]
-        emitters = [
-            placed_emitter(e, n).touching(scene) for n, e in enumerate(wigner_emitters(scene))
-        ]
+        sensors = [sensor for _, sensor in receivers_of(scene)]
+        receivers = [placed_receiver(scene, s, n) for n, s in enumerate(sensors)]
+        emitters = placed_emitters(scene)
     if not emitters:
         raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
     if requested is None:

@@ -21,7 +21,7 @@ from polywigner.mitsuba.plugins.films import mean_of_colours, seed_of, silent
 from polywigner.mitsuba.plugins.placement import (
     PlacedSource,
     check_match,
-    placed_emitter,
+    placed_emitters,
     placed_receiver,
 )
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
@@ -51,7 +51,6 @@ from polywigner.mitsuba.receive.scattered import (
 from polywigner.mitsuba.scenes.reflectors import Echo, Route, names_of, routes_in
 from polywigner.mitsuba.scenes.rendering import (
     default_integrator,
-    default_spp,
     exposed,
     hide_emitters,
     polarised_by_default,
@@ -60,7 +59,6 @@ from polywigner.mitsuba.scenes.surfaces import (
     number_of,
     receivers_of,
     sorted_shapes,
-    wigner_emitters,
 )
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -257,10 +255,8 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
     if not scene.emitters():
         raise SceneError("the scene has no emitters; add an emitter")
     sensors = [receivers_of(scene)[number] for number in numbers]
-    emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
-    receivers = [
-        placed_receiver(s, n).touching(scene) for n, (_, s) in zip(numbers, sensors, strict=True)
-    ]
+    emitters = placed_emitters(scene)
+    receivers = [placed_receiver(scene, s, n) for n, (_, s) in zip(numbers, sensors, strict=True)]
     noises = [options.noise_of(sensor.spec) for _, sensor in sensors]
     for receiver, noise in zip(receivers, noises, strict=True):
         for emitter in emitters:
@@ -271,15 +267,15 @@ def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
 def _scattering(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
+    exposure = exposed(scene, options.integrator, options.spp, 0, sensor, warn=False)
+    name = exposure.integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
             "scattered light requires an integrator that computes the radiance along rays from "
             f'the receiver, got {name}; use "path" or, with fog, "volpath"'
         )
-    spp = default_spp(scene, sensor) if options.spp is None else options.spp
     lengths = None if edges is None else tuple((2.0 * edges / unit).tolist())
-    return Scattering(sensor, options.integrator, spp, options.seed, lengths)
+    return Scattering(sensor, options.integrator, exposure.cut.samples, options.seed, lengths)
 
 
 def scattered_here(
@@ -416,7 +412,7 @@ def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
     """Return the direction cosines of the shapes from which most power arrives."""
-    placed = placed_receiver(receivers_of(scene)[receiver][1], receiver)
+    placed = placed_receiver(scene, receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, image.ravel(), 0.0).clip(min=0)

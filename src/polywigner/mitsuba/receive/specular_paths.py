@@ -104,13 +104,7 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    start = _points_on(emitter, even_points(_ray_count(), 4)[:, :2])
-    return points_by(start, points_on(receiver), chain)
-
-
-def points_on(receiver: PlacedSource) -> Floats:
-    """Return points (n, 3) on a receiver with the density |u|^2."""
-    return _points_on(receiver, even_points(_ray_count(), 4)[:, 2:])
+    return points_by(points_on(emitter, slice(0, 2)), points_on(receiver, slice(2, 4)), chain)
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
@@ -316,8 +310,14 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
     return np.asarray((shift + steps) % 1)
 
 
-def _points_on(source: PlacedSource, draws: Floats) -> Floats:
+def points_on(source: PlacedSource, dimensions: slice = slice(2, 4)) -> Floats:
+    """Return quasi-random points (n, 3) on a source with the density |u|^2, in m.
+
+    ``dimensions`` selects two of four quasi-random numbers, so that two sources can use different
+    numbers.
+    """
     cells = cells_with_field(mi, source.source, 1.0)
+    draws = even_points(_ray_count(), 4)[:, dimensions]
     batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
 

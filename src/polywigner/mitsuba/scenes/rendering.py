@@ -312,7 +312,7 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
     depth = films.depths_of(method)["max_depth"]
     if depth == 0 or not any(name in names for name in _OF_RADIANCE):
         return image
-    receiver = placed_receiver(camera, 0).touching(scene)
+    receiver = placed_receiver(scene, camera, 0)
     most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
     mirrors, _ = mirrors_in(scene, receiver.scene_unit, most)
     result = image.astype(np.float64)
