@@ -129,10 +129,9 @@ def placed_receiver(scene: mi.Scene, sensor: Any, number: int) -> PlacedSource:
     return replace(placed, medium=sensor.get_medium())
 
 
-def check_match(
-    emitter: PlacedSource, receiver: PlacedSource, bandwidth: float | None = None
-) -> None:
+def check_match(emitter: PlacedSource, receiver: PlacedSource) -> None:
     """Raise SceneError unless the frequency bands and scene units of two sources match."""
+    bandwidth = receiver.noise["bandwidth"]
     ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
     frequencies = [SPEED_OF_LIGHT / end.wavelength for end in (emitter, receiver)]
     difference = abs(frequencies[0] - frequencies[1])

@@ -24,7 +24,7 @@ from polywigner.mitsuba.radar.clouds import end_responses
 from polywigner.mitsuba.radar.scatterers import checked_velocities, scatterers
 from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described, noise_power_of
-from polywigner.mitsuba.receive.received_power import matched
+from polywigner.mitsuba.receive.received_power import matched_ends
 from polywigner.mitsuba.scenes.reflectors import Echo, Route, routes_in
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
@@ -228,10 +228,10 @@ def _lazy(
 def _radar(
     scene: Any, options: ReceiveOptions, by_element: bool, wave: FMCW, is_in_turn: bool
 ) -> _Radar:
-    parties = matched(scene, list(range(len(receivers_of(scene)))), options)
-    if not parties.emitters:
+    emitters, receivers = matched_ends(scene, list(range(len(receivers_of(scene)))), options)
+    if not emitters:
         raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
-    for end in (*parties.emitters, *parties.receivers):
+    for end in (*emitters, *receivers):
         frequency = SPEED_OF_LIGHT / end.wavelength
         first, last = wave.start * (1 - _ROUNDING), (wave.start + wave.bandwidth) * (1 + _ROUNDING)
         if not first <= frequency <= last:
@@ -239,22 +239,22 @@ def _radar(
                 f"the frequency of {end.name!r} must be in the band of the waveform, {first:.6g} "
                 f"to {last:.6g} Hz, got {frequency:.6g} Hz"
             )
-    receivers, powers = [], []
-    for receiver, noise in zip(parties.receivers, parties.noises, strict=True):
-        parts = [receiver]
+    elements, powers = [], []
+    for receiver in receivers:
+        parts, noise = [receiver], receiver.noise
         if by_element and isinstance(receiver.source, Array):
             parts = [
                 replace(receiver, source=element, name=f"{receiver.name}[{k}]")
                 for k, element in enumerate(receiver.source.elements_in_plane)
             ]
-        receivers.append(parts)
+        elements.append(parts)
         power = noise_power_of(wave.sample_rate, noise["temperature"], noise["noise_figure"])
         powers.append(math.nan if power is None else power)
-    cycles = len(parties.emitters) if is_in_turn else 1
-    starts = np.arange(len(parties.emitters)) * (wave.interval if is_in_turn else 0.0)
+    cycles = len(emitters) if is_in_turn else 1
+    starts = np.arange(len(emitters)) * (wave.interval if is_in_turn else 0.0)
     times = np.add.outer(starts, cycles * wave.interval * np.arange(wave.chirps + 1))
-    frequency = SPEED_OF_LIGHT / parties.emitters[0].wavelength
-    return _Radar(wave, parties.emitters, receivers, np.array(powers), times, frequency)
+    frequency = SPEED_OF_LIGHT / emitters[0].wavelength
+    return _Radar(wave, emitters, elements, np.array(powers), times, frequency)
 
 
 def _samples(
@@ -536,7 +536,7 @@ def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Datase
     ends = {"receiver": [end for each in radar.receivers for end in each]}
     ends["emitter"] = radar.emitters
     noise = np.repeat(radar.noise_power, [len(each) for each in radar.receivers])
-    values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
+    values: dict[str, Any] = {
         "noise_power": (noise, ("receiver",), "W", "noise power of a sample"),
         "start_time": (radar.chirp_times[:, 0], ("emitter",), "s", "start of the first repetition"),
     }

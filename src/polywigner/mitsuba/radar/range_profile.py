@@ -26,6 +26,7 @@ from polywigner.mitsuba.receive.power_results import (
     DirectPath,
     ReceivedPower,
     ReceiveOptions,
+    Variables,
     described,
 )
 from polywigner.mitsuba.receive.received_power import (
@@ -225,10 +226,7 @@ def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
     return np.asarray(result + np.abs(waves) ** 2)
 
 
-Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
-
-
-def _bins_of(by_light: Floats, direct: Floats) -> Values:
+def _bins_of(by_light: Floats, direct: Floats) -> Variables:
     """Return the variables that contain power by range.
 
     ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
@@ -258,7 +256,7 @@ def _bins_of(by_light: Floats, direct: Floats) -> Values:
     }
 
 
-def _noise_of(powers: list[ReceivedPower]) -> Values:
+def _noise_of(powers: list[ReceivedPower]) -> Variables:
     bands = [power.bandwidth for power in powers]
     noise = [power.noise_power for power in powers]
     resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
@@ -269,7 +267,7 @@ def _noise_of(powers: list[ReceivedPower]) -> Values:
     }
 
 
-def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
+def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Variables]:
     labels: dict[str, int] = {}
     entries = []
     for (i, lights), j in product(enumerate(links), range(len(links[0]))):

@@ -20,10 +20,10 @@ from polywigner.mitsuba.plugins.placement import placed_emitters
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import check_is_compiled
-from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
+from polywigner.mitsuba.receive.power_results import ReceiveOptions, Variables, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.receive.received_power import chosen, matched
-from polywigner.mitsuba.receive.scattered import BATCHES, aimed
+from polywigner.mitsuba.receive.received_power import chosen, matched_ends
+from polywigner.mitsuba.receive.scattered import BATCHES, aimed, standard_error
 from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of
 from polywigner.mitsuba.receive.specular_paths import even_points
 from polywigner.mitsuba.scenes.rendering import hide_emitters
@@ -53,10 +53,7 @@ class Cloud:
     """Scattering events on paths to a receiver."""
 
     events: Events
-    power: Floats
-    """Power of each event in W."""
-    intensity: Floats
-    """Radiant intensity towards the receiver in W/sr."""
+    """Events with powers in W, and with radiant intensities towards the receiver in W/sr."""
     standard_error: float
     """Standard error of the sum of all powers in W."""
 
@@ -68,19 +65,21 @@ class Cloud:
         not depend on a few events. Systematic sampling in order of path length preserves the
         distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
         """
-        if len(self.power) <= count:
+        events = self.events
+        if len(events) <= count:
             return self
-        measure = np.abs(self.power) / np.abs(self.power).sum()
+        measure = np.abs(events.power) / np.abs(events.power).sum()
         if for_elements:
-            measure += np.abs(self.intensity) / np.abs(self.intensity).sum()
+            measure += np.abs(events.intensity) / np.abs(events.intensity).sum()
         probabilities = _probabilities(measure, count)
-        order = np.argsort(self.events.length, kind="stable")
+        order = np.argsort(events.length, kind="stable")
         steps = np.floor(np.cumsum(probabilities[order]) + rng.random())
         selected = np.sort(order[np.diff(steps, prepend=0.0) > 0])
-        chance = probabilities[selected]
-        power, intensity = self.power[selected] / chance, self.intensity[selected] / chance
-        error = math.hypot(self.standard_error, _thinning_error(power, chance))
-        return Cloud(self.events[selected], power, intensity, error)
+        chance, events = probabilities[selected], events[selected]
+        events.power /= chance
+        events.intensity /= chance
+        error = math.hypot(self.standard_error, _thinning_error(events.power, chance))
+        return Cloud(events, error)
 
 
 def cloud_of(
@@ -93,20 +92,17 @@ def cloud_of(
 ) -> Cloud:
     """Trace at least ``count`` rays from a receiver, with hidden sources."""
     size = -(-count // BATCHES)
-    parts = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
-    sums = [float(power.sum()) for _, power, _ in parts]
-    events, power, intensity = zip(*parts, strict=True)
-    return Cloud(
-        np.concatenate(events).view(np.recarray),
-        np.concatenate(power) / BATCHES,
-        np.concatenate(intensity) / BATCHES,
-        float(np.std(sums, ddof=1) / math.sqrt(BATCHES)),
-    )
+    batches = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
+    error = standard_error(np.array([batch["power"].sum() for batch in batches]))
+    events = np.concatenate(batches).view(np.recarray)
+    events.power /= BATCHES
+    events.intensity /= BATCHES
+    return Cloud(events, float(error))
 
 
 def _batch(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
-) -> tuple[Events, Floats, Floats]:
+) -> Events:
     """Return the events of a batch, with powers and intensities whose sums are unbiased."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
@@ -118,12 +114,12 @@ def _batch(
         numbers = draws[start : start + _WAVEFRONT]
         paths, watts, solid_angle = _paths(sensor, numbers)
         for events in events_of(scene, paths, rng, numbers[:, 4:], depth - 1, meets_lights, motion):
-            value = events.radiance * (solid_angle / count)[events.ray]
-            power = value * watts[events.ray]
-            checked_finite(power, "scattered powers")
-            parts.append((events, power, value * (unit * events.distance) ** 2))
-    events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return events.view(np.recarray), power, intensity
+            irradiance = events.radiance * (solid_angle / count)[events.ray]
+            events.power = irradiance * watts[events.ray]
+            events.intensity = irradiance * (unit * events.distance) ** 2
+            checked_finite(events.power, "scattered powers")
+            parts.append(events)
+    return np.concatenate(parts)
 
 
 def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
@@ -259,8 +255,7 @@ def scatterers(
     receivers = receivers_of(scene)
     number = chosen(receivers, receiver)
     sensor = receivers[number][1]
-    parties = matched(scene, [number], options)
-    (placed,) = parties.receivers
+    emitters, (placed,) = matched_ends(scene, [number], options)
     if sensor.spec.has_several:
         raise SceneError(
             "scatterers require the same polarisation for all elements of a receiver; set a "
@@ -284,7 +279,7 @@ def scatterers(
         "to_world": placed.pose.ravel().tolist(),
         "obliquity": placed.obliquity,
         "normalise": sensor.spec.normalise,
-        "polarisation": polarisation_summary([*parties.emitters, placed], False),
+        "polarisation": polarisation_summary([*emitters, placed], False),
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,
@@ -367,7 +362,7 @@ def _described(
 ) -> xarray.Dataset:
     events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
     shapes, lights = _named(names.shapes, events.first_shape), _named(names.lights, events.light)
-    values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
+    values: Variables = {
         "position": (unit * events.position, in_space, "m", "position on the first surface"),
         "normal": (events.normal, in_space, "1", "normal of the first surface"),
     }
@@ -377,8 +372,8 @@ def _described(
             speeds[events.first_shape == number] = unit * velocity
         values["velocity"] = (speeds, in_space, "m/s", "velocity of the first surface")
     values |= {
-        "power": (cloud.power, along, "W", "power towards the receiver"),
-        "intensity": (cloud.intensity, along, "W/sr", "radiant intensity towards the receiver"),
+        "power": (events.power, along, "W", "power towards the receiver"),
+        "intensity": (events.intensity, along, "W/sr", "radiant intensity towards the receiver"),
         "path_length": (unit * events.length, along, "m", "path from emitter to receiver"),
         "bounces": (events.bounces, along, "1", "surfaces on the path"),
         "shape": (shapes, along, "", "id of the first surface"),

@@ -288,12 +288,16 @@ class ReceiveOptions:
         return {n: spec.noise[n] if value is None else value for n, value in noise.items()}
 
 
+Variables = dict[str, tuple[Any, tuple[str, ...], str, str]]
+"""Array, dimensions, unit and description of each variable of a dataset, by name."""
+
+
 def described(
-    values: Mapping[str, tuple[Any, tuple[str, ...], str, str]],
+    values: Variables,
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Create a dataset from variables of the form (array, dimensions, unit, description)."""
+    """Create a dataset; its attributes are ``about`` and the version of this package."""
     from polywigner import __version__
 
     return labelled_arrays(

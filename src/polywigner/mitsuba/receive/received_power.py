@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import count
+from itertools import count, product
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -204,17 +204,6 @@ def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
     )
 
 
-class Parties(NamedTuple):
-    """Selected receivers and all coherent sources of a scene."""
-
-    sensors: list[int]
-    """Indices of the receivers among the sensors."""
-    receivers: list[PlacedSource]
-    noises: list[dict[str, Any]]
-    """Bandwidth, temperature and noise figure of each receiver."""
-    emitters: list[PlacedSource]
-
-
 class Received(NamedTuple):
     """Received powers, with the batches of scattered light."""
 
@@ -236,32 +225,35 @@ def received(
     ``edges`` in m divide scattered light into range bins.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
-        parties = matched(scene, numbers, options)
-        ends = list(zip(parties.sensors, parties.receivers, strict=True))
+        emitters, receivers = matched_ends(scene, numbers, options)
+        sensors = [receivers_of(scene)[number][0] for number in numbers]
+        ends = list(zip(sensors, receivers, strict=True))
         plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
         # Errors in direct light are raised before slow renders start.
-        direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
+        direct = [_direct(scene, *end, emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
-        rows = zip(
-            parties.receivers, parties.noises, direct, plans, batches.sum(axis=-1), strict=True
-        )
-        powers = [_result(scene, parties.emitters, options, *row) for row in rows]
-    return Received(powers, parties.receivers, batches)
+        rows = zip(receivers, direct, plans, batches.sum(axis=-1), strict=True)
+        powers = [_result(scene, emitters, options, *row) for row in rows]
+    return Received(powers, receivers, batches)
 
 
-def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
-    """Return receivers and sources; raise SceneError unless their frequencies and units match."""
+def matched_ends(
+    scene: Any, numbers: list[int], options: ReceiveOptions
+) -> tuple[list[PlacedSource], list[PlacedSource]]:
+    """Return the emitters of a scene, and the receivers with the indices ``numbers``.
+
+    Raises SceneError unless their frequencies and units match.
+    """
     if not scene.emitters():
         raise SceneError("the scene has no emitters; add an emitter")
-    sensors = [receivers_of(scene)[number] for number in numbers]
-    emitters = placed_emitters(scene)
-    receivers = [placed_receiver(scene, s, n) for n, (_, s) in zip(numbers, sensors, strict=True)]
-    noises = [options.noise_of(sensor.spec) for _, sensor in sensors]
-    for receiver, noise in zip(receivers, noises, strict=True):
-        for emitter in emitters:
-            check_match(emitter, receiver, noise["bandwidth"])
-    return Parties([index for index, _ in sensors], receivers, noises, emitters)
+    emitters, receivers = placed_emitters(scene), []
+    for number in numbers:
+        receiver = placed_receiver(scene, receivers_of(scene)[number][1], number)
+        receivers.append(replace(receiver, noise=options.noise_of(receiver)))
+    for receiver, emitter in product(receivers, emitters):
+        check_match(emitter, receiver)
+    return emitters, receivers
 
 
 def _scattering(
@@ -348,7 +340,6 @@ def _result(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
     receiver: PlacedSource,
-    noise: dict[str, Any],
     direct: list[DirectLight],
     plan: Scattering,
     scattered: Floats,
@@ -373,7 +364,7 @@ def _result(
         polarisation=polarisation_summary(
             [*emitters, receiver], options.coherent, options.polarisation
         ),
-        **noise,
+        **receiver.noise,
     )
 
 

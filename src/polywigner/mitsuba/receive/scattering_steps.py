@@ -163,6 +163,8 @@ EVENT = np.dtype(
     [
         ("ray", np.int64),  # index of the ray from the receiver
         ("radiance", np.float64),  # radiance along the ray
+        ("power", np.float64),  # power and radiant intensity at the receiver, set by the caller
+        ("intensity", np.float64),
         ("position", np.float64, 3),  # position on the first surface
         ("normal", np.float64, 3),  # normal of the first surface, on the receiver's side
         ("first_shape", np.int64),  # number of the shape of the first surface
