@@ -126,10 +126,6 @@ class RayTracer:
             if set(kinds) & set(_FILTERS):
                 self._filters.append(shape)
 
-    @property
-    def changes_fields(self) -> bool:
-        return self._coherent and bool(self._panes)
-
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
         """Trace rays via mirrors, and return the transmission from the last to the first point.
 
