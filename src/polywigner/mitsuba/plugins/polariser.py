@@ -166,28 +166,6 @@ def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
     return matrix
 
 
-_End = tuple[Frame, Drjit]
-"""Frame of an antenna, and direction of the path in the scene."""
-
-
-def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
-    """Convert the Mueller matrix of a path from Mitsuba's axes to Ludwig's axes.
-
-    ``leaves`` is the end at the source, or None for unpolarised light, and ``arrives`` the end at
-    the receiver.
-    """
-    ends = []
-    for end, sign in ((arrives, -1.0), (leaves, 1.0)):
-        if end is None:
-            ends.append(m.Spectrum(1.0))
-            continue
-        frame, direction = end
-        c, s = axis_rotation(m, frame.to_own(direction), frame, sign * direction)
-        entries = {(0, 0): 1, (1, 1): c, (1, 2): s, (2, 1): -sign * s, (2, 2): sign * c, (3, 3): 1}
-        ends.append(mueller_matrix(m, entries))
-    return ends[0] * fraction * ends[1]
-
-
 def axis_rotation(
     m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f
 ) -> tuple[Drjit, Drjit]:

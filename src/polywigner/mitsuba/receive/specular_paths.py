@@ -16,7 +16,7 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.mitsuba.plugins.placement import FacingParts, PlacedSource, facing_parts
-from polywigner.mitsuba.plugins.polariser import to_ludwig_axes
+from polywigner.mitsuba.plugins.polariser import axis_rotation, mueller_matrix
 from polywigner.mitsuba.plugins.samplers import Frame, cells_with_field
 from polywigner.mitsuba.receive.ray_transmission import (
     Plane,
@@ -390,18 +390,25 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
 def _between_axes(
     result: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Drjit:
-    frames = [
-        Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
-        for end in (receiver, emitter)
-        if end is not None
-    ]
+    """Convert the Mueller matrices of rays from Mitsuba's axes to Ludwig's axes at both ends.
+
+    Without an emitter, only the axes at the receiver are converted.
+    """
     first, last = result.first, result.last
     if is_direct and emitter is not None:
         # Amplitudes use the polarisation axes of the central ray.
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
-    leaves = None if emitter is None else (frames[1], -last)
-    return to_ludwig_axes(mi, result.fraction, (frames[0], first), leaves)
+    rotations = []
+    for end, direction, sign in ((receiver, first, -1.0), (emitter, -last, 1.0)):
+        if end is None:
+            rotations.append(mi.Spectrum(1.0))
+            continue
+        frame = Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
+        c, s = axis_rotation(mi, frame.to_own(direction), frame, sign * direction)
+        entries = {(0, 0): 1, (1, 1): c, (1, 2): s, (2, 1): -sign * s, (2, 2): sign * c, (3, 3): 1}
+        rotations.append(mueller_matrix(mi, entries))
+    return rotations[0] * result.fraction * rotations[1]
 
 
 BLOCKED = "there is no line-of-sight path: obstacles block it (ray test, without diffraction)"
