@@ -124,15 +124,15 @@ class WignerEmitter(VariantPlugin):
             # The user's arrays carry the derivatives.
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
-                cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+                cover_outline(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
         elif "wavelength" in keys and self._is_constant:
             self._set_source(self.spec, wavelength)
             self._traced = traced
         self._update()
         if "to_world" in keys and shape is not None:
-            move(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+            move_mesh(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
         elif "parent" in keys and shape is not None:
-            check_place(shape, np.array(matrix_of(self.to_world)), self.spec)
+            check_mesh_position(shape, np.array(matrix_of(self.to_world)), self.spec)
 
     def _check_numbers(self) -> None:
         wavelength = single(self.wavelength, "wavelength")
@@ -172,7 +172,7 @@ class WignerEmitter(VariantPlugin):
         inverse = 1.0 / self.wavelength + shift
         wave = Wave(inverse, self.m.Vector2f(tilt_x, tilt_y))
         direction = self.m.Vector3f(x, y, z)
-        traced = self._traced.intensity if self._is_traced() else None
+        traced = self._traced.intensity if self._is_differentiable() else None
         value = self._radiance.integral(direction, wave, traced)
         if self.spec.has_several:
             value = value.x
@@ -181,29 +181,29 @@ class WignerEmitter(VariantPlugin):
 
     def wave(self, x: mi.Point2f, end: mi.Point3f) -> Wave:
         """Return the wave of a sample from the position ``x`` to the point or direction ``end``."""
-        return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, end)
+        return self._radiance.waves.wave(1.0 / self._kernel_value(self.wavelength), x, end)
 
-    def _value(self, number: Drjit) -> Drjit:
+    def _kernel_value(self, number: Drjit) -> Drjit:
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
         """Return the radiance at positions in directions (unit vectors) in the source's frame."""
-        traced = self._traced.wigner if self._is_traced() else None
-        scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
+        traced = self._traced.wigner if self._is_differentiable() else None
+        scale = self._kernel_value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
     def power_scale(self) -> Drjit:
         """Return the ratio of the specified radiated power to the power of the unscaled field."""
-        return self._value(self.power) / self._norm
+        return self._kernel_value(self.power) / self._norm
 
-    def _is_traced(self) -> bool:
+    def _is_differentiable(self) -> bool:
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
         if not self.spec.visible:
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
-        direction = self.frame.to_own(along)
+        direction = self.frame.to_local(along)
         value = self.radiance(si.uv, direction, self.wave(si.uv, direction))
         return self.polariser.sent(value, direction, self.frame, active, along)
 
@@ -259,24 +259,24 @@ class WignerEmitter(VariantPlugin):
 
     def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
         """Return the unit vector and distance from x to the point ``it``, in the source's frame."""
-        r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
+        r = self.frame.to_local(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
 
 
-def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
+def move_mesh(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Move the mesh of a source to a pose."""
     set_mesh(shape, vertex_positions=_vertices_at(shape, pose, spec))
 
 
-def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
+def cover_outline(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Set the triangles of a mesh so that they cover the radiating region."""
     points, triangles = triangulate(spec.outline)
     set_mesh(shape, vertex_texcoords=points, faces=triangles)
-    move(shape, pose, spec)
+    move_mesh(shape, pose, spec)
 
 
-def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
+def check_mesh_position(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Raise SceneError if a user has moved the mesh of a source without its emitter."""
     expected = _vertices_at(shape, pose, spec)
     error = np.abs(vertices_of(shape) - expected).max()
@@ -317,7 +317,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     inner["emitter"] = emitter
     name, sizes = props.id() or EMITTER, (len(points), len(triangles))
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
-    cover(mesh, spec.pose, spec)
+    cover_outline(mesh, spec.pose, spec)
     if not spec.visible:  # Rays cannot hit triangles of zero area.
         set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh

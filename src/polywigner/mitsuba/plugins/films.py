@@ -26,7 +26,7 @@ _DATE = len("2000-01-01 00:00:00 ")
 
 
 @contextmanager
-def to_list() -> Iterator[list[str]]:
+def collected_log() -> Iterator[list[str]]:
     """Collect Mitsuba's log messages in a list."""
     messages: list[str] = []
     # Mitsuba's threads must not call Python code, so messages pass through a file.
@@ -34,7 +34,7 @@ def to_list() -> Iterator[list[str]]:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
         try:
-            with silent(appender):
+            with log_only_to(appender):
                 yield messages
         finally:
             del appender  # Closes the file.
@@ -44,7 +44,7 @@ def to_list() -> Iterator[list[str]]:
 
 
 @contextmanager
-def silent(*appenders: mi.Appender) -> Iterator[None]:
+def log_only_to(*appenders: mi.Appender) -> Iterator[None]:
     """Send Mitsuba's log only to ``appenders``."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
@@ -235,7 +235,7 @@ def seed_of(seed: int, *part: int) -> int:
 def accepted_samples(sampler: mi.Sampler, count: int) -> int:
     """Return ``count`` rounded up to a number of samples that the sampler accepts."""
     probe = sampler.fork()
-    with silent():
+    with log_only_to():
         probe.set_sample_count(count)
     return int(probe.sample_count())
 

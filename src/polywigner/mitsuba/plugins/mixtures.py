@@ -96,7 +96,7 @@ class Mixture:
         The weighted mean of their irradiances is the irradiance of the mixture, with an error of
         ``error`` times the largest irradiance.
         """
-        return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
+        return mixture_parts(self._with_coherence_width(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
         """Return waves whose weighted mean power is the power of the mixture, shape (n, 4).
@@ -105,14 +105,14 @@ class Mixture:
         and the weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
-        wave = self._applied_to(source)
+        wave = self._with_coherence_width(source)
         if isinstance(wave, Wavefront) and not wave.is_coherent:
             tilts, weights = tilts_of(wave, _POWER_ERROR, _LONGEST_LAG * wavelength)
         return np.array(
             [
                 (1 / length - 1 / wavelength, *tilt, tilt_weight * weight)
                 for tilt, tilt_weight in zip(tilts.tolist(), weights.tolist(), strict=True)
-                for length, weight in self._band(source, wavelength)
+                for length, weight in self._wavelengths(source, wavelength)
             ]
         )
 
@@ -131,12 +131,12 @@ class Mixture:
                     total += scale * float(far @ (forms.irradiance(s[:, 2]) * solid_angles))
         return total
 
-    def _applied_to(self, source: SceneSource) -> SceneSource:
+    def _with_coherence_width(self, source: SceneSource) -> SceneSource:
         if self.coherence_width == math.inf:
             return source
         return source.partially_coherent(self.coherence_width)
 
-    def _band(self, source: SceneSource, wavelength: float) -> list[tuple[float, float]]:
+    def _wavelengths(self, source: SceneSource, wavelength: float) -> list[tuple[float, float]]:
         if self.bandwidth is None:
             return [(wavelength, 1.0)]
         return wavelengths_of_band(wavelength, self.bandwidth, longest_path(source), _POWER_ERROR)

@@ -216,7 +216,7 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
     form = normal_form(source).in_plane
-    parts = [_cut(element.outline, normal, least) for element in form.elements]
+    parts = [_part_of_outline_in_front(element.outline, normal, least) for element in form.elements]
     pairs = list(zip(form.elements, parts, strict=True))
     if all(part is element.outline for element, part in pairs):
         return source
@@ -224,7 +224,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
     return form.with_elements(in_front, paths=None).public if in_front else None
 
 
-def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
+def _part_of_outline_in_front(outline: Any, normal: Floats, least: float) -> Aperture | None:
     """Return the part of an outline with ``normal . x > least``, or None."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():

@@ -47,7 +47,7 @@ from polywigner.mitsuba.plugins.source_parameters import (
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest, matrix_of
+from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest_coordinate, matrix_of
 from polywigner.quantities import parse_noise
 from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.source import Array
@@ -67,7 +67,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         if bsdf is not None:
             kind = bsdf.flags() & int(mi.BSDFFlags.All)
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
-        step = length + _step(m, start + direction * length)
+        step = length + _spawn_offset(m, start + direction * length)
         length = dr.select(is_null, step, length)
         return m.Point3f(start + direction * length), distance + length, going & is_null
 
@@ -75,24 +75,24 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
     return dr.while_loop(state, lambda *state: state[2], body, mode=mode)[1]
 
 
-def _step(m: Any, point: mi.Point3f) -> Drjit:
+def _spawn_offset(m: Any, point: mi.Point3f) -> Drjit:
     """Return the distance between a surface and the start of a ray that Mitsuba spawns there."""
-    return (1.0 + largest(point)) * float(m.math.RayEpsilon)
+    return (1.0 + largest_coordinate(point)) * float(m.math.RayEpsilon)
 
 
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
     """Convert the angles (alpha, psi) to a unit vector in front of the receiver."""
-    rho = _root(1.0 - angles.x * angles.x)
+    rho = _root_of_positive(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
-def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
+def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
     """Map a film position to angles (alpha, psi), uniform in the solid angle of its pixel."""
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
     row = dr.floor(point.y)
-    rho = _root(1.0 - alpha * alpha)
+    rho = _root_of_positive(1.0 - alpha * alpha)
     inverse = 1.0 / dr.select(rho > 0.0, rho, 1.0)
     low, high = (
         dr.asin(dr.clip(((row + k) * (2.0 / height) - 1.0) * inverse, -1.0, 1.0)) for k in (0, 1)
@@ -101,7 +101,7 @@ def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point
     return m.Point2f(alpha, psi), (high - low) * (2.0 / width)
 
 
-def _root(value: Drjit) -> Drjit:
+def _root_of_positive(value: Drjit) -> Drjit:
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
@@ -146,7 +146,7 @@ class WignerReceiver(VariantPlugin):
 
     def stand_at(self, reach: float) -> None:
         """Set the largest coordinate of the receiver and of adjacent surfaces."""
-        self._lift = opaque(self.m, ROUNDING * reach)
+        self._ray_offset = opaque(self.m, ROUNDING * reach)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         """Register the film, the sampler and the rigid pose as parameters."""
@@ -197,11 +197,11 @@ class WignerReceiver(VariantPlugin):
             sample3, coins = self.m.Point2f(sample3), sample3.y * (1 << _MOST_PASSED)
             sample3.y = coins - dr.floor(coins)
         x = self.estimator.draw(sample3)
-        ray.o = self._frame.point(x) + self.lift
+        ray.o = self._frame.point(x) + self.ray_offset
         weight: Drjit = 1.0
         if self.spec.diffraction:
             weight = self._pass_surfaces(ray, self.m.UInt32(coins), active)
-        end = self._end(ray, x, direction, active) if self.estimator.needs_distance else ()
+        end = self._end_of_ray(ray, x, direction, active) if self.estimator.needs_distance else ()
         weight = weight * self.estimator.received(x, direction, *end)
         zero = dr.zeros(self.m.SurfaceInteraction3f)
         ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
@@ -219,16 +219,16 @@ class WignerReceiver(VariantPlugin):
             (sample.x * int(size[0]) + int(corner[0])) / fine,
             (sample.y * int(size[1]) + int(corner[1])) / fine,
         )
-        return in_pixel(self.m, point, (width, height))
+        return angles_in_pixel(self.m, point, (width, height))
 
     @property
-    def lift(self) -> mi.Vector3f:
+    def ray_offset(self) -> mi.Vector3f:
         """Vector from the receiver to the start of a ray in front of it."""
-        return self._frame.axes[2] * self._lift
+        return self._frame.axes[2] * self._ray_offset
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
         """Move a ray's start past a random number of surfaces; return a factor for its weight."""
-        scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
+        scene, going, weight = self._required_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
@@ -239,12 +239,12 @@ class WignerReceiver(VariantPlugin):
                 break
             passes = is_met & ((coins & self.m.UInt32(1 << number)) != self.m.UInt32(0))
             weight = dr.select(is_met, 2.0 * weight, weight)
-            ahead = ray.d * (distance + _step(self.m, ray.o + ray.d * distance))
+            ahead = ray.d * (distance + _spawn_offset(self.m, ray.o + ray.d * distance))
             ray.o = self.m.Point3f(dr.select(passes, ray.o + ahead, ray.o))
             going = passes
         return weight
 
-    def _known_scene(self) -> mi.Scene:
+    def _required_scene(self) -> mi.Scene:
         if self.scene is None:
             raise SceneError(
                 f'the wigner_receiver with the estimator "{self.spec.estimator}" requires its '
@@ -253,17 +253,17 @@ class WignerReceiver(VariantPlugin):
             )
         return self.scene
 
-    def _end(
+    def _end_of_ray(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
         """Return the end point of a ray on a surface or far away, and the length of the ray."""
-        distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
+        distance = distance_to_surface(self.m, self._required_scene(), ray, self._far, active)
         if self.spec.diffraction:
-            end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
+            end = self._frame.to_local(ray.o + ray.d * distance - self._frame.origin)
             point = self.m.Point3f(end)
             return point, dr.norm(point - self.m.Point3f(x.x, x.y, 0.0))
         along = direction * distance
-        return self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z), distance
+        return self.m.Point3f(x.x + along.x, x.y + along.y, self._ray_offset + along.z), distance
 
 
 def _check_film(values: dict[str, Any]) -> None:
@@ -383,7 +383,7 @@ def receiver(
         estimator=estimator,
         diffraction=diffraction,
         normalise=normalise,
-        film=_film(film),
+        film=_film_entry(film),
         sampler={"type": "multijitter"},
         **parse_noise(bandwidth, temperature, noise_figure),
     )
@@ -402,7 +402,7 @@ def film_of(width: int, height: int) -> dict[str, Any]:
     }
 
 
-def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
+def _film_entry(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
     if isinstance(film, Mapping):
         return dict(film)
     pixels = np.array((1, 1) if film is None else film)

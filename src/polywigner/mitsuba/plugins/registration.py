@@ -111,10 +111,10 @@ def _on_variant_change(_old: str | None, new: str) -> None:
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
-            register_one(name, partial(_built, build, variant))
+            register_one(name, partial(_build_and_keep_error, build, variant))
 
 
-def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
+def _build_and_keep_error(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
     try:
         with uncompiled():
             return build(variant, props)

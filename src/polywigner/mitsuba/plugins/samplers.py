@@ -179,7 +179,7 @@ class Frame:
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
-    def to_own(self, v: mi.Vector3f) -> mi.Vector3f:
+    def to_local(self, v: mi.Vector3f) -> mi.Vector3f:
         """Convert a vector from the scene to this frame."""
         return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
 

@@ -30,7 +30,7 @@ from polywigner.mitsuba.plugins.mixtures import (
     support_of,
 )
 from polywigner.mitsuba.plugins.registration import is_key, register_source, registered_source
-from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
+from polywigner.mitsuba.scenes.surfaces import extent_near, matrix_of
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import (
     NOISE_PARSERS,
@@ -403,4 +403,4 @@ def reach_of(scene: mi.Scene, plugin: Any) -> float:
     """
     pose, (left, bottom, right, top) = pose_of(plugin), plugin.spec.source.bounds
     corners = np.array([[x, y] for x in (left, right) for y in (bottom, top)])
-    return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / plugin.spec.scene_unit)
+    return extent_near(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / plugin.spec.scene_unit)

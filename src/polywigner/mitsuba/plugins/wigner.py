@@ -133,7 +133,7 @@ class WignerRadiance:
         ``wigner(ops, x, y, nu_x, nu_y)`` replaces the Wigner function of each term.
         """
         position = (x.x * self._unit, x.y * self._unit)
-        frequency = self._sheared(_frequency(direction, wave), position, wave.inverse)
+        frequency = self._flattened(_frequency(direction, wave), position, wave.inverse)
         point = (*position, *frequency)
 
         def wigner_of(term: _Term) -> Drjit:
@@ -156,7 +156,7 @@ class WignerRadiance:
             total = total + times_stokes(self._m, term.stokes, value)
         return dr.select(front, total, 0.0)
 
-    def _sheared(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
+    def _flattened(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
         """Subtract the local spatial frequency of a curved wave."""
         if self._wave is None:
             return frequency
@@ -256,14 +256,14 @@ class TracedSource:
         source = spec.source
         self.vertices: Any = None
         self.weights: Any = None
-        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_simple(source):
+        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_traceable(source):
             return
         self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
         if self._tables.clips > _MOST_CUTS:
             return
-        self.vertices = m.Float(_corners(source).ravel().tolist())
+        self.vertices = m.Float(_vertices_of(source).ravel().tolist())
         if isinstance(source, Array):
-            self.weights = m.Float(_pairs(source.weights).ravel().tolist())
+            self.weights = m.Float(_real_and_imaginary_parts(source.weights).ravel().tolist())
 
     def has_gradients(self) -> bool:
         """Return whether derivatives with respect to vertices or weights are enabled."""
@@ -274,21 +274,21 @@ class TracedSource:
         if self.vertices is None:
             return None
         source: Any = self._spec.source
-        known = _corners(source).astype(np.float32)
-        points = self._values("vertices", self.vertices, len(known))
+        known = _vertices_of(source).astype(np.float32)
+        points = self._checked_pairs("vertices", self.vertices, len(known))
         has_changed = not np.array_equal(points, known)
         if has_changed:
             columns = (self._m.Float(column.tolist()) for column in points.T)
             source = differentiable_source(source, vertices=self._m.Point2f(*columns)).source
         if isinstance(source, Array):
-            known = _pairs(source.weights).astype(np.float32)
-            pairs = self._values("weights", self.weights, len(known))
+            known = _real_and_imaginary_parts(source.weights).astype(np.float32)
+            pairs = self._checked_pairs("weights", self.weights, len(known))
             if not np.array_equal(pairs, known):
                 weights = self._m.TensorXf(pairs)
                 source, has_changed = differentiable_source(source, weights=weights).source, True
         return source if has_changed else None
 
-    def _values(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
+    def _checked_pairs(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
         values = np.array(dr.detach(flat), np.float32)
         if values.size != 2 * count or not np.isfinite(values).all():
             raise SceneError(
@@ -300,10 +300,10 @@ class TracedSource:
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:
         """Return the Wigner function of the centred source, with derivatives."""
         frame = self._tables.frame
-        x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
+        x, y = zip(*(frame.position(ops, *corner) for corner in self._vertices()), strict=True)
         fields = None
         if self.weights is not None:
-            pairs = zip(self._gathered(self.weights), self._tables.factors, strict=True)
+            pairs = zip(self._pairs_of_numbers(self.weights), self._tables.factors, strict=True)
             scaled = [Pair(*weight) * Pair(f.real, f.imag) for weight, f in pairs]
             fields = tuple(w.real for w in scaled), tuple(w.imag for w in scaled)
         traced = Traced((x, y), fields)
@@ -313,8 +313,8 @@ class TracedSource:
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
         """Return |F|^2 of the centred source, with derivatives."""
         code = DrjitOperations(ops.float_type, most_as_code=math.inf)
-        corners = iter(self._centred())
-        weights = None if self.weights is None else self._gathered(self.weights)
+        corners = iter(self._vertices())
+        weights = None if self.weights is None else self._pairs_of_numbers(self.weights)
         total = Pair(0.0, 0.0)
         for number, element in enumerate(flat_source(self._spec.at_origin).elements_in_plane):
             outline = new_outline_of(element)
@@ -324,25 +324,25 @@ class TracedSource:
             total = total + (value if weights is None else value * Pair(*weights[number]))
         return total.real * total.real + total.imag * total.imag
 
-    def _gathered(self, flat: Drjit) -> list[Point]:
+    def _pairs_of_numbers(self, flat: Drjit) -> list[Point]:
         m = self._m
         numbers = [dr.gather(m.Float, flat, m.UInt32(k)) for k in range(dr.width(flat))]
         return list(zip(numbers[::2], numbers[1::2], strict=True))
 
-    def _centred(self) -> list[Point]:
+    def _vertices(self) -> list[Point]:
         cx, cy = self._spec.support.centre.tolist()
-        return [(x - cx, y - cy) for x, y in self._gathered(self.vertices)]
+        return [(x - cx, y - cy) for x, y in self._pairs_of_numbers(self.vertices)]
 
 
-def _corners(source: Aperture | Array) -> NDArray[np.float64]:
+def _vertices_of(source: Aperture | Array) -> NDArray[np.float64]:
     return np.concatenate(normal_form(source).rings)
 
 
-def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _real_and_imaginary_parts(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.stack([weights.real, weights.imag], axis=-1)
 
 
-def _is_simple(source: SceneSource) -> bool:
+def _is_traceable(source: SceneSource) -> bool:
     if isinstance(source, Wavefront):
         return False
     elements = source.elements_in_plane

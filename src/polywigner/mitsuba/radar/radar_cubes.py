@@ -183,14 +183,14 @@ def radar_cube(
         seed=seed, reflections=reflections, coherent=True, polarisation=polarisation, bodies=bodies
     )
     with polarised_by_default(scene, options.polarisation):
-        radar = _radar(scene, options, checked_flag(elements, "elements"), wave, is_in_turn)
+        radar = _radar_of(scene, options, checked_flag(elements, "elements"), wave, is_in_turn)
     speeds = checked_velocities({} if velocities is None else velocities)
-    coherent, notes = _coherent(scene, radar, options, speeds)
+    coherent, notes = _coherent_links(scene, radar, options, speeds)
     clouds: list[_Cloud | None] = [None] * len(radar.receivers)
     if size:
         with with_progress("scattered fields", range(len(clouds))) as numbers:
             for number in numbers:
-                clouds[number] = _cloud(scene, radar, number, size, rays, speeds, options)
+                clouds[number] = _cloud_of(scene, radar, number, size, rays, speeds, options)
 
     def block(number: int, draw: int) -> Complex:
         return _samples(
@@ -200,7 +200,7 @@ def radar_cube(
     elements_of = [len(each) for each in radar.receivers]
     shape = (len(radar.emitters), wave.chirps, wave.samples)
     if count * sum(elements_of) * math.prod(shape) * 16 > _MOST_BYTES:
-        signal = _lazy(block, elements_of, count, shape)
+        signal = _lazy_signal(block, elements_of, count, shape)
     else:
         signal = np.concatenate(
             [np.concatenate([block(k, d) for d in range(count)]) for k in range(len(elements_of))],
@@ -211,7 +211,7 @@ def radar_cube(
     return _dataset(signal, radar, about)
 
 
-def _lazy(
+def _lazy_signal(
     block: Callable[[int, int], Complex], elements: list[int], draws: int, shape: tuple[int, ...]
 ) -> Any:
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
@@ -225,7 +225,7 @@ def _lazy(
     return array.concatenate(rows, axis=1)
 
 
-def _radar(
+def _radar_of(
     scene: Any, options: ReceiveOptions, by_element: bool, wave: FMCW, is_in_turn: bool
 ) -> _Radar:
     emitters, receivers = matched_ends(scene, list(range(len(receivers_of(scene)))), options)
@@ -273,13 +273,13 @@ def _samples(
             for amplitude, rate in zip(link.amplitudes, link.rates, strict=True):
                 spectra[k, j] += amplitude * np.exp(2j * np.pi * rate * wave.frequencies * waits)
     if cloud is not None:
-        speckle = _normal(random, cloud.rates.shape)
+        speckle = _complex_normal(random, cloud.rates.shape)
         for j in range(len(radar.emitters)):
-            spectra[:, j] += _scattered(radar, cloud, speckle, j)
+            spectra[:, j] += _scattered_signal(radar, cloud, speckle, j)
     samples = wave.from_spectrum(spectra)
     power = radar.noise_power[seed[1]]
     if with_noise and math.isfinite(power):
-        samples = samples + math.sqrt(power) * _normal(random, samples.shape)
+        samples = samples + math.sqrt(power) * _complex_normal(random, samples.shape)
     return samples
 
 
@@ -290,7 +290,7 @@ class _Link(NamedTuple):
     """Rates of change of the delays in s/s, shape (path,)."""
 
 
-def _coherent(
+def _coherent_links(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
     wave = radar.waveform
@@ -308,7 +308,7 @@ def _coherent(
         if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
         h = amplitudes_of(paths, wave.frequencies, options.tolerance)
-        rates = [_rate_of(path.route, emitter, receiver, speeds) for path in paths]
+        rates = [_path_rate(path.route, emitter, receiver, speeds) for path in paths]
         return _Link(math.sqrt(emitter.power) * h.T, np.array(rates) / SPEED_OF_LIGHT)
 
     with hide_emitters(scene), with_progress("links", radar.receivers) as receivers:
@@ -316,7 +316,7 @@ def _coherent(
     return links, list(dict.fromkeys(notes))
 
 
-def _rate_of(
+def _path_rate(
     route: Route, emitter: PlacedSource, receiver: PlacedSource, speeds: Velocities
 ) -> float:
     """Return the rate of change of the path length in m/s."""
@@ -325,11 +325,11 @@ def _rate_of(
         body, point = route.body.name, route.body.facets.centre
         legs = [(emitter, route.before), (receiver, route.after[::-1])]
     else:
-        body, point, legs = _owner(receiver.name), receiver.centre, [(emitter, route)]
+        body, point, legs = _receiver_id(receiver.name), receiver.centre, [(emitter, route)]
     rate = 0.0
     for end, chain in legs:
         # Velocity of the end's mirror image relative to the body or the receiver.
-        velocity = speeds.get(_owner(end.name), still)
+        velocity = speeds.get(_receiver_id(end.name), still)
         for mirror in chain:
             moved = velocity - speeds.get(mirror.name, still)
             velocity = velocity - 2 * (moved @ mirror.normal) * mirror.normal
@@ -339,12 +339,12 @@ def _rate_of(
     return rate
 
 
-def _owner(name: str) -> str:
+def _receiver_id(name: str) -> str:
     """Return the id of the receiver to which an element such as "rx[3]" belongs."""
     return name.partition("[")[0] if name.endswith("]") else name
 
 
-def _cloud(
+def _cloud_of(
     scene: Any,
     radar: _Radar,
     number: int,
@@ -355,7 +355,7 @@ def _cloud(
 ) -> _Cloud | None:
     """Return the scatterers of a receiver, or None if there are none."""
     receivers = radar.receivers[number]
-    others = {_owner(each[0].name) for each in radar.receivers if each is not receivers}
+    others = {_receiver_id(each[0].name) for each in radar.receivers if each is not receivers}
     outside = others | {body.name for body in options.bodies}
     moving = {name: speed for name, speed in speeds.items() if name not in outside}
     cloud = scatterers(
@@ -363,8 +363,8 @@ def _cloud(
     )
     if not cloud.sizes["scatterer"]:
         return None
-    responses, excess = _receiving(cloud, receivers)
-    emitted, lengths = _sending(scene, cloud, radar.emitters)
+    responses, excess = _responses(cloud, receivers)
+    emitted, lengths = _emitted_amplitudes(scene, cloud, radar.emitters)
     near = np.isfinite(lengths).all(axis=0)
     rates, wave = cloud["path_rate"].values[near] / SPEED_OF_LIGHT, radar.waveform
     within = np.abs(rates).max(initial=0.0) * wave.bandwidth * wave.samples * wave.time_step
@@ -379,7 +379,7 @@ def _cloud(
     )  # fmt: skip
 
 
-def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
+def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
     """Return the responses in m, and path lengths in m relative to their mean over elements."""
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
@@ -395,7 +395,7 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
     return end_responses(cloud, receivers), lengths - lengths.mean(axis=0)
 
 
-def _sending(
+def _emitted_amplitudes(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
 ) -> tuple[Complex, Floats]:
     """Return the square roots of scattered intensities, and path lengths in m, for each emitter.
@@ -418,7 +418,7 @@ def _sending(
         offset = emitter.centre - position
         distance = np.linalg.norm(offset, axis=1)
         incidence = np.maximum(np.sum(offset * normal, axis=1) / distance, 0.0)
-        visible = _in_view(scene, emitter, position, offset)
+        visible = _visible(scene, emitter, position, offset)
         field = end_responses(cloud.isel(scatterer=shared), [emitter])[0]
         fields.append(field * np.sqrt(emitter.power * incidence * visible))
         legs.append(distance)
@@ -431,7 +431,7 @@ def _sending(
     return amplitudes, lengths
 
 
-def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
+def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _RAY_OFFSET) / unit).astype(np.float32)
     start = ((position + _RAY_OFFSET * offset) / unit).astype(np.float32)
@@ -440,24 +440,24 @@ def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
     return ~np.atleast_1d(np.array(scene.ray_test(ray)))
 
 
-def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
+def _scattered_signal(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
     """Return the signal (element, chirp or 1, sample) of all scatterers, (RC1)."""
     signals = cloud.responses * (speckle * cloud.emitted[emitter])
     starts = radar.chirp_times[emitter, :-1]
     is_moving = cloud.rates != 0
-    still = _frame(radar, cloud, signals, emitter, ~is_moving, starts[:1])
+    still = _signal_of_repetitions(radar, cloud, signals, emitter, ~is_moving, starts[:1])
     if not is_moving.any():
         return still
     migration = np.abs(cloud.rates).max() * radar.waveform.bandwidth * np.ptp(starts)
     blocks = min(len(starts), math.ceil(migration / _MOST_CYCLES))
     moving = [
-        _frame(radar, cloud, signals, emitter, is_moving, block)
+        _signal_of_repetitions(radar, cloud, signals, emitter, is_moving, block)
         for block in np.array_split(starts, max(blocks, 1))
     ]
     return still + np.concatenate(moving, axis=1)
 
 
-def _frame(
+def _signal_of_repetitions(
     radar: _Radar,
     cloud: _Cloud,
     signals: Complex,
@@ -468,7 +468,7 @@ def _frame(
     """Return the signal of the ``chosen`` scatterers for successive repetitions, (RC1).
 
     The repetition m and the sample n are counted from the centre of the frame. A non-uniform FFT
-    sums waves with phases linear in m and n, and :func:`_series` expands two small phases:
+    sums waves with phases linear in m and n, and a power series expands two small phases:
 
     - motion through range bins, r n df (m T + n dt), with the rate r of the delay, the frequency
       step df, the repetition time T and the time step dt
@@ -492,7 +492,7 @@ def _frame(
     motion = np.asarray(step * n * (radar.period * m[:, None] + wait * n), np.float64)
     offsets = wave.frequencies - radar.frequency
     result = np.zeros((len(waves), *motion.shape), np.complex128)
-    plan = _plan_of_sums(slopes, shape, len(waves))
+    plan = _nonuniform_fft(slopes, shape, len(waves))
     for terms, factor in _series(cloud.excess[:, chosen], offsets, _SUMS_ERROR):
         tolerance = _SUMS_ERROR / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
         for growths, by_sample in _series(rates, motion, tolerance):
@@ -501,7 +501,7 @@ def _frame(
     return result
 
 
-def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
+def _nonuniform_fft(slopes: list[Floats], shape: list[int], count: int) -> Any:
     """Return a non-uniform FFT from (count, points) to ``(count, *shape)``.
 
     The phase of a wave is ``2 pi (slopes . numbers)``, where numbers start at ``-(size // 2)``.
@@ -526,7 +526,7 @@ def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[
         size *= largest / power
 
 
-def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex:
+def _complex_normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex:
     """Return circular Gaussian random numbers of variance 1."""
     pairs = random.standard_normal((*shape, 2)) * math.sqrt(0.5)
     return np.asarray(pairs.view(np.complex128)[..., 0])

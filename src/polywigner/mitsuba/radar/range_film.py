@@ -100,7 +100,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
                 "ranges require lights at finite distances, got a light at infinity "
                 f"({emitter.class_name()}); remove the light"
             )
-    counterpart = _counterpart(integrator)
+    counterpart = _with_path_lengths(integrator)
     if type(counterpart).__name__ != _PYTHON_CLASSES[1]:
         return counterpart
     # mitransient ignores fog around the sensor, and underestimates lengths in heterogeneous fog.
@@ -118,7 +118,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
     return counterpart
 
 
-def _counterpart(integrator: Any) -> mi.Integrator:
+def _with_path_lengths(integrator: Any) -> mi.Integrator:
     python_name = type(integrator).__name__
     if is_transient(integrator):
         if python_name not in _PYTHON_CLASSES:
@@ -161,16 +161,16 @@ def sorted_by_range(
     total: Any = 0.0
     for index in range(passes):
         samples = spp // passes + (index < spp % passes)
-        rendered = _rendered(scene, sensor, integrator, edges, samples, seed_of(seed, index))
+        rendered = _one_pass(scene, sensor, integrator, edges, samples, seed_of(seed, index))
         total = total + samples / spp * rendered
     return checked_finite(np.asarray(total), "range bins")
 
 
-def _rendered(
+def _one_pass(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
     factor = fineness(sensor, spp)
-    ranged = _ranged(sensor, edges, factor)
+    ranged = _range_sensor(sensor, edges, factor)
     try:
         with rendering_errors(type(integrator).__name__), scene_known(scene):
             samples = accepted_samples(ranged.sampler(), math.ceil(spp / factor**2))
@@ -183,10 +183,10 @@ def _rendered(
     return sums
 
 
-def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
+def _range_sensor(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
     """Return a sensor with the rays of ``sensor`` and a refined film that sorts by range."""
     size, window, offset = film_sizes(sensor, factor)
-    check_sums(window, edges)
+    check_bin_count(window, edges)
     about = mi.Properties("range_film")
     for name, pair in (("", size), ("crop_", window)):
         about[f"{name}width"], about[f"{name}height"] = pair
@@ -199,7 +199,7 @@ def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
     return variant_class(RangeSensor, "Sensor", mi.variant())(sensor, ranged_film, props)
 
 
-def check_sums(size: Sequence[int], edges: Floats) -> None:
+def check_bin_count(size: Sequence[int], edges: Floats) -> None:
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
@@ -295,10 +295,10 @@ class RangeSensor(VariantPlugin):
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
         """Return the distance from the sensor to the start of a ray.
 
-        This is the near-clip distance of a camera, or the lift-off distance of a receiver.
+        This is the near-clip distance of a camera, or the ray_offset-off distance of a receiver.
         """
         if is_receiver(self._sensor):
-            return dr.dot(self._sensor.lift, ray.d)
+            return dr.dot(self._sensor.ray_offset, ray.d)
         if self._sensor.class_name() not in CAMERAS:
             return 0.0
         centre = self._sensor.world_transform().translation()

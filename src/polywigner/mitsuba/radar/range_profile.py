@@ -17,7 +17,7 @@ from polywigner.geometry.arguments import checked_callable, real_array
 from polywigner.mitsuba.plugins.films import seed_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import (
-    check_sums,
+    check_bin_count,
     require_transients,
     sorted_by_range,
     transient_integrator,
@@ -33,7 +33,7 @@ from polywigner.mitsuba.receive.received_power import (
     Progress,
     Received,
     Sampled,
-    chosen,
+    index_of,
     received,
     scattered_here,
 )
@@ -150,7 +150,7 @@ def range_profile(
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
     receivers = receivers_of(scene)
-    numbers = list(range(len(receivers))) if receiver is None else [chosen(receivers, receiver)]
+    numbers = list(range(len(receivers))) if receiver is None else [index_of(receivers, receiver)]
     sample = partial(scattered_here, scene, progress)
     return received_by_range(scene, numbers, options, edges, sample)[1]
 
@@ -188,8 +188,8 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
     pairs = [by_source(scene, of_receiver) for of_receiver in batches]
     by_light = np.array([[*of_sources, others][: len(names)] for of_sources, others in pairs])
     lights = [[part.paths for part in power.contributions] for power in powers]
-    direct = np.array([[_direct_of(paths, edges) for paths in row] for row in lights])
-    values = _bins_of(by_light, direct) | _noise_of(powers)
+    direct = np.array([[_direct_power_by_range(paths, edges) for paths in row] for row in lights])
+    values = _power_variables(by_light, direct) | _noise_variables(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
     receivers = [receiver.name for receiver in placed]
@@ -210,7 +210,7 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
     return described(values | {"mirrors": (labels, ("path",), "", meaning)}, coords, about)
 
 
-def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
+def _direct_power_by_range(paths: Sequence[DirectPath], edges: Floats) -> Floats:
     """Return the direct power by range in W, shape (bins + 2,).
 
     The first and last values belong to ranges below and above all bins. The amplitudes of
@@ -226,7 +226,7 @@ def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
     return np.asarray(result + np.abs(waves) ** 2)
 
 
-def _bins_of(by_light: Floats, direct: Floats) -> Variables:
+def _power_variables(by_light: Floats, direct: Floats) -> Variables:
     """Return the variables that contain power by range.
 
     ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
@@ -256,7 +256,7 @@ def _bins_of(by_light: Floats, direct: Floats) -> Variables:
     }
 
 
-def _noise_of(powers: list[ReceivedPower]) -> Variables:
+def _noise_variables(powers: list[ReceivedPower]) -> Variables:
     bands = [power.bandwidth for power in powers]
     noise = [power.noise_power for power in powers]
     resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
@@ -361,7 +361,7 @@ def range_frames(
     if len(units) > 1:
         raise ArgumentError(f"all sources must have the same scene_unit, got {sorted(units)} m")
     lengths = 2.0 * edges / units.pop()
-    check_sums(camera.film().crop_size(), edges)
+    check_bin_count(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
     checked_callable(progress, "progress")
     sums: Any = 0.0

@@ -22,7 +22,7 @@ from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import check_is_compiled
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, Variables, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.receive.received_power import chosen, matched_ends
+from polywigner.mitsuba.receive.received_power import index_of, matched_ends
 from polywigner.mitsuba.receive.scattered import BATCHES, aimed, standard_error
 from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of
 from polywigner.mitsuba.receive.specular_paths import even_points
@@ -92,7 +92,7 @@ def cloud_of(
 ) -> Cloud:
     """Trace at least ``count`` rays from a receiver, with hidden sources."""
     size = -(-count // BATCHES)
-    batches = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
+    batches = [_events_of_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
     error = standard_error(np.array([batch["power"].sum() for batch in batches]))
     events = np.concatenate(batches).view(np.recarray)
     events.power /= BATCHES
@@ -100,7 +100,7 @@ def cloud_of(
     return Cloud(events, float(error))
 
 
-def _batch(
+def _events_of_batch(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
 ) -> Events:
     """Return the events of a batch, with powers and intensities whose sums are unbiased."""
@@ -112,7 +112,7 @@ def _batch(
     parts = []
     for start in range(0, count, _WAVEFRONT):
         numbers = draws[start : start + _WAVEFRONT]
-        paths, watts, solid_angle = _paths(sensor, numbers)
+        paths, watts, solid_angle = _random_paths(sensor, numbers)
         for events in events_of(scene, paths, rng, numbers[:, 4:], depth - 1, meets_lights, motion):
             irradiance = events.radiance * (solid_angle / count)[events.ray]
             events.power = irradiance * watts[events.ray]
@@ -122,7 +122,7 @@ def _batch(
     return np.concatenate(parts)
 
 
-def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
+def _random_paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
     """Return random paths, weights and solid angles; radiance x weight x solid angle is in W."""
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
@@ -253,7 +253,7 @@ def scatterers(
     options = ReceiveOptions(seed=seed)
     rng = np.random.default_rng(options.seed)
     receivers = receivers_of(scene)
-    number = chosen(receivers, receiver)
+    number = index_of(receivers, receiver)
     sensor = receivers[number][1]
     emitters, (placed,) = matched_ends(scene, [number], options)
     if sensor.spec.has_several:
@@ -268,7 +268,7 @@ def scatterers(
         )
     names = _Names.of(scene, placed.name)
     motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
-    depth = _longest_path(scene.integrator()) if depth is None else depth
+    depth = _depth_of(scene.integrator()) if depth is None else depth
     with hide_emitters(scene), aimed(scene), scene_known(scene):
         cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
     cloud = cloud.thinned(size, rng, isinstance(placed.source, Array))
@@ -285,7 +285,7 @@ def scatterers(
         "seed": options.seed,
         "standard_error": cloud.standard_error,
     }
-    return _described(cloud, names, motion, placed.scene_unit, about)
+    return _dataset_of(cloud, names, motion, placed.scene_unit, about)
 
 
 @dataclass(frozen=True)
@@ -299,7 +299,7 @@ class _Names:
     @classmethod
     def of(cls, scene: Any, receiver: str) -> _Names:
         shapes = {
-            _number("Shape", shape): shape.id() or f"shape {k}"
+            _registry_number("Shape", shape): shape.id() or f"shape {k}"
             for k, shape in enumerate(sorted_shapes(scene))
         }
         lights, sources = {}, iter(placed_emitters(scene))
@@ -309,7 +309,7 @@ class _Names:
                 name = next(sources).name
             elif light.get_shape() is not None:
                 name = light.get_shape().id() or name
-            lights[_number("Emitter", light)] = name
+            lights[_registry_number("Emitter", light)] = name
         return cls(shapes, lights, receiver)
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
@@ -330,7 +330,7 @@ class _Names:
         )
 
 
-def _number(kind: str, thing: Any) -> int:
+def _registry_number(kind: str, thing: Any) -> int:
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
 
 
@@ -352,16 +352,16 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
     return checked
 
 
-def _longest_path(integrator: Any) -> int:
+def _depth_of(integrator: Any) -> int:
     depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
 
-def _described(
+def _dataset_of(
     cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
 ) -> xarray.Dataset:
     events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
-    shapes, lights = _named(names.shapes, events.first_shape), _named(names.lights, events.light)
+    shapes, lights = _ids(names.shapes, events.first_shape), _ids(names.lights, events.light)
     values: Variables = {
         "position": (unit * events.position, in_space, "m", "position on the first surface"),
         "normal": (events.normal, in_space, "1", "normal of the first surface"),
@@ -385,7 +385,7 @@ def _described(
     return described(values, axes, about)
 
 
-def _named(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
+def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
     unique, inverse = np.unique(numbers, return_inverse=True)
     texts = np.array([names.get(int(n), "") for n in unique] or [""], np.str_)
     return np.asarray(texts[inverse.reshape(numbers.shape)])

@@ -210,7 +210,7 @@ class NormalisedSource:
     is_polarised: bool = True
     """Whether the scene or the caller specifies a polarisation."""
 
-    def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
+    def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
         """Return the square root of a part's fraction of the power."""
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
@@ -259,17 +259,17 @@ def paths_between(
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
     ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
     meshes = obstacles_of(scene, emitter, receiver, shortest)
-    leg_to = cache(partial(_leg_to, scene, receiver))
+    leg_to = cache(partial(_path_to_body, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
         if isinstance(route, Echo):
             return _echo_path(ends, route, leg_to)
-        return _path(scene, ends, route, meshes)
+        return _specular_path(scene, ends, route, meshes)
 
     paths, notes = paths_by(routes, link, find)
     if len(paths) > 1 and paths[0].route == () and not ends[0].is_polarised:
         line = CentralPath(np.array([emitter.centre, receiver.centre]), [np.eye(3)])
-        match = abs(_polarised(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
+        match = abs(_pol_factor(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
         if match < _GOOD_MATCH:
             notes.append(
                 f"{link}: only {match:.1%} of the power matches if both ends are polarised along "
@@ -279,7 +279,7 @@ def paths_between(
     return paths, notes
 
 
-def _path(
+def _specular_path(
     scene: Any, ends: Ends, chain: Chain, meshes: list[Mesh] | None
 ) -> tuple[CoherentPath, list[str]] | str:
     result = open_path(scene, ends[0].source, ends[1].source, chain, meshes, coherent=True)
@@ -293,7 +293,7 @@ def _path(
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
         parts_facing = facing_parts(emitted.image(chain), received)
         if parts_facing is not None:
-            factor = leg.transmission if is_scalar else _polarised(p, q, ends, chain, leg)
+            factor = leg.transmission if is_scalar else _pol_factor(p, q, ends, chain, leg)
             links.append((factor, parts_facing))
     edges = (
         None if meshes is None else cache(partial(diffracted_ratio, meshes, facing, taking, chain))
@@ -302,7 +302,7 @@ def _path(
     return path, result.notes
 
 
-def _polarised(
+def _pol_factor(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
     """Return the polarisation factor e_r . E for two Jones vectors."""
@@ -311,7 +311,7 @@ def _polarised(
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
 
 
-def _leg_to(
+def _path_to_body(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
     """Return the path from an emitter or receiver to a body, and its amplitude transmission.
@@ -345,18 +345,18 @@ def _echo_path(
         transmission *= result[1]
     if transmission == 0.0:
         return "the echo is zero: obstacles block it (ray test, without diffraction)"
-    notes = route.body.doubts(ends[1].source.wavelength, [leg.points for leg in legs])
+    notes = route.body.accuracy_notes(ends[1].source.wavelength, [leg.points for leg in legs])
     if transmission < 1:
         notes.append(
             f"{transmission:.1%} of the amplitude of the echo passes the obstacles (ray test, "
             "without diffraction)"
         )
     distance = math.fsum(leg.length for leg in legs)
-    echo = cache(partial(_echo, ends, route.body, chains, legs))
+    echo = cache(partial(_echo_coupling, ends, route.body, chains, legs))
     return CoherentPath(route, distance, transmission, (), ends, echo=echo), notes
 
 
-def _echo(
+def _echo_coupling(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
     sides = []
@@ -364,7 +364,7 @@ def _echo(
         side = []
         for part, jones in end.parts:
             field = leg.arriving(jones, end.source.pose[:3, :3], chain)
-            strength = float(np.linalg.norm(field)) * end.root(part, True, wavelength)
+            strength = float(np.linalg.norm(field)) * end.root_of_fraction(part, True, wavelength)
             side.append((body.antenna(part.image(chain), wavelength), field, strength))
         sides.append(side)
     total = 0j
@@ -386,7 +386,7 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
     for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * ECHO_ERROR))):
         indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
         if indices:
-            find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
+            find = partial(_envelopes, [paths[k] for k in indices], delays[indices], allowed)
             envelopes[:, indices] = _in_band(find, frequencies, allowed)
     return np.asarray(envelopes * np.exp(2j * math.pi * frequencies[:, None] * delays))
 
@@ -425,7 +425,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
-def _without_delays(
+def _envelopes(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
     """Return the amplitudes of paths at one frequency, without the phases due to delays."""
@@ -436,7 +436,7 @@ def _without_delays(
     for k, path in enumerate(paths):
         for factor, parts in path.links:
             roots = (
-                end.root(part, parts.fraction == 1, wavelength)
+                end.root_of_fraction(part, parts.fraction == 1, wavelength)
                 for end, part in zip(path.ends, (parts.emitter, parts.receiver), strict=True)
             )
             values[k] += factor * next(couplings) * math.prod(roots)

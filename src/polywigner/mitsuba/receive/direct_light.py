@@ -38,7 +38,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     open_path,
     points_by,
     points_on,
-    traced,
+    trace_rays,
 )
 from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by, reflected_points
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
@@ -121,8 +121,8 @@ def direct_light(
         transmission = float(matrix[0, 0])
         if transmission == 0.0:
             return BLOCKED
-        terms = _terms(image, receiver, tolerance)
-        coupling, matched = _received(terms, receiver, matrix)
+        terms = _coupling_terms(image, receiver, tolerance)
+        coupling, matched = _coupling_and_match(terms, receiver, matrix)
         path = DirectPath(
             names_of(chain),
             emitter.power * coupling * transmission * matched,
@@ -140,7 +140,7 @@ def direct_light(
     return DirectLight(tuple(paths), tuple(notes))
 
 
-def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
+def _coupling_terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
@@ -149,7 +149,7 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
     return terms
 
 
-def _received(
+def _coupling_and_match(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
     """Return the total coupling, and the fraction of the power in the receiver's polarisation."""
@@ -200,7 +200,7 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
     return lights
 
 
-def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
+def delta_light(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
     """Return the direct light of all delta lights."""
     paths, notes = delta_paths(scene, receiver, chains), []
     if paths and receiver.diffraction:
@@ -237,10 +237,10 @@ def _delta_path(
     strength = float(emission.mean())
     if strength == 0.0:
         return None
-    transmitted, _ = traced(scene, points, receiver, None, chain)
+    transmitted, _ = trace_rays(scene, points, receiver, None, chain)
     matrix = np.einsum("n,nij->ij", emission, transmitted) / (strength * len(end))
-    terms = _areas(receiver, image, light.is_infinite)
-    coupling, matched = _received(terms, receiver, matrix)
+    terms = _effective_areas(receiver, image, light.is_infinite)
+    coupling, matched = _coupling_and_match(terms, receiver, matrix)
     transmission = float(matrix[0, 0])
     total = strength if light.is_infinite else 4 * math.pi * strength
     return DirectPath(
@@ -264,23 +264,23 @@ def _starts(
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
-    sample, _ = _sampled(light, centre)
+    sample, _ = _sampled_light(light, centre)
     if not light.is_infinite:
-        point = _row(sample.p) * unit
+        point = _first(sample.p) * unit
         return np.broadcast_to(point, end.shape), reflected_points(point, chain)
     # Rays of directional lights start outside the scene and its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
-    direction = reflected_points(_row(sample.d), chain) - reflected_points(np.zeros(3), chain)
+    direction = reflected_points(_first(sample.d), chain) - reflected_points(np.zeros(3), chain)
     image = end + size * (2 * len(chain) + 1) * direction
     return reflected_points(image, chain[::-1]), receiver.centre + direction
 
 
-def _row(point: Drjit) -> Floats:
+def _first(point: Drjit) -> Floats:
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
-def _sampled(
+def _sampled_light(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
     it = dr.zeros(mi.SurfaceInteraction3f)
@@ -294,8 +294,8 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
     """Return the radiant intensity in W/sr, or the irradiance in W/m^2 of a directional light."""
     total: Any = 0.0
     white = 0.0
-    for wavelengths in _colours():
-        samples = [_sampled(light, point, wavelengths) for (point,) in point_batches(points)]
+    for wavelengths in _wavelength_samples():
+        samples = [_sampled_light(light, point, wavelengths) for (point,) in point_batches(points)]
         values = [mi.luminance(mi.unpolarized_spectrum(v), wavelengths) for _, v in samples]
         total = total + joined(values)
         white += float(joined([mi.luminance(dr.ones(mi.UnpolarizedSpectrum), wavelengths)])[0])
@@ -308,7 +308,7 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
 _SAMPLES = 24
 
 
-def _colours() -> list[Drjit]:
+def _wavelength_samples() -> list[Drjit]:
     """Return samples of wavelengths in nm, or one empty sample if the variant has none."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
@@ -319,7 +319,7 @@ def _colours() -> list[Drjit]:
     return [kind(*row) for row in grid.reshape(_SAMPLES, count).tolist()]
 
 
-def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
+def _effective_areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
     """Return the effective areas of a receiver in m^2, which replace couplings."""
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)

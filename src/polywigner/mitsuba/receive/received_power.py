@@ -17,7 +17,7 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import checked_callable
 from polywigner.mitsuba.plugins.diffraction import scene_known
-from polywigner.mitsuba.plugins.films import mean_of_colours, seed_of, silent
+from polywigner.mitsuba.plugins.films import log_only_to, mean_of_colours, seed_of
 from polywigner.mitsuba.plugins.placement import (
     PlacedSource,
     check_match,
@@ -30,7 +30,7 @@ from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
 from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
-from polywigner.mitsuba.receive.direct_light import DirectLight, direct_light, light_of_points
+from polywigner.mitsuba.receive.direct_light import DirectLight, delta_light, direct_light
 from polywigner.mitsuba.receive.power_results import (
     OTHER_LIGHTS,
     Contribution,
@@ -158,7 +158,7 @@ def received_power(
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
-    number = chosen(receivers_of(scene), receiver)
+    number = index_of(receivers_of(scene), receiver)
     return received(scene, [number], options, partial(scattered_here, scene, progress)).powers[0]
 
 
@@ -187,7 +187,7 @@ def received_powers(
     return received(scene, numbers, options, partial(scattered_here, scene, progress)).powers
 
 
-def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
+def index_of(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
     """Return the index of a receiver from its id or index; None selects the only receiver."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
@@ -228,9 +228,9 @@ def received(
         emitters, receivers = matched_ends(scene, numbers, options)
         sensors = [receivers_of(scene)[number][0] for number in numbers]
         ends = list(zip(sensors, receivers, strict=True))
-        plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
+        plans = [_scattering_settings(scene, k, options, end.scene_unit, edges) for k, end in ends]
         # Errors in direct light are raised before slow renders start.
-        direct = [_direct(scene, *end, emitters, options) for end in ends]
+        direct = [_direct_lights(scene, *end, emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
         rows = zip(receivers, direct, plans, batches.sum(axis=-1), strict=True)
@@ -256,7 +256,7 @@ def matched_ends(
     return emitters, receivers
 
 
-def _scattering(
+def _scattering_settings(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
     exposure = exposed(scene, options.integrator, options.spp, 0, sensor, warn=False)
@@ -281,7 +281,7 @@ def scattered_here(
         return np.array([[p.batch(scene, k, report) for k in range(BATCHES)] for p in plans])
 
 
-def _direct(
+def _direct_lights(
     scene: Any,
     sensor: int,
     receiver: PlacedSource,
@@ -293,17 +293,17 @@ def _direct(
         scene, receiver.scene_unit, options.reflections, options.bodies
     )
     links = [
-        _interfering(scene, emitter, receiver, [*chains, *echoes], options)
+        _interfering_light(scene, emitter, receiver, [*chains, *echoes], options)
         if options.coherent
         else direct_light(scene, emitter, receiver, chains, options.tolerance)
         for emitter in emitters
     ]
     method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
-    others = DirectLight() if method.hide_emitters else light_of_points(scene, receiver, chains)
+    others = DirectLight() if method.hide_emitters else delta_light(scene, receiver, chains)
     return [*links, replace(others, notes=(*others.notes, *notes))]
 
 
-def _interfering(
+def _interfering_light(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
@@ -383,7 +383,7 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     sensor = receiver_class(mi.variant())(original.spec, props)
     sensor.scene = scene
     try:
-        with scene_known(scene), hide_emitters(scene), silent():
+        with scene_known(scene), hide_emitters(scene), log_only_to():
             integrator = scene.integrator()
             if integrator is None or is_transient(integrator):
                 integrator = mi.load_dict({"type": default_integrator(scene)})

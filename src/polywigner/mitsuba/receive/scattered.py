@@ -30,7 +30,7 @@ from polywigner.geometry.parts import connected
 from polywigner.mitsuba.plugins.films import changed, check_spp, mean_of_colours, seed_of
 from polywigner.mitsuba.radar.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.scenes.rendering import check_is_whole, exposed, illuminated_by
+from polywigner.mitsuba.scenes.rendering import check_is_complete, exposed, illuminated_by
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
     faces_of,
@@ -71,7 +71,7 @@ def aimed(scene: Any) -> AbstractContextManager[None]:
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
     changes = []
     for sensor in filter(is_receiver, scene.sensors()):
-        rows = _targets(sensor, boxes)
+        rows = _boxes_of_angles(sensor, boxes)
         if len(rows):
             aimed_directions = AimedDirections(mi, sensor.directions, rows)
             changes.append((sensor, "directions", aimed_directions))
@@ -95,7 +95,7 @@ def _boxes(shape: Any) -> list[Floats]:
     return [np.array([part.min(axis=0), part.max(axis=0)]) for part in corners]
 
 
-def _vectors(sensor: Any, boxes: Floats) -> Floats:
+def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:
     """Return vectors (boxes, points, 3) from a receiver to boxes, in its frame."""
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
@@ -108,9 +108,9 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
     return np.asarray(vectors[(vectors[..., 2] > 0.0).all(axis=1)])
 
 
-def _targets(sensor: Any, boxes: Floats) -> Floats:
+def _boxes_of_angles(sensor: Any, boxes: Floats) -> Floats:
     """Return rows (n, 5): lower and upper (alpha, psi), and fraction of the aimed samples."""
-    vectors = _vectors(sensor, boxes)
+    vectors = _vectors_to_boxes(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
     distance, (x, y, z) = np.linalg.norm(vectors, axis=-1), np.moveaxis(vectors, -1, 0)
@@ -166,21 +166,21 @@ class AimedDirections:
         unaimed = dr.select(aims, 0.5, (sample.x - _AIMED) * (1 / (1 - _AIMED)))
         others, density = self._others.sample(m.Point2f(unaimed, sample.y))
         u = dr.select(aims, sample.x * (1 / _AIMED), 0.0)
-        number = self._ops.truncated(self._sum(lambda box: dr.select(u >= box[6], 1.0, 0.0)))
+        number = self._ops.truncated(self._box_sum(lambda box: dr.select(u >= box[6], 1.0, 0.0)))
         box = self._ops.gather(self._table, number)
         alpha = _between(box[0], box[2], (u - box[4]) * box[5])
         psi = _between(box[1], box[3], sample.y)
         angles = m.Point2f(dr.select(aims, alpha, others.x), dr.select(aims, psi, others.y))
         density = dr.select(aims, self._others.density(angles), density)
-        return angles, self._mixed(angles, density)
+        return angles, self._mixture_density(angles, density)
 
     def density(self, angles: Any) -> Drjit:
-        return self._mixed(angles, self._others.density(angles))
+        return self._mixture_density(angles, self._others.density(angles))
 
-    def _mixed(self, angles: Any, others: Any) -> Drjit:
-        return _AIMED * self._sum(partial(_density_in, angles)) + (1 - _AIMED) * others
+    def _mixture_density(self, angles: Any, others: Any) -> Drjit:
+        return _AIMED * self._box_sum(partial(_density_in, angles)) + (1 - _AIMED) * others
 
-    def _sum(self, term: Callable[[Any], Any]) -> Drjit:
+    def _box_sum(self, term: Callable[[Any], Any]) -> Drjit:
         def add(number: Any, total: Drjit) -> tuple[Drjit]:
             return (total + term(self._ops.gather(self._table, number)),)
 
@@ -245,7 +245,7 @@ class Scattering:
             with illuminated_by(wigner_emitters(scene), light):
                 if self.edges is None:
                     image = exposure.full_image(lambda: None)
-                    check_is_whole(exposure.integrator)
+                    check_is_complete(exposure.integrator)
                     power = mean_of_colours(image).sum()
                 else:
                     ranged = sorted_by_range(scene, camera, integrator, edges, samples, seed)

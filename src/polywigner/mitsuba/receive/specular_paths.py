@@ -98,7 +98,7 @@ def passing_rays(
     if not len(points[0]):  # Empty arrays crash Dr.Jit.
         size = 4 if mi.is_polarized else 1
         return PassingRays(points, np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
-    return PassingRays(points, *traced(scene, points, receiver, emitter, chain, coherent))
+    return PassingRays(points, *trace_rays(scene, points, receiver, emitter, chain, coherent))
 
 
 def _rays_between(
@@ -197,7 +197,7 @@ def diffracted_ratio(
     except ArgumentError as error:
         raise SceneError(f"cannot compute the link with diffraction: {error}") from None
     emitting, receiving = ends
-    positions, weights = _receiving(receiving, pose[:3, :3], pose[:3, 3] / wavelength)
+    positions, weights = _receiving_points(receiving, pose[:3, :3], pose[:3, 3] / wavelength)
     silhouettes = [
         before_plane(part) for part in bodies.silhouettes([p.position for p in emitting])
     ]
@@ -206,7 +206,7 @@ def diffracted_ratio(
     return complex((weights @ with_edges) / (weights @ free))
 
 
-def _receiving(
+def _receiving_points(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
     """Return positions and complex weights; the receiver receives the weighted sum of the field.
@@ -245,7 +245,7 @@ def unobstructed_rays(
     for k, mirror in enumerate(reversed(chain if len(transmission) else ()), 1):
         before, point, after = rays[k - 1 : k + 2]
         near = [point + _GAP * (before - point), point, point + _GAP * (after - point)]
-        transmission = transmission * traced(scene, near, plain, None, [mirror], coherent)[0]
+        transmission = transmission * trace_rays(scene, near, plain, None, [mirror], coherent)[0]
     return PassingRays(rays, transmission, [np.eye(3)] * (len(chain) + 1))
 
 
@@ -266,14 +266,14 @@ def _unfolded(
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
-                parts = [_in_front(*mesh, *plane) for mesh in parts]
+                parts = [_clipped_mesh(*mesh, *plane) for mesh in parts]
         for mirror in chain[leg:]:
             parts = [(mirror.image_of(p), f[:, ::-1]) for p, f in parts]
         unfolded += [(p, f) for p, f in parts if len(f)]
     return unfolded
 
 
-def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh:
+def _clipped_mesh(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh:
     height = points @ normal - offset
     height = np.where(np.abs(height) <= _IN_PLANE * np.abs(points).max(initial=1.0), 0.0, height)
     corners, number = list(points), {}
@@ -322,7 +322,7 @@ def points_on(source: PlacedSource, dimensions: slice = slice(2, 4)) -> Floats:
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
 
 
-def traced(
+def trace_rays(
     scene: Any,
     points: list[Floats],
     receiver: PlacedSource,
@@ -354,7 +354,7 @@ def traced(
         result = tracer.trace(receiver.medium, planes, list(rays))
         power = result.fraction
         if polarised:
-            power = _between_axes(result, receiver, emitter, not chain)
+            power = _in_ludwig_axes(result, receiver, emitter, not chain)
         colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
         powers.append(np.array(power, np.float64).reshape(size, size, colours, -1)[:, :, 0])
         panes.append(_pane_matrices(result, len(chain) + 1))
@@ -387,7 +387,7 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
     return Plane(mirror.shape, normal, mirror.offset / unit, rounding, surfaces)
 
 
-def _between_axes(
+def _in_ludwig_axes(
     result: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Drjit:
     """Convert the Mueller matrices of rays from Mitsuba's axes to Ludwig's axes at both ends.
@@ -405,7 +405,7 @@ def _between_axes(
             rotations.append(mi.Spectrum(1.0))
             continue
         frame = Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
-        c, s = axis_rotation(mi, frame.to_own(direction), frame, sign * direction)
+        c, s = axis_rotation(mi, frame.to_local(direction), frame, sign * direction)
         entries = {(0, 0): 1, (1, 1): c, (1, 2): s, (2, 1): -sign * s, (2, 2): sign * c, (3, 3): 1}
         rotations.append(mueller_matrix(mi, entries))
     return rotations[0] * result.fraction * rotations[1]

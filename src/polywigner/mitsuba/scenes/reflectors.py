@@ -89,11 +89,11 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
     notes = []
     if curved:
         notes.append(
-            f"not included: reflections from {_listed(curved)} (curved, or with more than "
+            f"not included: reflections from {_quoted(curved)} (curved, or with more than "
             f"{MOST_FACES} planes)"
         )
     if refracting:
-        notes.append(f"not included: refraction through {_listed(refracting)}")
+        notes.append(f"not included: refraction through {_quoted(refracting)}")
     if mirrors:
         limit = f"paths with more than {reflections} reflection{'' if reflections == 1 else 's'}"
         notes.append(
@@ -103,7 +103,7 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
     return mirrors, notes
 
 
-def _listed(names: list[str]) -> str:
+def _quoted(names: list[str]) -> str:
     return ", ".join(map(repr, names))
 
 
@@ -127,26 +127,26 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
     """Return the planes of a shape, or an empty list if it is curved."""
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
-    points, normals = _faces(shape) if has_faces else _centre(shape)
+    points, normals = _corners_and_normals(shape) if has_faces else _centre_and_normal(shape)
     size = max(float(np.abs(points).max(initial=0.0)), 1e-30)
     planes: list[tuple[Floats, float]] = []
     for face_normal, point in zip(normals, points, strict=True):
         normal = np.where(np.abs(face_normal) < _AXIS, 0.0, face_normal)
         normal, offset = normal / np.linalg.norm(normal), float(point @ normal)
-        if not any(_is_same(plane, normal, offset, size) for plane in planes):
+        if not any(_is_same_plane(plane, normal, offset, size) for plane in planes):
             planes.append((normal, offset))
         if len(planes) > MOST_FACES:
             return []
     return planes
 
 
-def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
+def _is_same_plane(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
 
 
-def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
+def _corners_and_normals(shape: mi.Mesh) -> tuple[Floats, Floats]:
     """Return a corner and the unit normal of each triangle."""
     a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
     normals = np.cross(b - a, c - a)
@@ -155,7 +155,7 @@ def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
     return a[has_area], normals[has_area] / lengths[has_area, None]
 
 
-def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
+def _centre_and_normal(shape: mi.Shape) -> tuple[Floats, Floats]:
     """Return the centre and normal of a rectangle or disk, or empty arrays."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
@@ -197,7 +197,7 @@ class Surface:
         faces = self._of_one_face(cosine)
         if not self.is_thin:
             return faces
-        powers = [_of_sheet(np.square(np.abs(r))) for r in faces]
+        powers = [_sheet_reflectance(np.square(np.abs(r))) for r in faces]
         across, along = (np.sign(r.real) * np.sqrt(p) for r, p in zip(faces, powers, strict=True))
         return across, along
 
@@ -205,7 +205,7 @@ class Surface:
         """Return the reflectance of Mitsuba's BSDF, which assumes unpolarised light."""
         faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
         mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
-        return _of_sheet(mean) if self.is_thin else mean
+        return _sheet_reflectance(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the Fresnel coefficients of one interface for s and p polarisation."""
@@ -219,7 +219,7 @@ class Surface:
         )
 
 
-def _of_sheet(power: Any) -> Floats:
+def _sheet_reflectance(power: Any) -> Floats:
     return 2 * power / (1 + power)
 
 
@@ -237,15 +237,15 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     bsdf = smooth[0 if is_before else -1]
     params = mi.traverse(bsdf)
     if bsdf.class_name() == _CONDUCTOR:
-        index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
+        index = complex(*(_mean_number(t.mean()) for t in list(params.hierarchy)[1:3]))
         # Mitsuba's perfect conductor has the index 1i.
         return Surface(None if index == 1j else index)
-    ratio = _single(params["eta"])
+    ratio = _mean_number(params["eta"])
     is_inside = not (is_before or _TWO_SIDED in kinds or bsdf.class_name() == THIN)
     return Surface(complex(1 / ratio if is_inside else ratio), bsdf.class_name() == THIN)
 
 
-def _single(value: Any) -> float:
+def _mean_number(value: Any) -> float:
     return float(np.ravel(np.array(value, np.float64)).mean())
 
 
@@ -299,7 +299,7 @@ class Body:
         corners = self.facets.corners + self.facets.centre
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
-    def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
+    def accuracy_notes(self, wavelength: float, paths: list[Floats]) -> list[str]:
         """Return notes on the accuracy of the echo for ``paths`` from both ends to the body."""
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength

@@ -53,7 +53,7 @@ class Exposure:
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():
-                image = image + samples / cut.samples * self._rendered(samples, seed)
+                image = image + samples / cut.samples * self._one_pass(samples, seed)
             done()
         return films.checked_finite(np.asarray(image), "values of the image")
 
@@ -65,9 +65,9 @@ class Exposure:
     def channels(self) -> int:
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
-            return int(self._rendered(1, 0).shape[-1])
+            return int(self._one_pass(1, 0).shape[-1])
 
-    def _rendered(self, spp: int, seed: int) -> Floats:
+    def _one_pass(self, spp: int, seed: int) -> Floats:
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
         # Dr.Jit cannot record loops over a single sample that contain literals, such as zeros of
@@ -85,7 +85,7 @@ class Exposure:
 _DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
 
 
-def check_is_whole(integrator: mi.Integrator) -> None:
+def check_is_complete(integrator: mi.Integrator) -> None:
     """Raise StoreError if a render has been interrupted."""
     if integrator.should_stop():
         raise StoreError(
@@ -96,7 +96,7 @@ def check_is_whole(integrator: mi.Integrator) -> None:
 
 def _quietly() -> AbstractContextManager[None]:
     """Suppress the log of scalar variants, which reports each negative sample."""
-    return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
+    return nullcontext() if dr.is_jit_v(mi.Float) else films.log_only_to()
 
 
 # Class names of integrators whose shadow rays pass through null surfaces.
@@ -344,10 +344,10 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     # Visible sources check the position of their mesh, so they are hidden first.
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
-            _move(scene, shapes, shrunk)
+            _move_vertices(scene, shapes, shrunk)
             yield
         finally:
-            _move(scene, shapes, corners)
+            _move_vertices(scene, shapes, corners)
 
 
 def polarised_by_default(
@@ -370,7 +370,7 @@ def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManage
     return films.changed([(source, "power", source.adjustable(0.0)) for source in others])
 
 
-def _move(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
+def _move_vertices(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
     scene.parameters_changed([])  # Updates the surfaces that rays hit.

@@ -30,7 +30,7 @@ from polywigner.mitsuba.receive.power_results import ReceivedPower, ReceiveOptio
 from polywigner.mitsuba.receive.received_power import received, scattered_here
 from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
 from polywigner.mitsuba.scenes.rendering import (
-    check_is_whole,
+    check_is_complete,
     exposed,
     hide_emitters,
     with_delta_lights,
@@ -204,7 +204,7 @@ def strip(
     # The first process has already issued the warnings.
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
-    check_is_whole(exposure.integrator)
+    check_is_complete(exposure.integrator)
     return image
 
 

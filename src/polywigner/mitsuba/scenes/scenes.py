@@ -420,7 +420,7 @@ class _CheckedFiles:
         content = bytes_of(file, LARGEST_SCENE)
         self.paths.add(file.resolve())
         for element in _root_of(text_of(content)).iter():
-            attributes = {name: self._filled(text) for name, text in element.items()}
+            attributes = {name: self._with_parameters(text) for name, text in element.items()}
             name = attributes.get("filename")
             if element.tag == "path":
                 raise FileFormatError(
@@ -435,7 +435,7 @@ class _CheckedFiles:
                 if element.tag == "include" and path is not None:
                     self.add_xml(path, level + 1)
 
-    def _filled(self, text: str) -> str:
+    def _with_parameters(self, text: str) -> str:
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text after substitution of $parameters")

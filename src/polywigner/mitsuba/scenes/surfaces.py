@@ -128,7 +128,7 @@ PLACE_ERROR = 5e-7
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
-def reach_at(scene: mi.Scene, corners: Floats) -> float:
+def extent_near(scene: mi.Scene, corners: Floats) -> float:
     """Return the largest coordinate of a source and of adjacent flat surfaces, in scene units.
 
     ``corners`` (n, 3) are the corners of the source.
@@ -144,11 +144,11 @@ def reach_at(scene: mi.Scene, corners: Floats) -> float:
         if shape.class_name() in _FLAT:
             result = max(result, float(size))
         elif shape.is_mesh():
-            result = max(result, _reach_of_triangles(shape, low - slack, high + slack))
+            result = max(result, _largest_coordinate_in_box(shape, low - slack, high + slack))
     return result
 
 
-def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
+def _largest_coordinate_in_box(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
     corners = vertices_of(mesh)[faces_of(mesh)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
@@ -163,18 +163,18 @@ def bounds_of(shape: mi.Shape) -> Floats:
     return np.array([box.min, box.max], np.float64) if box.valid() else np.zeros((2, 3))
 
 
-def largest(point: Drjit) -> Drjit:
+def largest_coordinate(point: Drjit) -> Drjit:
     return dr.max(dr.abs(point))
 
 
 def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) -> Drjit:
     """Return a point for ``spawn_ray_to`` such that the shortened shadow ray ends at ``end``.
 
-    ``reach`` is the largest coordinate of the source, as in :func:`reach_at`, and ``normal`` its
-    unit normal.
+    ``reach`` is the largest coordinate of the source and of adjacent surfaces, and ``normal`` the
+    unit normal of the source.
     """
     p = dr.detach(it.p)
-    short = end + normal * (ROUNDING * (largest(p) + reach))
+    short = end + normal * (ROUNDING * (largest_coordinate(p) + reach))
     # Without a normal, Mitsuba does not offset the start of the ray.
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
@@ -189,7 +189,7 @@ def number_of(kind: str, thing: Any) -> Drjit:
     return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
 
 
-class Reaches:
+class ShapeExtents:
     """Largest coordinates of the shapes of a scene, which limit the precision of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
@@ -205,7 +205,7 @@ class Reaches:
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
         """Return the largest coordinate of an intersection point and of its shape."""
-        result = largest(si.p)
+        result = largest_coordinate(si.p)
         if not dr.is_jit_v(mi.Float):
             key = id(si.shape)
             if key not in self._sizes:
@@ -218,7 +218,7 @@ class Reaches:
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
-    def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
+    def ray_from(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
