@@ -165,6 +165,7 @@ class Shadows:
         return real * real + imag * imag
 
     def _load(self, nodes: SourceNodes, tables: EdgeTables) -> None:
+        """Copy the tables to the device, and set the numbers of nodes, groups and points."""
         m, ops = self._m, self._ops
         every = *node_tables(nodes), *tables
         names = (*NodeTables._fields, *EdgeTables._fields)
@@ -179,6 +180,7 @@ class Shadows:
         self._has_edges = len(tables.edges) > 0  # A body around the source has no silhouette.
 
     def _field(self, at: Point) -> Field:
+        """Return the field with obstacles at a point in wavelengths, if |u|^2 = 1 at the source."""
         m, ops = self._m, self._ops
         wave_of = self._waves_of_nodes(at)
 
@@ -294,6 +296,11 @@ class Shadows:
         at: Point,
         start: Field,
     ) -> Field:
+        """Return ``start`` plus the changes of the field that an edge causes, for a span of nodes.
+
+        ``change_of(node, edge, at)`` returns the change of the wave of one node at a point.
+        """
+
         def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
             change = change_of(number, edge, at)
             return real + change.real, imag + change.imag
@@ -375,6 +382,7 @@ class Shadows:
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
+        """Return ``compute(*state)`` where a condition is true, and ``state`` elsewhere."""
         return dr.if_stmt(state, condition, compute, lambda *state: state, mode="symbolic")
 
     def _transmission(self, group: Drjit, at: Point) -> Pair:
@@ -423,6 +431,7 @@ class Shadows:
         return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
+        """Return whether obstacles block the line of sight ``ahead`` from a radiating point."""
         m = self._m
         path = m.Vector3f(*ahead)
         part = self._start / path.z
@@ -433,12 +442,15 @@ class Shadows:
         return self._obstacles.ray_test(ray)
 
     def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
+        """Return ``compute(*arguments)`` where a condition is true, and zeros elsewhere."""
         zeros = (self._m.Float(0.0),) * 2
         return dr.if_stmt(arguments, condition, compute, lambda *_: zeros, mode="symbolic")
 
     def _when_jets(
         self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
     ) -> tuple[Jet, Jet]:
+        """Do the same as `_when` for arguments and results with derivatives."""
+
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
@@ -472,6 +484,7 @@ def _nodes_and_silhouettes(
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
+    """Return a scene for ray tests that contains all bodies as one mesh."""
     counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     vertices = np.concatenate([body.vertices for body in bodies])
     faces = np.concatenate([body.triangles + n for body, n in zip(bodies, counts, strict=False)])

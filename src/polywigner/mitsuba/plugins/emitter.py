@@ -88,6 +88,7 @@ class WignerEmitter(VariantPlugin):
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
+        """Set the source of the emitter, and the objects that compute its light."""
         self.spec = spec
         self._radiance = WignerRadiance(self.m, spec, wavelength)
         self.estimator = ESTIMATORS[spec.estimator](self.m, spec, wavelength, self._radiance)
@@ -135,6 +136,7 @@ class WignerEmitter(VariantPlugin):
             check_mesh_position(shape, np.array(matrix_of(self.to_world)), self.spec)
 
     def _check_numbers(self) -> None:
+        """Raise SceneError for an invalid wavelength or power; renew the norm of the source."""
         wavelength = single(self.wavelength, "wavelength")
         power = single(self.power, "power")
         if not wavelength > 0:
@@ -144,6 +146,7 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
+        """Renew the frame and the norm of the source after a change of parameters."""
         # Each new literal value would recompile the render kernel.
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
@@ -153,7 +156,11 @@ class WignerEmitter(VariantPlugin):
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
     def stand_at(self, reach: float) -> None:
-        """Set the largest coordinate of the source and of adjacent surfaces."""
+        """Set the largest coordinate of the source and of adjacent surfaces, in scene units.
+
+        The distance between the ends of shadow rays and surfaces is proportional to this
+        coordinate.
+        """
         self._reach = opaque(self.m, reach)
 
     def has_gradients(self) -> bool:
@@ -161,6 +168,7 @@ class WignerEmitter(VariantPlugin):
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
+        """Return the power of the unscaled field in W, with derivatives for Dr.Jit."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -184,6 +192,7 @@ class WignerEmitter(VariantPlugin):
         return self._radiance.waves.wave(1.0 / self._kernel_value(self.wavelength), x, end)
 
     def _kernel_value(self, number: Drjit) -> Drjit:
+        """Return an adjustable parameter as a number of the variant."""
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
@@ -197,9 +206,11 @@ class WignerEmitter(VariantPlugin):
         return self._kernel_value(self.power) / self._norm
 
     def _is_differentiable(self) -> bool:
+        """Return whether the radiance is computed with derivatives in vertices or weights."""
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
+        """Return the spectrum that the source's surface emits towards the ray, for Mitsuba."""
         if not self.spec.visible:
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
@@ -210,6 +221,11 @@ class WignerEmitter(VariantPlugin):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: Drjit = True
     ) -> tuple[mi.DirectionSample3f, Drjit]:
+        """Sample a position on the source as seen from a point, for Mitsuba.
+
+        Return the position with its density per solid angle, and the spectrum divided by this
+        density.
+        """
         x = self.estimator.draw(sample)
         direction, distance = self.direction_to(it, x)
         ds = self.m.DirectionSample3f()
@@ -234,11 +250,13 @@ class WignerEmitter(VariantPlugin):
     def pdf_direction(
         self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Drjit = True
     ) -> Drjit:
+        """Return the density per solid angle of a sampled direction, for Mitsuba."""
         return self._density(-dr.dot(ds.d, self.frame.axes[2]), ds.dist)
 
     def eval_direction(
         self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Drjit = True
     ) -> Drjit:
+        """Return the spectrum that arrives from a sampled position, for Mitsuba."""
         direction, distance = self.direction_to(it, ds.uv)
         value = self.estimator.irradiance(self, it, ds.uv) * self._density(direction.z, distance)
         return self.polariser.sent(value, direction, self.frame, active)
@@ -270,14 +288,14 @@ def move_mesh(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
 
 
 def cover_outline(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Set the triangles of a mesh so that they cover the radiating region."""
+    """Set the triangles of a mesh so that they cover the radiating region at a pose."""
     points, triangles = triangulate(spec.outline)
     set_mesh(shape, vertex_texcoords=points, faces=triangles)
     move_mesh(shape, pose, spec)
 
 
 def check_mesh_position(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Raise SceneError if a user has moved the mesh of a source without its emitter."""
+    """Raise SceneError if a user has moved the mesh of a source but not its emitter."""
     expected = _vertices_at(shape, pose, spec)
     error = np.abs(vertices_of(shape) - expected).max()
     if not error <= PLACE_ERROR * np.abs(expected).max():
@@ -307,6 +325,7 @@ def checked_parameters(
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Mesh:
+    """Create the mesh of a ``wigner`` shape with its emitter, from the properties of the shape."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
     points, triangles = triangulate(spec.outline)

@@ -61,8 +61,9 @@ def equivalent_point_field(
 ) -> tuple[Floats, Callable[..., tuple[Drjit, Drjit]]] | None:
     """Return the half-widths of a source in wavelengths, and the field of its equivalent points.
 
-    The field is a function of the operations, the half-widths and a point. It omits the phase due
-    to the distance from the centre. The result is None if a sum over panels is faster.
+    The field is a function ``field(ops, half, x, y, z)`` of the operations, the half-widths and a
+    position in wavelengths. It returns the real and imaginary parts, without the phase due to the
+    distance from the centre. The result is None if a sum over panels is faster.
     """
 
     def pays(counts: Sequence[int]) -> bool:
@@ -248,6 +249,7 @@ class ExactField:
         return value if self._jit else float(value[0])
 
     def _field(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
+        """Return the real and imaginary parts of the field at a point in wavelengths."""
         if self._points is None:
             return self._panel_field(x, y, z)
         half_x, half_y = self._half
@@ -258,6 +260,7 @@ class ExactField:
         return (points if away[0] else self._panel_field)(x, y, z)
 
     def _panel_field(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
+        """Return the field at a point in wavelengths by boundary integrals over panels."""
         # Each coordinate and the distance are sums of two floats.
         if self._jit:
             m = self._m
@@ -301,7 +304,7 @@ def plane_waves_of(source: SceneSource) -> SceneSource:
 
 
 def _times_curved_wave(element: SourceElement, wave: Wavefront) -> SourceElement:
-    """Multiply an element by a curved wave, the product of one wave along each principal axis."""
+    """Multiply the field of an element by a curved wave, written as a sum of plane waves."""
     curvatures, axes = principal_axes(wave.curvature)
     corners = (np.concatenate(element.rings) - wave.centre) @ axes
     amplitudes, frequencies = element.amplitudes, element.frequencies
@@ -314,7 +317,10 @@ def _times_curved_wave(element: SourceElement, wave: Wavefront) -> SourceElement
 
 
 def _waves_of_chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
-    """Approximate exp(i pi q y^2) on an interval by a sum of plane waves."""
+    """Approximate exp(i pi q y^2) for y from ``low`` to ``high`` by a sum of plane waves.
+
+    Return the amplitudes and the frequencies of the waves exp(2 pi i frequency y).
+    """
     centre, size = (low + high) / 2, high - low
     cycles = abs(q) * size * size
     waves: tuple[Complex, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
@@ -341,7 +347,10 @@ def _waves_of_chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]
 
 
 def _fitted_waves(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
-    """Fit plane waves to values at positions y; return None if the fit is inaccurate."""
+    """Fit amplitudes of plane waves to values at positions y, by least squares.
+
+    Return amplitudes and frequencies, or None if the fit is inaccurate.
+    """
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_CUTOFF)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR

@@ -38,7 +38,7 @@ SceneSource = Aperture | Array | Wavefront
 
 
 def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
-    """Return whether the radiance terms that `emissions` returns depend on the wavelength."""
+    """Return whether the terms of `emissions` depend on the wavelength."""
     waves = normal_form(flat_source(source)).frequencies
     return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
 
@@ -46,7 +46,7 @@ def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
 def emissions(
     source: SceneSource, wavelength: float, obliquity: str
 ) -> list[tuple[SceneSource, Forms]]:
-    """Return the source and the obliquity factor of each term of a source's radiance.
+    """Return the source and the obliquity factor h of each term of a source's radiance.
 
     The sum of h W over all terms is the radiance times the square of the wavelength.
     """
@@ -117,7 +117,7 @@ class Mixture:
         )
 
     def power(self, source: Any, wavelength: float, obliquity: str) -> float:
-        """Return the radiated power of a source in W."""
+        """Return the power in W that a source of this mixture radiates, with |u|^2 in W/m^2."""
         if self.is_plain:
             return powers_of(source, wavelength, obliquity)[0]
         total = 0.0
@@ -132,11 +132,13 @@ class Mixture:
         return total
 
     def _with_coherence_width(self, source: SceneSource) -> SceneSource:
+        """Return a coherent source with the coherence width of this mixture."""
         if self.coherence_width == math.inf:
             return source
         return source.partially_coherent(self.coherence_width)
 
     def _wavelengths(self, source: SceneSource, wavelength: float) -> list[tuple[float, float]]:
+        """Return pairs of a wavelength in m and its weight, which represent the band."""
         if self.bandwidth is None:
             return [(wavelength, 1.0)]
         return wavelengths_of_band(wavelength, self.bandwidth, longest_path(source), _POWER_ERROR)
@@ -206,5 +208,6 @@ def support_of(source: Any, obliquity: str) -> Aperture:
 # Cached, because creating a scene entry and loading the scene both require the region.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
+    """Return the region where the Wigner function is not zero; raise SceneError without a field."""
     _energy(source)  # Raises SceneError for a source without a field.
     return mutual_support(source)

@@ -44,7 +44,7 @@ class PlacedSource(SourceParameters):
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources with Stokes vectors, as in :meth:`fields_of`."""
+        """Scalar sources, each with a Stokes vector, whose powers add up to the source."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
@@ -58,14 +58,14 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return the mirror image after reflections by several mirrors in turn."""
+        """Return the mirror image of the source after reflections by mirrors in turn."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
         return image
 
     def points(self, positions: Floats) -> Floats:
-        """Convert positions in the source's plane to points in space, in m, shape (n, 3)."""
+        """Convert positions (n, 2) in the source's plane to points (n, 3) in space, in m."""
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
@@ -95,6 +95,8 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
+    """Return a source with the signs of all x coordinates changed."""
+
     def image(element: SourceElement) -> SourceElement:
         outline: Any = element.outline
         polygons = shapely.transform(outline.polygons, lambda points: points * _MIRROR)
@@ -171,7 +173,10 @@ def _single(value: Any, known: float) -> float:
 
 
 def check_obliquity(link: str, first: str, second: str) -> None:
-    """Raise SceneError unless emitter and receiver have the same boundary condition."""
+    """Raise SceneError unless both ends of a link have the same boundary condition.
+
+    ``link`` names the link in messages; ``first`` and ``second`` are the obliquities of its ends.
+    """
     if first != second:
         raise SceneError(
             f"{link}: the obliquity must be the same at both ends, got {first!r} and {second!r}; "
@@ -195,7 +200,7 @@ class FacingParts:
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts of two sources that face each other, or None."""
+    """Return the parts of two sources in front of each other's planes, or None."""
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)
@@ -215,6 +220,7 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 
 def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
+    """Return the part of a source where ``normal . x > least``, or None if there is none."""
     form = normal_form(source).in_plane
     parts = [_part_of_outline_in_front(element.outline, normal, least) for element in form.elements]
     pairs = list(zip(form.elements, parts, strict=True))
@@ -225,7 +231,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _part_of_outline_in_front(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part of an outline with ``normal . x > least``, or None."""
+    """Return the part of an outline where ``normal . x > least``, or None."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

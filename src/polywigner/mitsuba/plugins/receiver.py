@@ -81,14 +81,17 @@ def _spawn_offset(m: Any, point: mi.Point3f) -> Drjit:
 
 
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
-    """Convert the angles (alpha, psi) to a unit vector in front of the receiver."""
+    """Convert the angles (alpha, psi) to a unit vector in the frame of the receiver."""
     rho = _root_of_positive(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
 def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
-    """Map a film position to angles (alpha, psi), uniform in the solid angle of its pixel."""
+    """Map a film position to angles (alpha, psi), and return the solid angle of its pixel.
+
+    ``size`` is the number of columns and rows. The angles are uniformly distributed in solid angle.
+    """
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
     row = dr.floor(point.y)
@@ -102,6 +105,7 @@ def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[m
 
 
 def _root_of_positive(value: Drjit) -> Drjit:
+    """Return the square root of a number, or 0 if the number is negative."""
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
@@ -141,11 +145,15 @@ class WignerReceiver(VariantPlugin):
         self._far = opaque(m, far / spec.scene_unit)
 
     def _set_pose(self) -> None:
+        """Set the frame of the receiver after a change of its pose."""
         self._frame = Frame(self.m, self.to_world, self.spec.centre)
         self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
     def stand_at(self, reach: float) -> None:
-        """Set the largest coordinate of the receiver and of adjacent surfaces."""
+        """Set the largest coordinate of the receiver and of adjacent surfaces, in scene units.
+
+        The distance between the receiver and the starts of rays is proportional to this coordinate.
+        """
         self._ray_offset = opaque(self.m, ROUNDING * reach)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
@@ -163,6 +171,7 @@ class WignerReceiver(VariantPlugin):
     def sample_ray_differential(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
+        """Return a random ray and its spectral weight, for Mitsuba."""
         angles, solid_angle = self._film_angles(sample2)
         ray, weight, colours = self.ray_along(angles, time, sample1, sample3, active)
         return ray, self.spectral_weight(colours, weight * solid_angle, angles, active)
@@ -170,22 +179,24 @@ class WignerReceiver(VariantPlugin):
     def sample_ray(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.Ray3f, Drjit]:
+        """Return a random ray without differentials and its spectral weight, for Mitsuba."""
         ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
         return self.m.Ray3f(ray), weight
 
     def spectral_weight(
         self, colours: Drjit, weight: Drjit, angles: mi.Point2f, active: Drjit = True
     ) -> Drjit:
-        """Return the spectral weight of a ray, including polarisation."""
+        """Return the weight of a ray as a spectrum or as a row of a Mueller matrix."""
         direction = direction_of(self.m, angles)
         return colours * self.polariser.received(weight, direction, self._frame, active)
 
     def ray_along(
         self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """Return a ray, its weight, and its spectral weight.
+        """Return a ray with the angles (alpha, psi), its weight, and the weight of its wavelengths.
 
-        The weight times a radiance and a solid angle is a power in W.
+        The weight times a radiance and a solid angle is a power in W. The samples select the
+        wavelengths (``sample1``) and the position on the receiver (``sample3``).
         """
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
@@ -227,7 +238,10 @@ class WignerReceiver(VariantPlugin):
         return self._frame.axes[2] * self._ray_offset
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Move a ray's start past a random number of surfaces; return a factor for its weight."""
+        """Move a ray's start past a random number of surfaces; return a factor for its weight.
+
+        Bit k of ``coins`` decides whether the ray passes surface k.
+        """
         scene, going, weight = self._required_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
@@ -245,6 +259,7 @@ class WignerReceiver(VariantPlugin):
         return weight
 
     def _required_scene(self) -> mi.Scene:
+        """Return the scene; raise SceneError if it has not been passed to the receiver."""
         if self.scene is None:
             raise SceneError(
                 f'the wigner_receiver with the estimator "{self.spec.estimator}" requires its '
@@ -256,7 +271,10 @@ class WignerReceiver(VariantPlugin):
     def _end_of_ray(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
-        """Return the end point of a ray on a surface or far away, and the length of the ray."""
+        """Return the point where a ray meets a surface, and the length of the ray.
+
+        The point is in the frame of the receiver. Rays that meet no surface end at a distant point.
+        """
         distance = distance_to_surface(self.m, self._required_scene(), ray, self._far, active)
         if self.spec.diffraction:
             end = self._frame.to_local(ray.o + ray.d * distance - self._frame.origin)
@@ -267,6 +285,7 @@ class WignerReceiver(VariantPlugin):
 
 
 def _check_film(values: dict[str, Any]) -> None:
+    """Raise SceneError unless a receiver has a film with a box filter."""
     objects = (value for value in values.values() if isinstance(value, mi.Object))
     films = [
         value for value in objects if hasattr(value, "rfilter") and hasattr(value, "crop_size")
@@ -286,6 +305,7 @@ def _check_film(values: dict[str, Any]) -> None:
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Sensor:
+    """Create a ``wigner_receiver`` sensor for a variant of Mitsuba from its properties."""
     values = values_of(props)
     spec = checked_parameters(values, RECEIVER, variant)
     _check_film(values)
@@ -392,6 +412,7 @@ def receiver(
 
 
 def film_of(width: int, height: int) -> dict[str, Any]:
+    """Return the dictionary entry of a luminance film with a box filter."""
     return {
         "type": "hdrfilm",
         "width": width,
@@ -403,6 +424,7 @@ def film_of(width: int, height: int) -> dict[str, Any]:
 
 
 def _film_entry(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the dictionary entry of a film from the argument ``film`` of `receiver`."""
     if isinstance(film, Mapping):
         return dict(film)
     pixels = np.array((1, 1) if film is None else film)

@@ -88,7 +88,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin for :func:`register`; ``build(variant, props)`` creates the plugin."""
+    """Add a shape or sensor for :func:`register`; ``build(variant, props)`` creates it."""
     _plugins[kind, name] = build
 
 
@@ -106,6 +106,7 @@ def original_error(error: BaseException) -> PolywignerError | None:
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
+    """Register all plugins for ``scalar_rgb`` and for the variant ``new``."""
     # Mitsuba looks up the kind of every plugin in scalar_rgb. Without a registration in scalar_rgb,
     # it fails to load two equal shapes.
     for variant in ("scalar_rgb", new):
@@ -115,6 +116,7 @@ def _on_variant_change(_old: str | None, new: str) -> None:
 
 
 def _build_and_keep_error(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
+    """Create a plugin; keep an error of this package for `original_error`."""
     try:
         with uncompiled():
             return build(variant, props)
@@ -147,6 +149,7 @@ STL = "stl"
 
 
 def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
+    """Create a mesh from an STL file and the parameter ``to_world``."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)
@@ -215,6 +218,7 @@ def is_key(name: str) -> bool:
 
 
 def registered_source(key: str) -> Aperture | Array | Wavefront:
+    """Return the source with a key of `register_source`; raise SceneError if it is unknown."""
     with _sources_lock:
         source = _sources.get(key)
     if source is None:

@@ -102,12 +102,12 @@ class Directions:
         self._inverse_area = 1.0 / float(np.prod(sides))
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Map points of the unit square to angles and their density."""
+        """Map points of the unit square to angles (alpha, psi) and their density."""
         point, density = self._warp.sample(sample)
         return self._m.Point2f(point * self._size + self._low), density * self._inverse_area
 
     def density(self, angles: mi.Point2f) -> Drjit:
-        """Return the density at angles (alpha, psi)."""
+        """Return the density of samples per solid angle at angles (alpha, psi)."""
         point = (angles - self._low) / self._size
         inside = dr.all((point >= 0.0) & (point <= 1.0))
         density = self._warp.eval(dr.clip(point, 0.0, 1.0))
@@ -147,7 +147,11 @@ def _mean_pattern(
     counts: npt.NDArray[np.int_],
     within: int,
 ) -> Floats:
-    """Return the far-field pattern g |F|^2 on a grid, averaged over each cell."""
+    """Return the far-field pattern g |F|^2 on a grid of angles, averaged over each cell.
+
+    ``counts`` is the number of cells along both axes, and ``within`` the number of samples along
+    each side of a cell.
+    """
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total = np.zeros(1)
@@ -180,11 +184,11 @@ class Frame:
             dr.make_opaque(self.axes, self.origin)
 
     def to_local(self, v: mi.Vector3f) -> mi.Vector3f:
-        """Convert a vector from the scene to this frame."""
+        """Convert a vector in the scene to this frame."""
         return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
 
     def to_scene(self, v: mi.Vector3f) -> mi.Vector3f:
-        """Convert a vector from this frame to the scene."""
+        """Convert a vector in this frame to the scene."""
         ex, ey, ez = self.axes
         return ex * v.x + ey * v.y + ez * v.z
 

@@ -171,6 +171,7 @@ class _Edges(NamedTuple):
         return np.asarray(across <= _GAP * np.abs(self.lines).max(axis=1) * length)
 
     def rows(self, some: NDArray[np.bool_]) -> _Edges:
+        """Return the edges for which a mask (m,) is true."""
         return _Edges(
             self.ends[some], self.lines[some], self.pieces[some], self.planes[some], self.span
         )
@@ -279,6 +280,7 @@ def _hulls(ends: Floats, labels: Indices) -> Floats:
 
 
 def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Floats, Floats]:
+    """Return the tables ``ends``, ``edges`` and ``samples`` of `EdgeTables` for all parts."""
     reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
     places = [_places(nodes, reach, edge) for part in parts for edge in part.lines]
     counts = np.array([len(some) for some in places])

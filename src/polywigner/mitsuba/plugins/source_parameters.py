@@ -126,6 +126,7 @@ class SourceParameters:
         return list(stokes_fields(source, self.polarisation))
 
     def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
+        """Return the norm in W at a wavelength in m, by default as defined by ``normalise``."""
         return math.fsum(
             norm_of(part, wavelength, self.obliquity, self.mixture, normalise or self.normalise)
             for part, stokes in self.fields_of(self.source)
@@ -133,6 +134,7 @@ class SourceParameters:
         )
 
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
+        """Return a copy with another source, and with its region and norm."""
         spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
@@ -200,6 +202,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
 
 
 def _power(element: _SceneValues, spec: SourceParameters) -> float:
+    """Return the radiated power in W that the parameters of an emitter specify."""
     power, inside = element.number("power"), element.number("aperture_power")
     if power is not None and inside is not None:
         raise SceneError(
@@ -230,6 +233,7 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
 
 
 def _number(name: str, value: Any, element: str) -> float:
+    """Convert a parameter to SI units; raise SceneError if it is not a quantity."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
         raise SceneError(f"expected {name} to be a number or a string, got {type(value).__name__}")
     try:
@@ -271,6 +275,7 @@ class _SceneValues:
     element: str
 
     def check_names(self, known: tuple[str, ...]) -> None:
+        """Raise SceneError for a parameter that is not in ``known``."""
         for name, value in self.values.items():
             is_nested = isinstance(value, mi.Object | Mapping) or name == "type"
             if not is_nested and name not in known:
@@ -293,6 +298,7 @@ class _SceneValues:
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
+        """Return the source that is named by ``aperture`` or ``source``, without its texts."""
         names = [name for name in ("aperture", "source") if name in self.values]
         if len(names) == 2:
             raise SceneError(
@@ -318,6 +324,7 @@ class _SceneValues:
         return read_aperture(path, self.text("unit", "mm"), self.number("tolerance"), layers, joins)
 
     def wavelength(self) -> float:
+        """Return the wavelength in m, from the parameter ``wavelength`` or ``frequency``."""
         frequency, wavelength = self.number("frequency"), self.number("wavelength")
         if frequency is not None and wavelength is None:
             return wavelength_of(frequency)
@@ -330,6 +337,7 @@ class _SceneValues:
         )
 
     def polarisation(self, source: SceneSource) -> Complex | None:
+        """Return the Jones vectors of a source, or None for unpolarised light."""
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
@@ -339,6 +347,7 @@ class _SceneValues:
             raise SceneError(str(error)) from None
 
     def pose(self) -> Floats:
+        """Return the pose ``to_world``, shape (4, 4), by default the identity."""
         transform = self.values.get("to_world")
         return rigid_pose(np.eye(4) if transform is None else transform.matrix)
 
@@ -349,6 +358,7 @@ class _SceneValues:
         return _number(name, self.values[name], self.element)
 
     def flag(self, name: str, default: bool) -> bool:
+        """Return a parameter that is True or False."""
         value = self.values.get(name, default)
         if not isinstance(value, bool | np.bool_):
             raise self._wrong_type(name, "True or False", "boolean")
@@ -368,6 +378,7 @@ class _SceneValues:
         return value
 
     def _wrong_type(self, name: str, expected: str, tag: str) -> SceneError:
+        """Return the error for a parameter of a wrong type."""
         value = self.values[name]
         return SceneError(
             f'expected {name} to be {expected}, <{tag} name="{name}" .../> in a scene file, got '

@@ -84,6 +84,7 @@ class DrawnWaves:
         return Wave(inverse, tilt)
 
     def _hash(self, *values: Drjit) -> Drjit:
+        """Return a hash of the bits of single-precision numbers, as an unsigned integer."""
         key: Drjit = 0
         for value, factor in zip(values, _FACTORS, strict=False):
             if self._jit:
@@ -95,6 +96,7 @@ class DrawnWaves:
 
 
 def _uniform(word: Drjit) -> Drjit:
+    """Convert a 32-bit random integer to a number between 0 and 1."""
     return ((word >> 9) + 0.5) * 2.0**-23
 
 
@@ -157,7 +159,7 @@ class WignerRadiance:
         return dr.select(front, total, 0.0)
 
     def _flattened(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
-        """Subtract the local spatial frequency of a curved wave."""
+        """Subtract the local spatial frequency of a curved wave from a frequency in 1/m."""
         if self._wave is None:
             return frequency
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
@@ -187,6 +189,7 @@ class WignerRadiance:
 
 
 def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:
+    """Return the spatial frequency of a direction in 1/m, relative to the tilt of a wave."""
     x, y = direction.x * wave.inverse, direction.y * wave.inverse
     return (x, y) if wave.tilt is None else (x - wave.tilt.x, y - wave.tilt.y)
 
@@ -232,7 +235,10 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the ray weight h W cos/N, divided by the density of positions in scene units."""
+        """Return the ray weight h W cos/N, divided by the density of positions in scene units.
+
+        ``x`` is the start of the ray in the frame of the receiver; its end is not used.
+        """
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
@@ -270,7 +276,7 @@ class TracedSource:
         return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
 
     def changed(self) -> Aperture | Array | None:
-        """Return the source with the current values, or None if no value has changed."""
+        """Return the source with the user's vertices and weights, or None if none has changed."""
         if self.vertices is None:
             return None
         source: Any = self._spec.source
@@ -289,6 +295,7 @@ class TracedSource:
         return source if has_changed else None
 
     def _checked_pairs(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
+        """Return a parameter as an array (count, 2); raise SceneError unless it is finite."""
         values = np.array(dr.detach(flat), np.float32)
         if values.size != 2 * count or not np.isfinite(values).all():
             raise SceneError(
@@ -298,7 +305,7 @@ class TracedSource:
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:
-        """Return the Wigner function of the centred source, with derivatives."""
+        """Return the Wigner function W(x, nu) of the centred source, with derivatives."""
         frame = self._tables.frame
         x, y = zip(*(frame.position(ops, *corner) for corner in self._vertices()), strict=True)
         fields = None
@@ -311,7 +318,7 @@ class TracedSource:
         return value
 
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
-        """Return |F|^2 of the centred source, with derivatives."""
+        """Return |F(nu)|^2 of the centred source, with derivatives."""
         code = DrjitOperations(ops.float_type, most_as_code=math.inf)
         corners = iter(self._vertices())
         weights = None if self.weights is None else self._pairs_of_numbers(self.weights)
@@ -325,24 +332,29 @@ class TracedSource:
         return total.real * total.real + total.imag * total.imag
 
     def _pairs_of_numbers(self, flat: Drjit) -> list[Point]:
+        """Return the pairs of numbers of a flat array, with derivatives."""
         m = self._m
         numbers = [dr.gather(m.Float, flat, m.UInt32(k)) for k in range(dr.width(flat))]
         return list(zip(numbers[::2], numbers[1::2], strict=True))
 
     def _vertices(self) -> list[Point]:
+        """Return the vertices relative to the centre of the source, with derivatives."""
         cx, cy = self._spec.support.centre.tolist()
         return [(x - cx, y - cy) for x, y in self._pairs_of_numbers(self.vertices)]
 
 
 def _vertices_of(source: Aperture | Array) -> NDArray[np.float64]:
+    """Return the vertices of all elements in m, shape (n, 2)."""
     return np.concatenate(normal_form(source).rings)
 
 
 def _real_and_imaginary_parts(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return complex weights (n,) as real and imaginary parts, shape (n, 2)."""
     return np.stack([weights.real, weights.imag], axis=-1)
 
 
 def _is_traceable(source: SceneSource) -> bool:
+    """Return whether the elements of a source are disjoint, with uniform fields."""
     if isinstance(source, Wavefront):
         return False
     elements = source.elements_in_plane

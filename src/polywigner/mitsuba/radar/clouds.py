@@ -138,7 +138,10 @@ def covariance(
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
-    """Return the responses (sources, n) at positions (n, 3)."""
+    """Return the complex responses (sources, n) of sources in m to scatterers at positions (n, 3).
+
+    ``to_world`` is the pose of the sources; by default, it is the pose in ``attrs``.
+    """
     pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
     front = local[:, 2] > 0.0
@@ -155,7 +158,10 @@ def _responses(
 
 
 def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
-    """Return the responses (ends, scatterers) of placed sources or receivers."""
+    """Return the complex responses (ends, scatterers) of sources and receivers in m.
+
+    Each of the ``ends`` has its own pose, wavelength, obliquity and norm.
+    """
     positions, _, attrs = _contents_of(cloud)
     rows = []
     for end in ends:
@@ -166,6 +172,7 @@ def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
 
 
 def _contents_of(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
+    """Return positions (n, 3) in m, intensities in W/sr, and attributes of a cloud."""
     names = "wavelength", "obliquity", "to_world", "normalise"
     arrays = dict.fromkeys(("position", "intensity"), "")
     positions, intensity, *values = arrays_of(
@@ -175,6 +182,7 @@ def _contents_of(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
 
 
 def _checked_elements(elements: Any) -> list[Aperture]:
+    """Return the elements of an array as a list; raise ArgumentError for other objects."""
     if isinstance(elements, Array):
         return list(elements.elements_in_plane)
     parts = [elements] if isinstance(elements, Aperture) else elements

@@ -214,6 +214,11 @@ def radar_cube(
 def _lazy_signal(
     block: Callable[[int, int], Complex], elements: list[int], draws: int, shape: tuple[int, ...]
 ) -> Any:
+    """Return the signal as a dask array with one chunk for each draw and receiver.
+
+    ``block(receiver, draw)`` computes a chunk, and ``elements`` contains the numbers of elements of
+    the receivers.
+    """
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
     delayed = require("dask", "datasets").delayed(block, pure=False)
     rows = [
@@ -228,6 +233,10 @@ def _lazy_signal(
 def _radar_of(
     scene: Any, options: ReceiveOptions, by_element: bool, wave: FMCW, is_in_turn: bool
 ) -> _Radar:
+    """Return the emitters, the receivers or their elements, and the start times of chirps.
+
+    Raises SceneError if a frequency is outside the band of the waveform.
+    """
     emitters, receivers = matched_ends(scene, list(range(len(receivers_of(scene)))), options)
     if not emitters:
         raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
@@ -293,6 +302,10 @@ class _Link(NamedTuple):
 def _coherent_links(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
+    """Return the amplitudes of all coherent paths, and notes on excluded effects.
+
+    The links are nested lists by receiver, element and emitter.
+    """
     wave = radar.waveform
     chains, echoes, notes = routes_in(
         scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
@@ -319,7 +332,7 @@ def _coherent_links(
 def _path_rate(
     route: Route, emitter: PlacedSource, receiver: PlacedSource, speeds: Velocities
 ) -> float:
-    """Return the rate of change of the path length in m/s."""
+    """Return the rate in m/s at which the length of a path increases."""
     still = np.zeros(3)
     if isinstance(route, Echo):
         body, point = route.body.name, route.body.facets.centre
@@ -353,7 +366,7 @@ def _cloud_of(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers of a receiver, or None if there are none."""
+    """Return the scatterers of a receiver with responses and delays, or None without scatterers."""
     receivers = radar.receivers[number]
     others = {_receiver_id(each[0].name) for each in radar.receivers if each is not receivers}
     outside = others | {body.name for body in options.bodies}
@@ -380,7 +393,11 @@ def _cloud_of(
 
 
 def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
-    """Return the responses in m, and path lengths in m relative to their mean over elements."""
+    """Return the responses of a receiver's elements to scatterers, and relative path lengths.
+
+    Both have the shape (element, scatterer) and are in m. Path lengths are relative to their mean
+    over the elements.
+    """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
         raise SceneError(
@@ -432,6 +449,7 @@ def _emitted_amplitudes(
 
 
 def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
+    """Return whether rays from scatterers to an emitter meet no surface, shape (n,)."""
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _RAY_OFFSET) / unit).astype(np.float32)
     start = ((position + _RAY_OFFSET * offset) / unit).astype(np.float32)
@@ -441,7 +459,7 @@ def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
 
 
 def _scattered_signal(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
-    """Return the signal (element, chirp or 1, sample) of all scatterers, (RC1)."""
+    """Return the signal (element, chirp or 1, sample) of a receiver from its scatterers, (RC1)."""
     signals = cloud.responses * (speckle * cloud.emitted[emitter])
     starts = radar.chirp_times[emitter, :-1]
     is_moving = cloud.rates != 0
@@ -465,10 +483,11 @@ def _signal_of_repetitions(
     chosen: NDArray[np.bool_],
     starts: Floats,
 ) -> Complex:
-    """Return the signal of the ``chosen`` scatterers for successive repetitions, (RC1).
+    """Return the signal (element, repetition, sample) of the ``chosen`` scatterers, (RC1).
 
-    The repetition m and the sample n are counted from the centre of the frame. A non-uniform FFT
-    sums waves with phases linear in m and n, and a power series expands two small phases:
+    ``starts`` are the start times of successive repetitions in s. The repetition m and the sample n
+    are counted from the centre of the frame. A non-uniform FFT sums waves with phases linear in m
+    and n, and a power series expands two small phases:
 
     - motion through range bins, r n df (m T + n dt), with the rate r of the delay, the frequency
       step df, the repetition time T and the time step dt
@@ -502,7 +521,7 @@ def _signal_of_repetitions(
 
 
 def _nonuniform_fft(slopes: list[Floats], shape: list[int], count: int) -> Any:
-    """Return a non-uniform FFT from (count, points) to ``(count, *shape)``.
+    """Return a plan that sums waves from (count, points) to ``(count, *shape)``.
 
     The phase of a wave is ``2 pi (slopes . numbers)``, where numbers start at ``-(size // 2)``.
     """
@@ -533,6 +552,7 @@ def _complex_normal(random: np.random.Generator, shape: tuple[int, ...]) -> Comp
 
 
 def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Dataset:
+    """Return the radar cube as a dataset, with the names and positions of both ends."""
     ends = {"receiver": [end for each in radar.receivers for end in each]}
     ends["emitter"] = radar.emitters
     noise = np.repeat(radar.noise_power, [len(each) for each in radar.receivers])

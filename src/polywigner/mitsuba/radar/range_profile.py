@@ -183,6 +183,7 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
 
 
 def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
+    """Return the received power by range as a dataset."""
     powers, placed, batches = result
     names = [part.name for part in powers[0].contributions]
     pairs = [by_source(scene, of_receiver) for of_receiver in batches]
@@ -257,6 +258,7 @@ def _power_variables(by_light: Floats, direct: Floats) -> Variables:
 
 
 def _noise_variables(powers: list[ReceivedPower]) -> Variables:
+    """Return the noise power and the range resolution of each receiver as variables."""
     bands = [power.bandwidth for power in powers]
     noise = [power.noise_power for power in powers]
     resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
@@ -268,6 +270,7 @@ def _noise_variables(powers: list[ReceivedPower]) -> Variables:
 
 
 def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Variables]:
+    """Return the labels of all direct paths, and their powers and ranges as variables."""
     labels: dict[str, int] = {}
     entries = []
     for (i, lights), j in product(enumerate(links), range(len(links[0]))):
@@ -286,6 +289,7 @@ def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
+    """Return the centres and the edges of range bins in m as coordinates of a dataset."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
     return {
         "range": labelled_array((edges[1:] + edges[:-1]) / 2, ("range",), length),

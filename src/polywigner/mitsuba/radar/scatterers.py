@@ -90,7 +90,10 @@ def cloud_of(
     rng: np.random.Generator,
     motion: Motion | None,
 ) -> Cloud:
-    """Trace at least ``count`` rays from a receiver, with hidden sources."""
+    """Trace at least ``count`` rays from a receiver, and return all scattering events.
+
+    The sources of the scene must be hidden. ``depth`` is the maximum path depth.
+    """
     size = -(-count // BATCHES)
     batches = [_events_of_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
     error = standard_error(np.array([batch["power"].sum() for batch in batches]))
@@ -103,7 +106,7 @@ def cloud_of(
 def _events_of_batch(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
 ) -> Events:
-    """Return the events of a batch, with powers and intensities whose sums are unbiased."""
+    """Trace ``count`` rays, and return the events with their powers and intensities."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
     # The unused seventh dimension ensures that existing seeds still produce the same clouds.
@@ -123,7 +126,11 @@ def _events_of_batch(
 
 
 def _random_paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
-    """Return random paths, weights and solid angles; radiance x weight x solid angle is in W."""
+    """Return random paths from a receiver, and their weights and solid angles.
+
+    A radiance times the weight and the solid angle is a power in W. ``draws`` (n, 6) are uniform
+    random numbers for the direction, the position and the wavelengths.
+    """
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
     ray, watts, weight = sensor.ray_along(angles, 0.0, others.x, position)
@@ -298,6 +305,7 @@ class _Names:
 
     @classmethod
     def of(cls, scene: Any, receiver: str) -> _Names:
+        """Return the ids of all shapes and lights of a scene, with numbers for missing ids."""
         shapes = {
             _registry_number("Shape", shape): shape.id() or f"shape {k}"
             for k, shape in enumerate(sorted_shapes(scene))
@@ -331,6 +339,7 @@ class _Names:
 
 
 def _registry_number(kind: str, thing: Any) -> int:
+    """Return the registry number of a "Shape" or an "Emitter" as an integer."""
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
 
 
@@ -353,6 +362,7 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
 
 
 def _depth_of(integrator: Any) -> int:
+    """Return the maximum path depth of a scene's integrator."""
     depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
@@ -360,6 +370,7 @@ def _depth_of(integrator: Any) -> int:
 def _dataset_of(
     cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
 ) -> xarray.Dataset:
+    """Return a cloud as a dataset, with lengths in m."""
     events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
     shapes, lights = _ids(names.shapes, events.first_shape), _ids(names.lights, events.light)
     values: Variables = {
@@ -386,6 +397,7 @@ def _dataset_of(
 
 
 def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Return the ids of objects with registry numbers; unknown numbers have empty ids."""
     unique, inverse = np.unique(numbers, return_inverse=True)
     texts = np.array([names.get(int(n), "") for n in unique] or [""], np.str_)
     return np.asarray(texts[inverse.reshape(numbers.shape)])

@@ -211,7 +211,10 @@ class NormalisedSource:
     """Whether the scene or the caller specifies a polarisation."""
 
     def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the square root of a part's fraction of the power."""
+        """Return the square root of a part's fraction of the power of the source.
+
+        ``is_complete`` means that no piece of the part is cut off.
+        """
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -223,6 +226,11 @@ Ends = tuple[NormalisedSource, NormalisedSource]
 
 
 def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
+    """Return an end of a link with its polarised parts, for paths that interfere.
+
+    ``polarisation`` applies if the scene specifies none. Raises SceneError for partially coherent,
+    broadband and unpolarised sources.
+    """
     if not placed.mixture.is_plain:
         raise SceneError(
             "interfering paths require coherent light of a single wavelength, got "
@@ -269,7 +277,8 @@ def paths_between(
     paths, notes = paths_by(routes, link, find)
     if len(paths) > 1 and paths[0].route == () and not ends[0].is_polarised:
         line = CentralPath(np.array([emitter.centre, receiver.centre]), [np.eye(3)])
-        match = abs(_pol_factor(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
+        emitted, received = (end.parts[0][1] for end in ends)
+        match = abs(_polarisation_factor(emitted, received, ends, (), line)) ** 2
         if match < _GOOD_MATCH:
             notes.append(
                 f"{link}: only {match:.1%} of the power matches if both ends are polarised along "
@@ -282,6 +291,7 @@ def paths_between(
 def _specular_path(
     scene: Any, ends: Ends, chain: Chain, meshes: list[Mesh] | None
 ) -> tuple[CoherentPath, list[str]] | str:
+    """Return a path via mirrors and its notes, or the reason why no power arrives."""
     result = open_path(scene, ends[0].source, ends[1].source, chain, meshes, coherent=True)
     if isinstance(result, str):
         return result
@@ -293,7 +303,7 @@ def _specular_path(
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
         parts_facing = facing_parts(emitted.image(chain), received)
         if parts_facing is not None:
-            factor = leg.transmission if is_scalar else _pol_factor(p, q, ends, chain, leg)
+            factor = leg.transmission if is_scalar else _polarisation_factor(p, q, ends, chain, leg)
             links.append((factor, parts_facing))
     edges = (
         None if meshes is None else cache(partial(diffracted_ratio, meshes, facing, taking, chain))
@@ -302,10 +312,13 @@ def _specular_path(
     return path, result.notes
 
 
-def _pol_factor(
+def _polarisation_factor(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E for two Jones vectors."""
+    """Return the polarisation factor e_r . E for the Jones vectors of both ends.
+
+    ``legs`` is the path between the ends, via the mirrors of ``chain``.
+    """
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
@@ -316,7 +329,8 @@ def _path_to_body(
 ) -> tuple[CentralPath, float] | None:
     """Return the path from an emitter or receiver to a body, and its amplitude transmission.
 
-    The result is None if part of the body is not in front of the emitter or receiver.
+    ``like`` is a receiver whose scene unit and medium apply to the rays. The result is None if part
+    of the body is not in front of the emitter or receiver.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
@@ -331,7 +345,10 @@ def _path_to_body(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path via a body, computed by reciprocity from two transmitting ends."""
+    """Return the path via a body and its notes, or the reason why no power arrives.
+
+    ``leg_to`` is `_path_to_body` with fixed scene and receiver. By reciprocity, both ends transmit.
+    """
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
@@ -359,6 +376,7 @@ def _echo_path(
 def _echo_coupling(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
+    """Return the coupling of two ends via a conducting body at a wavelength in m."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -394,8 +412,8 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
 def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
     """Evaluate a smooth function at n frequencies, by Chebyshev interpolation if that saves calls.
 
-    The number of nodes is doubled until the error at the new nodes is below ``tolerance``, relative
-    to the largest value.
+    ``compute`` returns an array of complex values for a frequency. The number of nodes is doubled
+    until the error at the new nodes is below ``tolerance``, relative to the largest value.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _NODE_COUNTS[-1] - 1
@@ -419,6 +437,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
+    """Interpolate values at Chebyshev nodes to frequencies by a polynomial."""
     low, high = nodes[[0, -1]]
     scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
     coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
@@ -428,7 +447,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 def _envelopes(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the amplitudes of paths at one frequency, without the phases due to delays."""
+    """Return the amplitudes of paths at a frequency in Hz, without the phases due to delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -447,6 +466,7 @@ def _envelopes(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
+    """Return the coupling b of each link; links with equal sources are computed together."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
@@ -473,6 +493,7 @@ def _dataset(
     notes: list[str],
     polarisation: str,
 ) -> xarray.Dataset:
+    """Return the channel as a dataset; ``links`` contains the paths of each pair and amplitudes."""
     present = {path.route for paths, _ in links for path in paths}
 
     number = {route: k for k, route in enumerate(r for r in routes if r in present)}

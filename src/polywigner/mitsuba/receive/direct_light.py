@@ -141,6 +141,7 @@ def direct_light(
 
 
 def _coupling_terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
+    """Return the coupling in free space of each pair of polarised fields of both ends."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
@@ -152,7 +153,10 @@ def _coupling_terms(image: PlacedSource, receiver: PlacedSource, tolerance: floa
 def _coupling_and_match(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the total coupling, and the fraction of the power in the receiver's polarisation."""
+    """Return the total coupling, and the fraction of the power in the receiver's polarisation.
+
+    ``transmission`` is the mean transmission of the path, shape (1, 1), or a Mueller matrix (4, 4).
+    """
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -201,7 +205,7 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
 
 
 def delta_light(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
-    """Return the direct light of all delta lights."""
+    """Return the direct light of all delta lights at a receiver."""
     paths, notes = delta_paths(scene, receiver, chains), []
     if paths and receiver.diffraction:
         notes.append(
@@ -212,7 +216,7 @@ def delta_light(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> Dire
 
 
 def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
-    """Return the paths from all delta lights to a receiver."""
+    """Return the paths with power from all delta lights to a receiver."""
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
@@ -226,6 +230,7 @@ def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list
 def _delta_path(
     scene: Any, receiver: PlacedSource, light: DeltaLight, chain: Chain
 ) -> DirectPath | None:
+    """Return the path from a light via mirrors to a receiver, or None if no ray arrives."""
     end = points_on(receiver)
     start, image = _starts(scene, receiver, light, end, chain)
     points = points_by(start, end, chain)
@@ -277,12 +282,14 @@ def _starts(
 
 
 def _first(point: Drjit) -> Floats:
+    """Return the first vector (3,) of a Dr.Jit array of vectors."""
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
 def _sampled_light(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
+    """Return the direction from a point to a light, and its spectrum, from Mitsuba."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths
@@ -291,7 +298,10 @@ def _sampled_light(
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Return the radiant intensity in W/sr, or the irradiance in W/m^2 of a directional light."""
+    """Return the radiant intensity in W/sr, or the irradiance in W/m^2 of a directional light.
+
+    ``points`` (n, 3) are the illuminated points in scene units of ``unit`` metres.
+    """
     total: Any = 0.0
     white = 0.0
     for wavelengths in _wavelength_samples():
@@ -320,7 +330,11 @@ def _wavelength_samples() -> list[Drjit]:
 
 
 def _effective_areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return the effective areas of a receiver in m^2, which replace couplings."""
+    """Return the effective area of each polarised field of a receiver in m^2.
+
+    ``image`` is the position of the light or its mirror image in m. The areas have the form of
+    coupling terms with unpolarised light.
+    """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:

@@ -88,7 +88,7 @@ class _Pane:
     masks: list[Any]
 
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
-        """Return the transmittances for s and p polarisation.
+        """Return the power transmittances for s and p polarisation.
 
         ``total`` is Mitsuba's transmittance, including textures and masks.
         """
@@ -161,12 +161,17 @@ class RayTracer:
         return dr.select(it.is_valid(), 0.0, passed)
 
     def _full_transmission(self) -> Drjit:
+        """Return a transmission of 1, or the identity as a Mueller matrix."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
     def _to_first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """Trace rays to a mirror or to the first surface that is not null."""
+        """Trace rays to a mirror or to the first surface that is not null.
+
+        Return the intersection, the transmission up to it, the medium in front of it, and the
+        fields behind all panes for incident fields along x, y and z.
+        """
         fraction, moves = self._full_transmission(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
         for _ in range(_MOST_PASSED):
@@ -191,7 +196,10 @@ class RayTracer:
     def _null_transmission(
         self, si: Any, d: Any, columns: list[Any], active: Any
     ) -> tuple[Drjit, list[Drjit]]:
-        """Return the transmission of a null surface, and the fields behind it."""
+        """Return the transmission of a null surface, and the fields behind it.
+
+        ``columns`` are fields in front of the surface, and ``d`` is the direction of the rays.
+        """
         passed = si.bsdf().eval_null_transmission(si, active)
         total = _spectral_mean(passed, False)
         if self._polarised:
@@ -225,7 +233,7 @@ class RayTracer:
         return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
-        """Return the specular reflectance, or zero if a normal map changes the direction."""
+        """Return the specular reflectance of a mirror, or zero if a normal map tilts the ray."""
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
         bsdf = nodes[len(masks)]
@@ -267,7 +275,7 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
 
 
 def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
-    """Evaluate a NumPy function for a Dr.Jit array."""
+    """Evaluate a NumPy function for a Dr.Jit array; return Dr.Jit arrays."""
     results = function(np.array(value, np.float64))
     if dr.is_jit_v(mi.Float):
         return [mi.Float(result.tolist()) for result in results]
@@ -275,6 +283,7 @@ def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drj
 
 
 def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
+    """Return the product of the opacities of masks at an intersection."""
     result: Any = mi.Float(1.0)
     for mask in masks:
         texture = next(child for child in children_of(mask) if isinstance(child, mi.Texture))
@@ -283,7 +292,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _s_axis(normal: Any, direction: Any) -> Drjit:
-    """Return a unit normal of the plane of incidence, which is arbitrary at normal incidence."""
+    """Return the unit vector of s polarisation, which is arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _NORMAL_INCIDENCE
@@ -312,15 +321,17 @@ def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
 
 
 def _is_shape(pointer: Any, shape: Any) -> Drjit:
+    """Return whether pointers refer to a shape."""
     return pointer == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
 
 
 def _is_apart(point: Any, plane: Plane) -> Drjit:
+    """Return whether a point is farther from a plane than the rounding errors."""
     return dr.abs(dr.dot(point, plane.normal) - plane.offset) > plane.rounding
 
 
 def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
-    """Return the transmission of fog up to a surface."""
+    """Return the transmission of fog along a ray up to a surface."""
     is_jit = dr.is_jit_v(mi.Float)
     is_foggy = medium != mi.MediumPtr(None) if is_jit else medium is not None
     length = dr.minimum(si.t, ray.maxt)
@@ -341,11 +352,13 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
 
 
 def _medium_behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
+    """Return the medium behind a surface; ``medium`` is the medium in front of it."""
     changes = active & si.is_medium_transition()
     return dr.select(changes, si.target_medium(direction), medium)
 
 
 def _spectral_mean(spectrum: Any, polarised: bool) -> Drjit:
+    """Return the mean over wavelengths of a spectrum, or of each element of Mueller matrices."""
     if not polarised:
         return dr.mean(mi.unpolarized_spectrum(spectrum))
     return mueller_matrix(mi, {entry: dr.mean(spectrum[entry]) for entry in np.ndindex(4, 4)})

@@ -222,7 +222,7 @@ def received(
 ) -> Received:
     """Return the power at the receivers with the indices ``numbers``.
 
-    ``edges`` in m divide scattered light into range bins.
+    ``sample`` renders the scattered light, and ``edges`` in m divide it into range bins.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         emitters, receivers = matched_ends(scene, numbers, options)
@@ -259,6 +259,11 @@ def matched_ends(
 def _scattering_settings(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
+    """Return the settings for sampling the light scattered to a sensor.
+
+    ``unit`` is the length of a scene unit in m, and ``edges`` are edges of range bins in m. Raises
+    SceneError for integrators that compute no radiance.
+    """
     exposure = exposed(scene, options.integrator, options.spp, 0, sensor, warn=False)
     name = exposure.integrator.class_name()
     if name in _NO_RADIANCE:
@@ -273,7 +278,10 @@ def _scattering_settings(
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Render all batches; return powers in W, shape (receivers, batches, lights, ...)."""
+    """Render all batches in this process, and report progress.
+
+    Return powers in W, shape (receivers, batches, lights, ...).
+    """
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
     with slow_bar("renders", total) as advance:
@@ -344,6 +352,7 @@ def _result(
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
+    """Return the received power of a receiver; ``scattered`` has the shape (batches, lights)."""
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
@@ -402,7 +411,10 @@ _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return the direction cosines of the shapes from which most power arrives."""
+    """Return the shapes from which most power arrives, with their direction cosines.
+
+    ``image`` is a map (n, n) of `arrival_map`, and the keys of the result are the ids of shapes.
+    """
     placed = placed_receiver(scene, receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
@@ -424,6 +436,7 @@ def shapes_in(
 
 
 def _first_shapes(scene: Any, origin: Floats, directions: Floats) -> NDArray[np.uint32]:
+    """Return the registry number of the first shape in each direction; directions are (3, n)."""
     start, numbers = mi.Point3f(*origin.tolist()), []
     for (direction,) in point_batches(directions.T):
         hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(direction)))

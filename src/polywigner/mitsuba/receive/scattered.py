@@ -65,7 +65,7 @@ _PROBES = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
-    """Aim samples of receivers at small shapes."""
+    """Aim samples of receivers at small shapes within a ``with`` block."""
     sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
@@ -109,7 +109,11 @@ def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _boxes_of_angles(sensor: Any, boxes: Floats) -> Floats:
-    """Return rows (n, 5): lower and upper (alpha, psi), and fraction of the aimed samples."""
+    """Return boxes of angles around small shapes as seen from a receiver, shape (n, 5).
+
+    ``boxes`` (m, 2, 3) are bounding boxes in space. The columns are the lower and upper angles
+    (alpha, psi), and the fraction of the aimed samples.
+    """
     vectors = _vectors_to_boxes(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
@@ -131,6 +135,7 @@ def _boxes_of_angles(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
+    """Return the fraction of the unaimed samples in boxes of angles, shape (n,)."""
     steps = (np.arange(_PROBES) + 0.5) / _PROBES
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
@@ -175,12 +180,16 @@ class AimedDirections:
         return angles, self._mixture_density(angles, density)
 
     def density(self, angles: Any) -> Drjit:
+        """Return the density of samples per solid angle at angles (alpha, psi)."""
         return self._mixture_density(angles, self._others.density(angles))
 
     def _mixture_density(self, angles: Any, others: Any) -> Drjit:
+        """Return the density of all samples from the density ``others`` of unaimed samples."""
         return _AIMED * self._box_sum(partial(_density_in, angles)) + (1 - _AIMED) * others
 
     def _box_sum(self, term: Callable[[Any], Any]) -> Drjit:
+        """Return the sum of ``term(row)`` over all boxes; a row describes a box."""
+
         def add(number: Any, total: Drjit) -> tuple[Drjit]:
             return (total + term(self._ops.gather(self._table, number)),)
 
@@ -188,12 +197,12 @@ class AimedDirections:
 
 
 def _between(low: Drjit, high: Drjit, u: Drjit) -> Drjit:
-    """Map a random number to an angle inside a box despite rounding errors."""
+    """Return ``low + (high - low) u``, limited to this interval despite rounding errors."""
     return dr.clip(low + (high - low) * u, low, high)
 
 
 def _density_in(angles: Any, box: Sequence[Drjit]) -> Drjit:
-    """Return the density of the samples aimed at a box."""
+    """Return the density of the samples aimed at a box, at angles (alpha, psi)."""
     in_alpha, in_psi = (
         (angle >= low) & (angle <= high)
         for angle, low, high in zip((angles.x, angles.y), box[:2], box[2:4], strict=True)
@@ -262,7 +271,10 @@ def lights_of(scene: Any) -> list[mi.Emitter | None]:
 
 
 def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """Return the powers of each coherent source, and of all incoherent lights."""
+    """Divide powers by light into the powers of coherent sources and of all other lights.
+
+    ``powers`` (batches, lights, ...) follow the order of `lights_of`.
+    """
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])
     return np.moveaxis(powers[:, 1:] - powers[:, :1], 1, 0), powers[:, 0]

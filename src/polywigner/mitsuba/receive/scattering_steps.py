@@ -44,7 +44,7 @@ class Paths:
 
     @classmethod
     def along(cls, ray: Drjit, weight: Drjit, zero: Drjit) -> Paths:
-        """Return paths that start along the rays of a receiver."""
+        """Return paths that start along rays of a receiver; ``zero`` is 0 for each ray."""
         active = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
         throughput = mi.Spectrum(weight) + zero
@@ -75,7 +75,7 @@ class Steps:
         return paths, values
 
     def _lights_hit(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the lights that rays hit, and their radiance at the receiver."""
+        """Return the lights that rays hit, and the radiance of each at the receiver."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -118,7 +118,10 @@ class Steps:
     def _next_paths(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, samples: list[Drjit]
     ) -> tuple[Paths, Drjit]:
-        """Sample new directions; return the paths and a mask of scattered paths."""
+        """Sample new directions at surfaces.
+
+        Return the paths that leave the surfaces, and a mask of the paths that were scattered.
+        """
         direction = mi.Point2f(*samples[1:3])
         sample, weight = bsdf.sample(self._context, si, samples[0], direction, is_met)
         weight = si.to_world_mueller(weight, -sample.wo, si.wi)
@@ -146,6 +149,7 @@ class Steps:
 
 
 def _luminance(spectrum: Drjit, si: Drjit) -> Drjit:
+    """Return the luminance of a spectrum."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
@@ -220,6 +224,7 @@ def events_of(
 
 
 def _at_surfaces(here: Events, step: _Step) -> Events:
+    """Add the distance to the next surface to ``here``, and store the first surface of paths."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
@@ -230,6 +235,7 @@ def _at_surfaces(here: Events, step: _Step) -> Events:
 
 
 def _events(here: Events, step: _Step, velocity: Floats, motion: Motion | None) -> Iterator[Events]:
+    """Yield the events of one step at sampled lights, and at lights that rays hit."""
     is_sampled = step["sampled"] != 0.0
     if is_sampled.any():
         event, sampled = here[is_sampled], {name: value[is_sampled] for name, value in step.items()}
@@ -260,6 +266,7 @@ def _host_array(value: Drjit, count: int) -> NDArray[Any]:
 
 
 def _velocities_of(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
+    """Return the velocities (n, 3) of objects with registry numbers; zero for others."""
     result = np.zeros((len(numbers), 3))
     for number, velocity in table.items():
         result[numbers == number] = velocity

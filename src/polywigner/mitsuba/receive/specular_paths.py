@@ -53,6 +53,7 @@ _IN_PLANE = 4 * ROUNDING
 
 
 def _ray_count() -> int:
+    """Return the number of rays between two sources."""
     return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
@@ -68,6 +69,7 @@ class PassingRays(NamedTuple):
 
     @property
     def power(self) -> Floats:
+        """Mean power transmission including blocked rays, shape (1, 1) or (4, 4)."""
         return np.asarray(self.fractions.sum(axis=0) / _ray_count())
 
     @property
@@ -104,13 +106,15 @@ def passing_rays(
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
+    """Return the points of rays from an emitter via mirrors to a receiver, as in `points_by`."""
     return points_by(points_on(emitter, slice(0, 2)), points_on(receiver, slice(2, 4)), chain)
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
-    """Return the points of specular rays via the planes of mirrors.
+    """Return the points of specular rays via the planes of mirrors, in m.
 
-    The order of the points is: end, mirrors in reverse order, start.
+    ``start`` and ``end`` are points (n, 3). The order of the result is: end, mirrors in reverse
+    order, start. Rays that miss a plane are omitted.
     """
     images = [start]
     for mirror in chain:
@@ -145,6 +149,7 @@ class CentralPath(NamedTuple):
 
     @property
     def length(self) -> float:
+        """Length in m."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     @property
@@ -156,7 +161,10 @@ class CentralPath(NamedTuple):
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """Return the electric field at the end for a Jones vector at the start."""
+        """Return the electric field (3,) at the end for a Jones vector at the start.
+
+        ``axes`` (3, 3) are the axes of the source in its columns.
+        """
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         field = self.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
@@ -211,7 +219,8 @@ def _receiving_points(
 ) -> tuple[Floats, Complex]:
     """Return positions and complex weights; the receiver receives the weighted sum of the field.
 
-    By reciprocity, a dipole receives the normal derivative of the field, computed as a finite
+    ``axes`` and ``origin`` are the pose of the receiver relative to the emitter, in wavelengths. By
+    reciprocity, a dipole receives the normal derivative of the field, computed as a finite
     difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
@@ -274,6 +283,10 @@ def _unfolded(
 
 
 def _clipped_mesh(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh:
+    """Return the part of a mesh where ``normal . p > offset``.
+
+    Triangles that cross the plane are cut.
+    """
     height = points @ normal - offset
     height = np.where(np.abs(height) <= _IN_PLANE * np.abs(points).max(initial=1.0), 0.0, height)
     corners, number = list(points), {}
@@ -370,7 +383,7 @@ def trace_rays(
 
 
 def _pane_matrices(result: Transmission, legs: int) -> Floats:
-    """Return the matrices (n, legs, 3, 3) of the panes of each segment."""
+    """Return the matrices of the panes on each of ``legs`` segments, shape (n, legs, 3, 3)."""
     # Segments are missing if all rays miss a mirror.
     columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
     parts = [np.array(part, np.float64).reshape(3, -1) for leg in columns for part in leg]
@@ -379,6 +392,7 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
 
 
 def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
+    """Return the plane of a mirror in scene units; ``unit`` is the length of a unit in m."""
     rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None

@@ -47,6 +47,7 @@ class Mirror:
     offset: float
 
     def image_of(self, points: Floats) -> Floats:
+        """Return the mirror images of points (..., 3)."""
         height = points @ self.normal - self.offset
         result: Floats = points - 2 * height[..., None] * self.normal
         return result
@@ -104,6 +105,7 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
 
 
 def _quoted(names: list[str]) -> str:
+    """Return names in quotation marks, separated by commas."""
     return ", ".join(map(repr, names))
 
 
@@ -124,7 +126,7 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
 
 
 def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
-    """Return the planes of a shape, or an empty list if it is curved."""
+    """Return the normals and offsets of the planes of a shape, or no planes if it is curved."""
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
     points, normals = _corners_and_normals(shape) if has_faces else _centre_and_normal(shape)
@@ -141,6 +143,7 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same_plane(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
+    """Return whether two planes are equal; ``size`` is the largest coordinate of the shape."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
@@ -220,11 +223,12 @@ class Surface:
 
 
 def _sheet_reflectance(power: Any) -> Floats:
+    """Return 2R/(1 + R), the reflectance of a thin sheet whose faces have reflectance R."""
     return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """Return the front or back surface of a mirror."""
+    """Return the front surface of a mirror if ``is_before`` is true, otherwise its back surface."""
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -246,6 +250,7 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
 
 
 def _mean_number(value: Any) -> float:
+    """Return the mean of all numbers in a Dr.Jit value."""
     return float(np.ravel(np.array(value, np.float64)).mean())
 
 
@@ -287,6 +292,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
+        """Return the mirror image of an emitter or receiver as an antenna near the body."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
@@ -300,7 +306,10 @@ class Body:
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
     def accuracy_notes(self, wavelength: float, paths: list[Floats]) -> list[str]:
-        """Return notes on the accuracy of the echo for ``paths`` from both ends to the body."""
+        """Return notes on the accuracy of the echo.
+
+        ``paths`` contains the points (n, 3) of the paths from both ends to the body, in m.
+        """
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
@@ -338,6 +347,7 @@ Route = Chain | Echo
 
 
 def names_of(route: Route) -> tuple[str, ...]:
+    """Return the names of the mirrors and of the body along a route."""
     if isinstance(route, Echo):
         return (*names_of(route.before), route.body.name, *names_of(route.after))
     return tuple(mirror.name for mirror in route)
@@ -356,6 +366,7 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
 
 
 def _body(name: str, value: Any) -> Body:
+    """Return a body from an item of the argument ``bodies``."""
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
@@ -383,7 +394,10 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return paths via mirrors, paths via bodies, and notes on excluded paths."""
+    """Return routes via mirrors, routes via bodies, and notes on excluded routes.
+
+    ``unit`` is the length of a scene unit in m.
+    """
     mirrors, notes = mirrors_in(scene, unit, reflections)
     chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
     return chains, _echoes_of(bodies, mirrors, reflections), notes
@@ -395,10 +409,11 @@ Result = TypeVar("Result")
 def paths_by(
     routes: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
-    """Apply ``find`` to all routes of a link, and return the results and notes.
+    """Apply ``find`` to all routes of a link, and return its results and notes on them.
 
     ``find`` returns a result and its notes, or the reason why no power arrives. Such reasons become
-    notes only for the line of sight and for echoes without mirrors.
+    notes only for the line of sight and for echoes without mirrors. ``link`` names the link in
+    notes.
     """
     results, notes = [], []
     for route in routes:

@@ -63,11 +63,13 @@ class Exposure:
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
+        """Return the number of channels of the image."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
             return int(self._one_pass(1, 0).shape[-1])
 
     def _one_pass(self, spp: int, seed: int) -> Floats:
+        """Render the cropped film, shape (rows, columns, channels)."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
         # Dr.Jit cannot record loops over a single sample that contain literals, such as zeros of
@@ -119,6 +121,7 @@ def may_shadow(scene: mi.Scene) -> bool:
 
 
 def _shines_on(light: mi.Emitter, points: Floats) -> bool:
+    """Return whether a light radiates towards one of the points (n, 3)."""
     if not surfaces.is_source(light):
         return True
     pose = np.array(surfaces.matrix_of(light.to_world))
@@ -151,10 +154,12 @@ def default_integrator(scene: mi.Scene) -> str:
 
 
 def default_spp(scene: mi.Scene, sensor: int = 0) -> int:
+    """Return the number of samples per pixel of a sensor's sampler."""
     return films.check_spp(_camera(scene, sensor).sampler().sample_count())
 
 
 def _camera(scene: mi.Scene, number: int) -> mi.Sensor:
+    """Return a sensor of a scene; raise an error unless it exists and has pixels."""
     sensors = surfaces.sensors_of(scene)
     if not sensors:
         raise SceneError("the scene has no <sensor>; add a sensor with a film")
@@ -199,6 +204,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
 
 
 def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
+    """Warn if an integrator loses light that passes the surface of a source."""
     # Integrators written in Python have the same C++ class name.
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
@@ -333,7 +339,7 @@ _HIDDEN_SCALE = 1e-3
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources, which still illuminate the scene."""
+    """Hide coherent sources within a ``with`` block; they still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -353,7 +359,10 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 def polarised_by_default(
     scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set the Jones vector of sources and receivers whose polarisation is not specified."""
+    """Set the polarisation of sources and receivers without one within a ``with`` block.
+
+    ``polarisation`` is a Jones vector; None changes nothing.
+    """
     changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         sensors = [sensor for _, sensor in surfaces.receivers_of(scene)]
@@ -365,12 +374,13 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources except ``active`` to zero."""
+    """Set the power of all sources except ``active`` to zero within a ``with`` block."""
     others = [source for source in sources if source is not active]
     return films.changed([(source, "power", source.adjustable(0.0)) for source in others])
 
 
 def _move_vertices(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
+    """Set the vertices (n, 3) of each mesh, and update the scene."""
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
     scene.parameters_changed([])  # Updates the surfaces that rays hit.

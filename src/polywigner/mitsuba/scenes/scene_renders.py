@@ -58,9 +58,11 @@ class SceneParts:
         self.sources = [registered_source(text) for text in texts if is_key(text)]
 
     def __getstate__(self) -> dict[str, Any]:
+        """Return the state for other processes, which load the scene again."""
         return {**self.__dict__, "scene": None}
 
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
+        """Return the part of the result that starts at the index ``origin``."""
         if self.scene is None:
             choose_variant(self.file.variant)
             # Keys of sources in memory are valid in one process only.
@@ -201,6 +203,7 @@ def render_parts(
 def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
+    """Render the strip of an image that starts at the row ``origin[0]``."""
     # The first process has already issued the warnings.
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
@@ -250,6 +253,7 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
+    """Render the batch of scattered light with the index ``origin``: receiver, batch, ..."""
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

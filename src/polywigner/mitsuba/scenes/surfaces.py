@@ -38,6 +38,7 @@ _Key = tuple[str, list[float], str]
 
 
 def _emitter_key(emitter: mi.Emitter) -> _Key:
+    """Return the key that sorts an emitter."""
     shape = emitter.get_shape()
     if shape is None:
         return emitter.id(), [], str(emitter)
@@ -45,6 +46,7 @@ def _emitter_key(emitter: mi.Emitter) -> _Key:
 
 
 def _shape_key(shape: mi.Shape) -> _Key:
+    """Return the key that sorts a shape: its id, then its pose or bounds."""
     emitter = shape.emitter()
     # `hide_emitters` changes the bounds of source meshes, but not the poses of the sources.
     if hasattr(emitter, "spec"):
@@ -53,18 +55,22 @@ def _shape_key(shape: mi.Shape) -> _Key:
 
 
 def is_source(emitter: mi.Emitter) -> bool:
+    """Return whether an emitter belongs to a ``wigner`` shape."""
     return getattr(type(emitter), "is_wigner", False)
 
 
 def wigner_emitters(scene: mi.Scene) -> list[mi.Emitter]:
+    """Return the emitters of the ``wigner`` shapes of a scene, sorted by shape id."""
     return list(filter(is_source, sorted_emitters(scene)))
 
 
 def is_receiver(sensor: mi.Sensor) -> bool:
+    """Return whether a sensor is a ``wigner_receiver``."""
     return getattr(type(sensor), "is_wigner_receiver", False)
 
 
 def sensors_of(scene: Any) -> list[mi.Sensor]:
+    """Return the sensors of a scene; raise ArgumentError for other objects."""
     if not hasattr(scene, "sensors"):
         raise ArgumentError(
             f"expected scene to be a mi.Scene, got {type(scene).__name__}; create one with "
@@ -85,6 +91,7 @@ def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
 
 
 def children_of(node: mi.Object) -> list[mi.Object]:
+    """Return the objects that are nested directly in an object of Mitsuba."""
     children: list[mi.Object] = []
 
     class Callback(mi.TraversalCallback):  # The base class depends on the current variant.
@@ -149,6 +156,7 @@ def extent_near(scene: mi.Scene, corners: Floats) -> float:
 
 
 def _largest_coordinate_in_box(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
+    """Return the largest coordinate of the triangles that meet a box."""
     corners = vertices_of(mesh)[faces_of(mesh)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
@@ -164,6 +172,7 @@ def bounds_of(shape: mi.Shape) -> Floats:
 
 
 def largest_coordinate(point: Drjit) -> Drjit:
+    """Return the largest modulus of the coordinates of a point."""
     return dr.max(dr.abs(point))
 
 
@@ -219,6 +228,10 @@ class ShapeExtents:
         return dr.select(size > result, size, result)
 
     def ray_from(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
+        """Return a ray that starts just off a surface.
+
+        The distance from the surface exceeds the rounding error of the intersection.
+        """
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
@@ -238,6 +251,11 @@ _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
 def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
+    """Yield vertices (n, 3) and faces (t, 3) of the opaque shapes of a scene, in scene units.
+
+    Curved shapes are divided into triangles with errors of 0.01 ``wavelength``, also in scene
+    units. Raises SceneError for too many faces and for shapes that cannot be converted to meshes.
+    """
     groups = {
         shape.id(): children_of(shape)
         for shape in children_of(scene)
@@ -258,6 +276,10 @@ def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indi
 def _triangles(
     shape: mi.Shape, groups: dict[str, list[Any]], wavelength: float
 ) -> Iterator[tuple[Floats, Indices]]:
+    """Yield vertices (n, 3) and faces (t, 3) of an opaque shape, or of the shapes of an instance.
+
+    ``groups`` contains the members of shape groups by id.
+    """
     params = mi.traverse(shape)
     if shape.class_name() == "Instance":
         name = str(shape).split('name = "', 1)[1].rsplit('",\n    prim_count', 1)[0]
@@ -285,15 +307,22 @@ def _triangles(
 
 
 def _rectangle(_: float) -> tuple[Floats, Indices]:
+    """Return vertices and faces of the square from -1 to 1."""
     corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     return corners, np.array([[0, 1, 2], [0, 2, 3]])
 
 
 def _chords(radius: float) -> int:
+    """Return the number of chords around a circle with a radius in wavelengths."""
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
+    """Return vertices and faces of a profile that is rotated about the z axis.
+
+    ``profile`` contains pairs of a radius and a height, and ``radius`` in wavelengths determines
+    the number of chords.
+    """
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
@@ -345,6 +374,7 @@ def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
 
 
 def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
+    """Return a connected mesh as an obstacle, with outward normals if it is closed."""
     count = len(points)
     directed = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     forth, back = directed @ [count, 1], directed @ [1, count]
@@ -377,7 +407,7 @@ def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the edges of a silhouette in front of the source plane."""
+    """Return the edges of a silhouette in front of the plane z = 0 of the source."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
