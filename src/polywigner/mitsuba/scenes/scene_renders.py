@@ -28,7 +28,13 @@ from polywigner.mitsuba.plugins.registration import (
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.receive.power_results import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
-from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
+from polywigner.mitsuba.receive.scattered import (
+    BATCHES,
+    Scattering,
+    aimed,
+    lights_of,
+    samples_per_batch,
+)
 from polywigner.mitsuba.scenes.rendering import (
     check_is_complete,
     exposed,
@@ -245,7 +251,7 @@ def _sampled(
     shape = (len(plans), BATCHES, *counts)
     sizes = dict(zip(("receiver", "batch", "light", "path"), shape, strict=False))
     settings = {"integrator": first.integrator, "seed": first.seed}
-    settings |= {"spp": [batches_of(plan.spp) for plan in plans]}
+    settings |= {"spp": [samples_per_batch(plan.spp) for plan in plans]}
     if first.edges is not None:
         settings["ranges"] = list(first.edges)
     parts = SceneParts(file, scene, partial(_batch, plans))
