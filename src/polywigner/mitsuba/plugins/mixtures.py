@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.errors import PolywignerError, SceneError
+from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.mitsuba.plugins.registration import unsuitable_source
+from polywigner.mitsuba.plugins.registration import scene_errors, unsuitable_source
 from polywigner.numerics import Floats
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.propagation.irradiances import mixture_parts
@@ -177,10 +177,8 @@ def norm_of(
     """
     if normalise == "aperture":
         return _energy(flat_source(source))
-    try:
+    with scene_errors():
         return mixture.power(checked_radiator(source), wavelength, obliquity)
-    except PolywignerError as error:
-        raise SceneError(str(error)) from None
 
 
 def _energy(source: Aperture | Array) -> float:
@@ -198,11 +196,9 @@ def support_of(source: Any, obliquity: str) -> Aperture:
     """Return the region of the source plane where the Wigner function is not zero."""
     if not isinstance(flat_source(source), Aperture | Array):
         raise unsuitable_source(source)
-    try:
+    with scene_errors():
         check_slopes(source, obliquity)
         return _support(flat_source(source))
-    except PolywignerError as error:
-        raise SceneError(str(error)) from None
 
 
 # Cached, because creating a scene entry and loading the scene both require the region.

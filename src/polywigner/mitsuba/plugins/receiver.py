@@ -136,8 +136,8 @@ class WignerReceiver(VariantPlugin):
         self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
         radiance = WignerRadiance(m, spec, wavelength)
-        terms = [(term.source, term.forms) for term in radiance.terms]
-        self.directions = directions_of(m, terms, spec.fields_of(source)[0][0].bounds, wavelength)
+        bounds = spec.fields_of(source)[0][0].bounds
+        self.directions = directions_of(m, radiance.terms, bounds, wavelength)
         self.polariser = Polariser(m, spec.polarisation)
         self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, radiance)
         reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))

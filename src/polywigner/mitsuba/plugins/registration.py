@@ -105,6 +105,18 @@ def original_error(error: BaseException) -> PolywignerError | None:
     return next((cause for cause in reversed(_recent_errors) if str(cause) in text), None)
 
 
+@contextmanager
+def scene_errors(about: str = "") -> Iterator[None]:
+    """Convert errors of this package in a ``with`` block to SceneErrors.
+
+    ``about`` is the start of their messages.
+    """
+    try:
+        yield
+    except PolywignerError as error:
+        raise SceneError(f"{about}{error}") from None
+
+
 def _on_variant_change(_old: str | None, new: str) -> None:
     """Register all plugins for ``scalar_rgb`` and for the variant ``new``."""
     # Mitsuba looks up the kind of every plugin in scalar_rgb. Without a registration in scalar_rgb,

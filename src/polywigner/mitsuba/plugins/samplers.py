@@ -20,7 +20,6 @@ from polywigner.execution import Drjit, ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import Forms
 from polywigner.source.polarisation import Stokes
 from polywigner.transforms import fourier
 
@@ -115,15 +114,12 @@ class Directions:
 
 
 def directions_of(
-    m: Any,
-    terms: Sequence[tuple[SceneSource, Forms]],
-    bounds: Sequence[float],
-    wavelength: float,
+    m: Any, terms: Sequence[Any], bounds: Sequence[float], wavelength: float
 ) -> Directions:
     """Return a sampler of directions for a source.
 
-    ``terms`` are the radiance terms that `emissions` returns, and ``bounds`` is the source's
-    bounding box in metres. The density is a mixture of the far-field pattern g |F|^2, its square
+    ``terms`` are the terms of `WignerRadiance`, and ``bounds`` is the source's bounding box in
+    metres. The density is a mixture of the far-field pattern g |F|^2, its square
     root and a uniform density.
     """
     low, high = np.reshape(bounds, (2, 2))
@@ -142,10 +138,7 @@ def directions_of(
 
 
 def _mean_pattern(
-    terms: Sequence[tuple[SceneSource, Forms]],
-    wavelength: float,
-    counts: npt.NDArray[np.int_],
-    within: int,
+    terms: Sequence[Any], wavelength: float, counts: npt.NDArray[np.int_], within: int
 ) -> Floats:
     """Return the far-field pattern g |F|^2 on a grid of angles, averaged over each cell.
 
@@ -164,8 +157,8 @@ def _mean_pattern(
         rho = np.sqrt(1.0 - alpha * alpha)
         cosine = np.maximum(rho * np.cos(psi), 0.0)
         nu = np.stack(np.broadcast_arrays(alpha, rho * np.sin(psi)), axis=-1) / wavelength
-        for source, forms in terms:
-            total = total + np.abs(fourier(source, nu)) ** 2 * forms.irradiance(cosine)
+        for term in terms:
+            total = total + np.abs(fourier(term.source, nu)) ** 2 * term.forms.irradiance(cosine)
     return np.maximum(total, 0.0)
 
 

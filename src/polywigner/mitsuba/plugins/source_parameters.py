@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner import geometry
-from polywigner.errors import ArgumentError, GeometryError, SceneError
+from polywigner.errors import GeometryError, SceneError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -29,7 +29,12 @@ from polywigner.mitsuba.plugins.mixtures import (
     norm_of,
     support_of,
 )
-from polywigner.mitsuba.plugins.registration import is_key, register_source, registered_source
+from polywigner.mitsuba.plugins.registration import (
+    is_key,
+    register_source,
+    registered_source,
+    scene_errors,
+)
 from polywigner.mitsuba.scenes.surfaces import extent_near, matrix_of
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import (
@@ -175,11 +180,9 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         )
     obliquity = element.choice("an obliquity", OBLIQUITIES, DEFAULT)
     wavelength = element.wavelength()
-    try:
-        bandwidth = element.number("bandwidth") if is_emitter else None
+    bandwidth = element.number("bandwidth") if is_emitter else None
+    with scene_errors():
         source, mixture = mixture_of(element.source(wavelength), wavelength, bandwidth)
-    except ArgumentError as error:
-        raise SceneError(str(error)) from None
     spec = SourceParameters(
         source=source,
         wavelength=wavelength,
@@ -341,10 +344,8 @@ class _SceneValues:
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
-        try:
+        with scene_errors():
             return polarisation_of_text(text, source)
-        except ArgumentError as error:
-            raise SceneError(str(error)) from None
 
     def pose(self) -> Floats:
         """Return the pose ``to_world``, shape (4, 4), by default the identity."""

@@ -48,51 +48,39 @@ if TYPE_CHECKING:
 _WAVEFRONT = 2**17
 
 
-@dataclass(frozen=True, eq=False)
-class Cloud:
-    """Scattering events on paths to a receiver."""
+def _selected_events(
+    events: Events, count: int, rng: np.random.Generator, for_elements: bool
+) -> tuple[Events, float]:
+    """Select at most ``count`` events at random, with unbiased sums of powers and intensities.
 
-    events: Events
-    """Events with powers in W, and with radiant intensities towards the receiver in W/sr."""
-    standard_error: float
-    """Standard error of the sum of all powers in W."""
-
-    def thinned(self, count: int, rng: np.random.Generator, for_elements: bool) -> Cloud:
-        """Select at most ``count`` events at random, with unbiased sums.
-
-        Probabilities are proportional to the power. With ``for_elements``, they are proportional to
-        the mean of the relative power and the relative intensity, so that the nulls of an array do
-        not depend on a few events. Systematic sampling in order of path length preserves the
-        distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
-        """
-        events = self.events
-        if len(events) <= count:
-            return self
-        measure = np.abs(events.power) / np.abs(events.power).sum()
-        if for_elements:
-            measure += np.abs(events.intensity) / np.abs(events.intensity).sum()
-        probabilities = _probabilities(measure, count)
-        order = np.argsort(events.length, kind="stable")
-        steps = np.floor(np.cumsum(probabilities[order]) + rng.random())
-        selected = np.sort(order[np.diff(steps, prepend=0.0) > 0])
-        chance, events = probabilities[selected], events[selected]
-        events.power /= chance
-        events.intensity /= chance
-        error = math.hypot(self.standard_error, _thinning_error(events.power, chance))
-        return Cloud(events, error)
+    Return the events, and the standard error of their total power in W due to the selection.
+    Probabilities are proportional to the power. With ``for_elements``, they are proportional to the
+    mean of the relative power and the relative intensity, so that the nulls of an array do not
+    depend on a few events. Systematic sampling in order of path length preserves the distribution
+    of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
+    """
+    if len(events) <= count:
+        return events, 0.0
+    measure = np.abs(events.power) / np.abs(events.power).sum()
+    if for_elements:
+        measure += np.abs(events.intensity) / np.abs(events.intensity).sum()
+    probabilities = _probabilities(measure, count)
+    order = np.argsort(events.length, kind="stable")
+    steps = np.floor(np.cumsum(probabilities[order]) + rng.random())
+    selected = np.sort(order[np.diff(steps, prepend=0.0) > 0])
+    chance, events = probabilities[selected], events[selected]
+    events.power /= chance
+    events.intensity /= chance
+    return events, _thinning_error(events.power, chance)
 
 
-def cloud_of(
-    scene: Any,
-    sensor: Any,
-    count: int,
-    depth: int,
-    rng: np.random.Generator,
-    motion: Motion | None,
-) -> Cloud:
-    """Trace at least ``count`` rays from a receiver, and return all scattering events.
+def _all_events(
+    scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
+) -> tuple[Events, float]:
+    """Trace at least ``count`` rays from a receiver; the sources of the scene must be hidden.
 
-    The sources of the scene must be hidden. ``depth`` is the maximum path depth.
+    Return all scattering events with powers in W and radiant intensities in W/sr, and the standard
+    error of their total power. ``depth`` is the maximum path depth.
     """
     size = -(-count // BATCHES)
     batches = [_events_of_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
@@ -100,7 +88,7 @@ def cloud_of(
     events = np.concatenate(batches).view(np.recarray)
     events.power /= BATCHES
     events.intensity /= BATCHES
-    return Cloud(events, float(error))
+    return events, float(error)
 
 
 def _events_of_batch(
@@ -277,8 +265,8 @@ def scatterers(
     motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
     depth = _depth_of(scene.integrator()) if depth is None else depth
     with hide_emitters(scene), aimed(scene), scene_known(scene):
-        cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
-    cloud = cloud.thinned(size, rng, isinstance(placed.source, Array))
+        events, error = _all_events(scene, sensor, launched, depth, rng, motion)
+    events, added_error = _selected_events(events, size, rng, isinstance(placed.source, Array))
     about = {
         "receiver": placed.name,
         "wavelength": placed.wavelength,
@@ -290,9 +278,9 @@ def scatterers(
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,
-        "standard_error": cloud.standard_error,
+        "standard_error": math.hypot(error, added_error),
     }
-    return _dataset_of(cloud, names, motion, placed.scene_unit, about)
+    return _dataset_of(events, names, motion, placed.scene_unit, about)
 
 
 @dataclass(frozen=True)
@@ -368,10 +356,10 @@ def _depth_of(integrator: Any) -> int:
 
 
 def _dataset_of(
-    cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
+    events: Events, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
 ) -> xarray.Dataset:
-    """Return a cloud as a dataset, with lengths in m."""
-    events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
+    """Return events as a cloud of scatterers, with lengths in m; ``unit`` is the scene unit."""
+    along, in_space = ("scatterer",), ("scatterer", "axis")
     shapes, lights = _ids(names.shapes, events.first_shape), _ids(names.lights, events.light)
     values: Variables = {
         "position": (unit * events.position, in_space, "m", "position on the first surface"),

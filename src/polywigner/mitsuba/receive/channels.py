@@ -19,7 +19,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from polywigner.errors import ArgumentError, PolywignerError, SceneError
+from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_callable, checked_row
 from polywigner.mitsuba.plugins.mixtures import norm_of
@@ -33,7 +33,7 @@ from polywigner.mitsuba.plugins.placement import (
     placed_receiver,
 )
 from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisation_summary
-from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.plugins.registration import one_at_a_time, scene_errors
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.specular_paths import (
     CentralPath,
@@ -387,10 +387,8 @@ def _echo_coupling(
         sides.append(side)
     total = 0j
     for (emitted, p, first), (received, q, second) in product(*sides):
-        try:
+        with scene_errors(f"cannot compute the echo of {body.name!r}: "):
             b = echo(body.facets, emitted, received, (q, p), ECHO_ERROR, body.bounces)
-        except PolywignerError as error:
-            raise SceneError(f"cannot compute the echo of {body.name!r}: {error}") from None
         total += first * second * b
     return total
 
@@ -475,12 +473,9 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
     for (emitted, received, obliquity), numbers in groups.items():
         ends = [(links[k].emitter, links[k].receiver) for k in numbers]
         poses = np.array([emitter.pose_of(receiver) for emitter, receiver in ends])
-        try:
+        first, last = (end.name for end in ends[0])
+        with scene_errors(f"the link from emitter {first!r} to receiver {last!r}: "):
             values[numbers] = coupling(emitted, received, poses, wavelength, obliquity, tolerance)
-        except PolywignerError as error:
-            emitter, receiver = ends[0]
-            link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
-            raise SceneError(f"{link}: {error}") from None
     return values
 
 

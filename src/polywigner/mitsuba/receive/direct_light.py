@@ -20,7 +20,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import PolywignerError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.mitsuba.plugins.mixtures import norm_of
 from polywigner.mitsuba.plugins.placement import (
@@ -29,6 +29,7 @@ from polywigner.mitsuba.plugins.placement import (
     check_obliquity,
     facing_parts,
 )
+from polywigner.mitsuba.plugins.registration import scene_errors
 from polywigner.mitsuba.receive.power_results import DirectPath
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.specular_paths import (
@@ -65,13 +66,11 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     # common scale: the integral of |u|^2.
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
-    try:
+    with scene_errors(f"{link}: "):
         for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
             for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
                 b = coupling(sent, taken, pose, wavelength, method, tolerance, normalise=normalise)
                 total += weight * other * float(abs(b) ** 2)
-    except PolywignerError as error:
-        raise SceneError(f"{link}: {error}") from None
     for placed in (emitter, receiver):
         norm = norm_of(placed.source, placed.wavelength, method, normalise=normalise)
         total *= norm / placed.norm
@@ -344,15 +343,11 @@ def _effective_areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -
         point *= distance / float(np.linalg.norm(point))
     method: Any = receiver.obliquity
     terms = []
-    try:
+    with scene_errors(f"cannot compute the direct light at receiver {receiver.name!r}: "):
         for taken, stokes in receiver.fields:
             area = 0.0
             for part, wavelength, weight in receiver.mixture.parts(taken, receiver.wavelength):
                 field = amplitude(part, point, wavelength, method, tolerance=_TOLERANCE)
                 area += weight * wavelength**2 * abs(complex(field)) ** 2
             terms.append((area * scale / receiver.norm, (1.0, 0.0, 0.0, 0.0), stokes))
-    except PolywignerError as error:
-        raise SceneError(
-            f"cannot compute the direct light at receiver {receiver.name!r}: {error}"
-        ) from None
     return terms

@@ -26,13 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.execution import Drjit, ops_for
-from polywigner.geometry.parts import connected
 from polywigner.mitsuba.plugins.films import changed, check_spp, mean_of_colours, seed_of
 from polywigner.mitsuba.radar.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.scenes.rendering import check_is_complete, exposed, illuminated_by
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
+    connected_parts,
     faces_of,
     is_receiver,
     sorted_shapes,
@@ -83,16 +83,10 @@ def _boxes(shape: Any) -> list[Floats]:
     shape_box = [bounds_of(shape)]
     if "faces" not in mi.traverse(shape) or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    # Meshes with normals contain the same vertex several times.
-    points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
-    faces = numbers.ravel()[faces_of(shape)]
-    first, second, third = faces.T
-    labels = connected(len(points), np.append(first, first), np.append(second, third))
-    pieces, owner = np.unique(labels[first], return_inverse=True)
-    if not 1 < len(pieces) <= _MOST_PIECES:
+    points, parts = connected_parts(vertices_of(shape), faces_of(shape))
+    if not 1 < len(parts) <= _MOST_PIECES:
         return shape_box
-    corners = (points[faces[owner == k]].reshape(-1, 3) for k in range(len(pieces)))
-    return [np.array([part.min(axis=0), part.max(axis=0)]) for part in corners]
+    return [np.array([points[p].min(axis=(0, 1)), points[p].max(axis=(0, 1))]) for p in parts]
 
 
 def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:

@@ -12,11 +12,12 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.mitsuba.plugins.placement import FacingParts, PlacedSource, facing_parts
 from polywigner.mitsuba.plugins.polariser import axis_rotation, mueller_matrix
+from polywigner.mitsuba.plugins.registration import scene_errors
 from polywigner.mitsuba.plugins.samplers import Frame, cells_with_field
 from polywigner.mitsuba.receive.ray_transmission import (
     Plane,
@@ -197,14 +198,11 @@ def diffracted_ratio(
     bodies = Obstacles([in_frame(body, image.pose, 1.0 / wavelength) for body in bodies_of(meshes)])
     if not bodies.bodies:
         return 1.0
-    try:
-        ends = [
+    with scene_errors("cannot compute the link with diffraction: "):
+        emitting, receiving = (
             radiating_points(end.source, wavelength, end.obliquity, _POINTS_ERROR)
             for end in (image, receiver)
-        ]
-    except ArgumentError as error:
-        raise SceneError(f"cannot compute the link with diffraction: {error}") from None
-    emitting, receiving = ends
+        )
     positions, weights = _receiving_points(receiving, pose[:3, :3], pose[:3, 3] / wavelength)
     silhouettes = [
         before_plane(part) for part in bodies.silhouettes([p.position for p in emitting])

@@ -195,8 +195,6 @@ class Surface:
         conductor has the coefficients -1 and +1. The modulus for a sheet is the square root of
         2R/(1 + R), with the reflectance R of one face. The time factor is exp(-i omega t).
         """
-        if self.index is None:
-            return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
         faces = self._of_one_face(cosine)
         if not self.is_thin:
             return faces
@@ -206,13 +204,13 @@ class Surface:
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
         """Return the reflectance of Mitsuba's BSDF, which assumes unpolarised light."""
-        faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
-        mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
+        mean = np.mean([np.square(np.abs(r)) for r in self._of_one_face(cosine)], axis=0)
         return _sheet_reflectance(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the Fresnel coefficients of one interface for s and p polarisation."""
-        assert self.index is not None
+        if self.index is None:
+            return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
         square = self.index**2
         # A positive imaginary part describes a wave that decays behind the surface.
         behind = np.sqrt(square - 1 + np.square(cosine) + 0j)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, permutations
 from typing import Any
 
 import drjit as dr
@@ -108,16 +108,13 @@ _TRANSPARENT = ("Volumetric", "Volpath")
 def may_shadow(scene: mi.Scene) -> bool:
     """Return whether the surface of a source may block another source or light."""
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
-    for number, source in enumerate(lights):
-        if not surfaces.is_source(source) or not source.spec.visible:
-            continue
-        shape = source.get_shape()
-        others = lights[:number] + lights[number + 1 :]
-        if mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null) and any(
-            _shines_on(other, surfaces.vertices_of(shape)) for other in others
-        ):
-            return True
-    return False
+    return any(
+        surfaces.is_source(source)
+        and source.spec.visible
+        and mi.has_flag(source.get_shape().bsdf().flags(), mi.BSDFFlags.Null)
+        and _shines_on(other, surfaces.vertices_of(source.get_shape()))
+        for source, other in permutations(lights, 2)
+    )
 
 
 def _shines_on(light: mi.Emitter, points: Floats) -> bool:

@@ -352,20 +352,34 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
     """Return the connected parts of a mesh, after merging equal vertices."""
+    points, parts = connected_parts(points, faces)
+    bodies = []
+    for part in parts:
+        used, corners = np.unique(part, return_inverse=True)
+        bodies.append(_body(points[used], corners.reshape(-1, 3)))
+    return bodies
+
+
+def connected_parts(points: Floats, faces: Indices) -> tuple[Floats, list[Indices]]:
+    """Return the distinct vertices of a mesh, and the faces (t, 3) of each connected part.
+
+    Faces without an area are omitted.
+    """
+    # Meshes with normals contain the same vertex several times.
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    normals = np.cross(b - a, c - a)
-    has_area = np.linalg.norm(normals, axis=1) > 0.0
-    faces, normals = faces[has_area], normals[has_area]
+    faces = faces[np.linalg.norm(_normals_of(points, faces), axis=1) > 0.0]
     a, b, c = faces.T
     part = connected(len(points), np.append(a, a), np.append(b, c))[a]
-    bodies = []
     order = np.argsort(part, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(part[order])) + 1) if len(part) else ():
-        used, corners = np.unique(faces[rows], return_inverse=True)
-        bodies.append(_body(points[used], corners.reshape(-1, 3), normals[rows]))
-    return bodies
+    ends = np.flatnonzero(np.diff(part[order])) + 1
+    return points, np.split(faces[order], ends) if len(faces) else []
+
+
+def _normals_of(points: Floats, faces: Indices) -> Floats:
+    """Return the normals of triangles, whose lengths are twice the areas, shape (t, 3)."""
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    return np.cross(b - a, c - a)
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
@@ -373,9 +387,9 @@ def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
-def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
+def _body(points: Floats, faces: Indices) -> Obstacle:
     """Return a connected mesh as an obstacle, with outward normals if it is closed."""
-    count = len(points)
+    count, normals = len(points), _normals_of(points, faces)
     directed = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     forth, back = directed @ [count, 1], directed @ [1, count]
     is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
@@ -391,7 +405,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     inner = points - points.mean(axis=0)
     # The normals of a body point inwards if its signed volume is negative.
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:
-        return _body(points, faces[:, ::-1], -normals)
+        return _body(points, faces[:, ::-1])
     convex = is_convex(points, faces, normals, _FLATNESS)
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
