@@ -185,6 +185,7 @@ class Shadows:
         wave_of = self._waves_of_nodes(at)
 
         def add_node(number: Drjit, real: Drjit, imag: Drjit, *free: Drjit) -> tuple[Drjit, ...]:
+            """Add the wave of a node, with and without obstacles, to the sums of waves."""
             row = ops.gather(self._tables["nodes"], number)
             parts = wave_of(number)
             hidden = self._hidden(row, self._path(row, at)[0])
@@ -204,10 +205,12 @@ class Shadows:
         faint = (_FAINT / ops.maximum(level, _WEAK)) ** 2
 
         def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+            """Add the changes of the field that the edges of a group cause."""
             group = ops.gather(self._tables["groups"], number)
             weight = self._transmission(group, at)
 
             def add_edge(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+                """Add the change of the field that an edge causes, unless it is faint."""
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
                 detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
@@ -217,6 +220,7 @@ class Shadows:
                 edge = _Edge(row, detour, foot)
 
                 def add_waves(real: Drjit, imag: Drjit) -> Field:
+                    """Add the change of the field that the edge causes."""
                     change = self._edge_change(edge, at, wave_of) * weight
                     return real + change.real, imag + change.imag
 
@@ -237,6 +241,7 @@ class Shadows:
         m, ops, count = self._m, self._ops, self._few_nodes
 
         def radiated(number: Drjit) -> tuple[Values, Values]:
+            """Return the wave of a radiating point, and its fractions that nodes represent."""
             row = ops.gather(self._tables["points"], number)
             ahead, turns = self._path(row, at)
             wave = equivalent_points.wave_ahead(ops, ahead, row[3:5], row[5:7], turns)
@@ -251,6 +256,7 @@ class Shadows:
         width = 4 if self._is_oblique else 2
 
         def add_point(number: Drjit, *sums: Drjit) -> Values:
+            """Add the wave of a radiating point to the waves of all nodes."""
             parts, fractions = radiated(number)
             products = (part * fraction for fraction in fractions for part in parts)
             return tuple(a + b for a, b in zip(sums, products, strict=True))
@@ -259,6 +265,7 @@ class Shadows:
         waves = [sums[start : start + width] for start in range(0, len(sums), width)]
 
         def wave_of(number: Drjit) -> Values:
+            """Return the wave of the node with an index."""
             chosen = waves[0]
             for k, wave in enumerate(waves[1:], 1):
                 chosen = tuple(map(partial(dr.select, number == k), wave, chosen))
@@ -276,9 +283,11 @@ class Shadows:
         span = m.UInt32(row[10]), m.UInt32(row[11])
 
         def near(real: Drjit, imag: Drjit) -> Field:
+            """Add the changes with the waves of the nodes at the point as weights."""
             return self._summed(span, partial(self._change_at, wave_of), edge, at, (real, imag))
 
         def far(real: Drjit, imag: Drjit) -> Field:
+            """Add the changes with the waves of the nodes at the edge as weights."""
             by_centre = edge.detour > row[17]
             last = m.UInt32(self._counts[0])
             ends = dr.select(by_centre, last, span[0]), dr.select(by_centre, last + 1, span[1])
@@ -302,6 +311,7 @@ class Shadows:
         """
 
         def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+            """Add the change of the wave of one node."""
             change = change_of(number, edge, at)
             return real + change.real, imag + change.imag
 
@@ -396,6 +406,7 @@ class Shadows:
         margin = _ENDS * ops.sqrt(dot(at, at))
 
         def is_hit(number: Drjit, hits: Drjit) -> tuple[Drjit]:
+            """Return 1 if the line to the point meets a triangle, otherwise ``hits``."""
             row = ops.gather(triangles, number)
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
@@ -406,11 +417,13 @@ class Shadows:
             return (dr.select(hit, 1.0, hits),)
 
         def over(number: Drjit, detour: Drjit, share: Drjit) -> Field:
+            """Return the least detour and the largest transmission over rim edges so far."""
             row = ops.gather(rims, number)
             longer, passed = shadows.transmission_over(ops, group[:3], at, row[:3], row[3:6])
             return ops.minimum(longer, detour), ops.maximum(passed, share)
 
         def behind(real: Drjit, imag: Drjit) -> Field:
+            """Return the transmission for a point behind the plane of the face."""
             span = m.UInt32(group[9]), m.UInt32(group[10])
             (hits,) = ops.fold(*span, (m.Float(0.0),), is_hit)
             first, end = m.UInt32(group[11]), m.UInt32(group[12])
@@ -452,6 +465,7 @@ class Shadows:
         """Do the same as `_when` for arguments and results with derivatives."""
 
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
+            """Evaluate ``compute`` for flattened arguments, and flatten its results."""
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
         zeros = (self._m.Float(0.0),) * 4

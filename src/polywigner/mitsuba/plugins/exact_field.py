@@ -67,6 +67,7 @@ def equivalent_point_field(
     """
 
     def pays(counts: Sequence[int]) -> bool:
+        """Return whether a grid with these numbers of points is faster than the panels."""
         return min(counts) <= _MOST_POINTS and math.prod(counts) <= _POINTS_PER_PANEL * panels
 
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
@@ -88,6 +89,7 @@ def equivalent_point_field(
         length, aside, along = (half[0], y, x) if is_swapped else (half[1], x, y)
 
         def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
+            """Return the field of the equivalent points on a line at the position ``at``."""
             step = len(weights) // len(nodes)
             total = Pair(0.0, 0.0)
             for k, node in enumerate(length * position for position in nodes.tolist()):

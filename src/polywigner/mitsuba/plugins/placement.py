@@ -98,6 +98,7 @@ def _mirrored(source: SceneSource) -> SceneSource:
     """Return a source with the signs of all x coordinates changed."""
 
     def image(element: SourceElement) -> SourceElement:
+        """Return an element with the signs of all x coordinates changed."""
         outline: Any = element.outline
         polygons = shapely.transform(outline.polygons, lambda points: points * _MIRROR)
         frequencies = element.frequencies * _MIRROR

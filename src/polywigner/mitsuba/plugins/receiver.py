@@ -60,6 +60,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
     def body(start: Drjit, distance: Drjit, going: Drjit) -> tuple[Drjit, Drjit, Drjit]:
+        """Move rays to the next surface, and add the lengths of their steps."""
         surface = scene.ray_intersect_preliminary(m.Ray3f(start, direction), False, going)
         is_hit = surface.is_valid()
         length, is_null = dr.select(is_hit, surface.t, far), False

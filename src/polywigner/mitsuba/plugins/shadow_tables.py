@@ -228,6 +228,7 @@ def _edges_by_nodes(
     ends = ends.reshape(-1, 6)
 
     def edges(rows: Indices, seen: Floats, span: tuple[int, int]) -> tuple[_Edges, Indices]:
+        """Return the edges with indices ``rows``, seen from a span of nodes, and their groups."""
         return _Edges(seen, lines[rows], pieces_behind[rows], planes[rows], span), group[rows]
 
     yield edges(rows[:, 0], ends[rows][:, seen_by], (0, len(nodes.positions)))

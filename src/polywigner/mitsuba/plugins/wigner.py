@@ -139,6 +139,7 @@ class WignerRadiance:
         point = (*position, *frequency)
 
         def wigner_of(term: _Term) -> Drjit:
+            """Return the Wigner function of a term."""
             if wigner is not None:
                 return wigner(self._ops, *point)
             if self._jit:
@@ -180,6 +181,7 @@ class WignerRadiance:
         x, y = _frequency(direction, wave)
 
         def intensity_of(term: _Term) -> Drjit:
+            """Return |F|^2 of a term."""
             if intensity is not None:
                 return intensity(self._ops, x, y)
             value = fourier(term.source, self._m.Vector2f(x, y) if self._jit else [x, y])

@@ -193,6 +193,7 @@ def radar_cube(
                 clouds[number] = _cloud_of(scene, radar, number, size, rays, speeds, options)
 
     def block(number: int, draw: int) -> Complex:
+        """Return the samples (1, element, emitter, chirp, sample) of a receiver in a draw."""
         return _samples(
             radar, coherent[number], clouds[number], with_noise, (options.seed, number, draw)
         )[None]
@@ -314,6 +315,7 @@ def _coherent_links(
     shortest = SPEED_OF_LIGHT / float(wave.frequencies.max())
 
     def link(emitter: PlacedSource, receiver: PlacedSource) -> _Link:
+        """Return the coherent paths from an emitter to an element."""
         paths, of_link = paths_between(
             scene, emitter, receiver, routes, options.polarisation, shortest
         )

@@ -270,6 +270,7 @@ def paths_between(
     leg_to = cache(partial(_path_to_body, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
+        """Return the path along a route and its notes, or the reason why no power arrives."""
         if isinstance(route, Echo):
             return _echo_path(ends, route, leg_to)
         return _specular_path(scene, ends, route, meshes)

@@ -109,6 +109,7 @@ def direct_light(
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
+        """Return the path via mirrors and its notes, or the reason why no power arrives."""
         result = open_path(scene, emitter, receiver, chain, meshes)
         if isinstance(result, str):
             return result
@@ -203,7 +204,7 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
     return lights
 
 
-def delta_light(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
+def delta_direct_light(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
     """Return the direct light of all delta lights at a receiver."""
     paths, notes = delta_paths(scene, receiver, chains), []
     if paths and receiver.diffraction:

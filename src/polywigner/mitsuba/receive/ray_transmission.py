@@ -266,6 +266,7 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
     """
 
     def values(surface: Surface) -> list[Floats]:
+        """Return the three numbers for one surface."""
         reflectance = surface.reflectance_in_mitsuba(np.abs(cosine))
         fields = surface.coefficients(np.abs(cosine))
         return [1.0 / np.where(reflectance > 0.0, reflectance, 1.0), *(r.real for r in fields)]

@@ -30,7 +30,7 @@ from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
 from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
-from polywigner.mitsuba.receive.direct_light import DirectLight, delta_light, direct_light
+from polywigner.mitsuba.receive.direct_light import DirectLight, delta_direct_light, direct_light
 from polywigner.mitsuba.receive.power_results import (
     OTHER_LIGHTS,
     Contribution,
@@ -307,7 +307,7 @@ def _direct_lights(
         for emitter in emitters
     ]
     method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
-    others = DirectLight() if method.hide_emitters else delta_light(scene, receiver, chains)
+    others = DirectLight() if method.hide_emitters else delta_direct_light(scene, receiver, chains)
     return [*links, replace(others, notes=(*others.notes, *notes))]
 
 

@@ -185,6 +185,7 @@ class AimedDirections:
         """Return the sum of ``term(row)`` over all boxes; a row describes a box."""
 
         def add(number: Any, total: Drjit) -> tuple[Drjit]:
+            """Add the term of a box."""
             return (total + term(self._ops.gather(self._table, number)),)
 
         return self._ops.fold(0, self._count, (0.0,), add)[0]

@@ -291,6 +291,7 @@ def _clipped_mesh(points: Floats, faces: Any, normal: Floats, offset: float) -> 
     triangles = []
 
     def cut(a: int, b: int) -> int:
+        """Return the index of the vertex where the edge from a to b meets the plane."""
         a, b = min(a, b), max(a, b)
         if (a, b) not in number:
             number[a, b] = len(corners)
