@@ -423,9 +423,9 @@ def detections(
         raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
 
-    def sums(reach: list[int]) -> tuple[Floats, int]:
+    def sums(half_widths: list[int]) -> tuple[Floats, int]:
         """Return sums of the image over windows around each bin, and the number of bins."""
-        sizes = [2 * n + 1 for n in reach]
+        sizes = [2 * n + 1 for n in half_widths]
         mean = filters.uniform_filter(image.values, sizes, mode=modes, axes=(-2, -1))
         return mean * np.prod(sizes), int(np.prod(sizes))
 

@@ -155,13 +155,13 @@ class WignerEmitter(VariantPlugin):
         has_gradients = self.has_gradients()
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
-    def stand_at(self, reach: float) -> None:
+    def stand_at(self, extent: float) -> None:
         """Set the largest coordinate of the source and of adjacent surfaces, in scene units.
 
         The distance between the ends of shadow rays and surfaces is proportional to this
         coordinate.
         """
-        self._reach = opaque(self.m, reach)
+        self._extent = opaque(self.m, extent)
 
     def has_gradients(self) -> bool:
         """Return whether derivatives are enabled for wavelength, vertices or weights."""
@@ -242,7 +242,7 @@ class WignerEmitter(VariantPlugin):
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
         else:
-            ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._reach)
+            ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._extent)
         ds.emitter = self.m.EmitterPtr(self) if self.jit else self
         value = self.estimator.irradiance(self, it, x)
         return ds, self.polariser.sent(value, direction, self.frame, active)

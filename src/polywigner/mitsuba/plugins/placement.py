@@ -39,7 +39,7 @@ class PlacedSource(SourceParameters):
     name: str = ""
     medium: Any = None
     """Medium (fog) around the receiver, or None."""
-    reach: float = 0.0
+    extent: float = 0.0
     """Largest coordinate of the source and adjacent flat surfaces in m, which limits precision."""
 
     @property
@@ -163,8 +163,8 @@ def _placed(scene: mi.Scene, plugin: Any, name: str) -> PlacedSource:
     spec = plugin.spec
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
     changed = {"pose": pose_of(plugin), "wavelength": wavelength}
-    reach = reach_of(scene, plugin) * spec.scene_unit
-    return PlacedSource(**vars(spec) | changed, name=name, reach=reach)
+    extent = reach_of(scene, plugin) * spec.scene_unit
+    return PlacedSource(**vars(spec) | changed, name=name, extent=extent)
 
 
 def _single(value: Any, known: float) -> float:

@@ -141,8 +141,8 @@ class WignerReceiver(VariantPlugin):
         self.directions = directions_of(m, radiance.terms, bounds, wavelength)
         self.polariser = Polariser(m, spec.polarisation)
         self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, radiance)
-        reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
-        far = _FAR * reach * max(reach / wavelength, 1.0)
+        radius = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
+        far = _FAR * radius * max(radius / wavelength, 1.0)
         self._far = opaque(m, far / spec.scene_unit)
 
     def _set_pose(self) -> None:
@@ -150,12 +150,12 @@ class WignerReceiver(VariantPlugin):
         self._frame = Frame(self.m, self.to_world, self.spec.centre)
         self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
-    def stand_at(self, reach: float) -> None:
+    def stand_at(self, extent: float) -> None:
         """Set the largest coordinate of the receiver and of adjacent surfaces, in scene units.
 
         The distance between the receiver and the starts of rays is proportional to this coordinate.
         """
-        self._ray_offset = opaque(self.m, ROUNDING * reach)
+        self._ray_offset = opaque(self.m, ROUNDING * extent)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         """Register the film, the sampler and the rigid pose as parameters."""

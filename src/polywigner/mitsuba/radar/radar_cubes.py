@@ -198,7 +198,7 @@ def radar_cube(
             radar, coherent[number], clouds[number], with_noise, (options.seed, number, draw)
         )[None]
 
-    elements_of = [len(each) for each in radar.receivers]
+    elements_of = [len(elements) for elements in radar.receivers]
     shape = (len(radar.emitters), wave.chirps, wave.samples)
     if count * sum(elements_of) * math.prod(shape) * 16 > _MOST_BYTES:
         signal = _lazy_signal(block, elements_of, count, shape)
@@ -370,7 +370,7 @@ def _cloud_of(
 ) -> _Cloud | None:
     """Return the scatterers of a receiver with responses and delays, or None without scatterers."""
     receivers = radar.receivers[number]
-    others = {_receiver_id(each[0].name) for each in radar.receivers if each is not receivers}
+    others = {_receiver_id(ends[0].name) for ends in radar.receivers if ends is not receivers}
     outside = others | {body.name for body in options.bodies}
     moving = {name: speed for name, speed in speeds.items() if name not in outside}
     cloud = scatterers(
@@ -410,7 +410,7 @@ def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
         ratio = np.divide(power, intensity, out=np.zeros_like(power), where=intensity > 0)
         return np.sqrt(ratio)[None].astype(np.complex128), np.zeros((1, len(power)))
     position = cloud["position"].values
-    lengths = np.array([np.linalg.norm(position - each.centre, axis=1) for each in receivers])
+    lengths = np.array([np.linalg.norm(position - end.centre, axis=1) for end in receivers])
     return end_responses(cloud, receivers), lengths - lengths.mean(axis=0)
 
 
@@ -535,15 +535,15 @@ def _nonuniform_fft(slopes: list[Floats], shape: list[int], count: int) -> Any:
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
     """Yield the power-series terms of ``exp(2 pi i amounts along)`` as pairs of factors."""
-    reach = float(np.abs(along).max()) or 1.0
-    phases = 2j * np.pi * amounts * reach
+    scale = float(np.abs(along).max()) or 1.0
+    phases = 2j * np.pi * amounts * scale
     largest = float(np.abs(phases).max(initial=0.0))
     terms, factor = np.ones_like(phases), np.ones_like(along)
     size, power = 1.0, 0
     while size > tolerance:
         yield terms, factor
         power += 1
-        terms, factor = terms * phases, factor * (along / reach / power)
+        terms, factor = terms * phases, factor * (along / scale / power)
         size *= largest / power
 
 
@@ -555,9 +555,9 @@ def _complex_normal(random: np.random.Generator, shape: tuple[int, ...]) -> Comp
 
 def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Dataset:
     """Return the radar cube as a dataset, with the names and positions of both ends."""
-    ends = {"receiver": [end for each in radar.receivers for end in each]}
+    ends = {"receiver": [end for elements in radar.receivers for end in elements]}
     ends["emitter"] = radar.emitters
-    noise = np.repeat(radar.noise_power, [len(each) for each in radar.receivers])
+    noise = np.repeat(radar.noise_power, [len(elements) for elements in radar.receivers])
     values: dict[str, Any] = {
         "noise_power": (noise, ("receiver",), "W", "noise power of a sample"),
         "start_time": (radar.chirp_times[:, 0], ("emitter",), "s", "start of the first repetition"),

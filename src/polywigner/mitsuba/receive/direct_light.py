@@ -338,8 +338,8 @@ def _effective_areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:
-        reach = float(np.abs(receiver.source.bounds).max())
-        distance = _FAR * reach * max(reach / receiver.wavelength, 1.0)
+        radius = float(np.abs(receiver.source.bounds).max())
+        distance = _FAR * radius * max(radius / receiver.wavelength, 1.0)
         point, scale = axes.T @ (image - receiver.centre), distance**2
         point *= distance / float(np.linalg.norm(point))
     method: Any = receiver.obliquity

@@ -140,10 +140,10 @@ class CentralPath(NamedTuple):
 
     @classmethod
     def between(
-        cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
+        cls, emitter: PlacedSource, receiver: PlacedSource, chain: Chain, rays: PassingRays
     ) -> CentralPath:
         """Return the path between the centres, or one of the ``rays`` if it misses a mirror."""
-        points = points_by(facing.centre[None], taking.centre[None], chain)
+        points = points_by(emitter.centre[None], receiver.centre[None], chain)
         if not len(points[0]):
             points = rays.points
         return cls(np.array([point[0] for point in reversed(points)]), rays.panes)
@@ -353,11 +353,11 @@ def trace_rays(
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
     path = [point / unit for point in points]
-    reach = max(float(np.abs(point).max()) for point in path)
-    height = ROUNDING * max(reach, *(end.reach / unit for end in ends))
+    extent = max(float(np.abs(point).max()) for point in path)
+    height = ROUNDING * max(extent, *(end.extent / unit for end in ends))
     for end, k in zip(ends, (0, -1), strict=False):
         path[k] = path[k] + height * end.normal
-    planes = [_plane(mirror, unit, reach, coherent) for mirror in reversed(chain)]
+    planes = [_plane(mirror, unit, extent, coherent) for mirror in reversed(chain)]
     polarised = mi.is_polarized and not coherent
     tracer = RayTracer(scene, polarised, coherent)
     size, count = 4 if polarised else 1, len(path[0])
@@ -390,9 +390,9 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
     return np.moveaxis(matrices, -1, 0)
 
 
-def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
+def _plane(mirror: Mirror, unit: float, extent: float, coherent: bool) -> Plane:
     """Return the plane of a mirror in scene units; ``unit`` is the length of a unit in m."""
-    rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
+    rounding = _IN_PLANE * max(extent, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
     if coherent or bsdfs_in(mirror.shape.bsdf())[-1].class_name() == THIN:

@@ -176,14 +176,14 @@ def largest_coordinate(point: Drjit) -> Drjit:
     return dr.max(dr.abs(point))
 
 
-def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) -> Drjit:
+def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, extent: Drjit) -> Drjit:
     """Return a point for ``spawn_ray_to`` such that the shortened shadow ray ends at ``end``.
 
-    ``reach`` is the largest coordinate of the source and of adjacent surfaces, and ``normal`` the
+    ``extent`` is the largest coordinate of the source and of adjacent surfaces, and ``normal`` the
     unit normal of the source.
     """
     p = dr.detach(it.p)
-    short = end + normal * (ROUNDING * (largest_coordinate(p) + reach))
+    short = end + normal * (ROUNDING * (largest_coordinate(p) + extent))
     # Without a normal, Mitsuba does not offset the start of the ray.
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
