@@ -105,15 +105,13 @@ def _mirrored(source: SceneSource) -> SceneSource:
         return replace(element, outline=Aperture(polygons), frequencies=frequencies)
 
     form = normal_form(source).in_plane
-    changes: dict[str, Any] = {"paths": None, "centre": form.centre * _MIRROR}
-    changes["curvature"] = form.curvature * np.outer(_MIRROR, _MIRROR)
-    copies = form.repeated
-    if copies is None:
-        changes["content"] = tuple(image(element) for element in form.elements)
-    else:
-        positions = copies.positions * _MIRROR
-        changes["content"] = replace(copies, element=image(copies.element), positions=positions)
-    result: SceneSource = replace(form, **changes).public
+    images, copies = [image(element) for element in form.distinct], form.repeated
+    content: Any = tuple(images)
+    if copies is not None:
+        content = replace(copies, element=images[0], positions=copies.positions * _MIRROR)
+    centre, curvature = form.centre * _MIRROR, form.curvature * np.outer(_MIRROR, _MIRROR)
+    mirrored = replace(form, content=content, centre=centre, curvature=curvature, paths=None)
+    result: SceneSource = mirrored.public
     return result
 
 

@@ -202,28 +202,24 @@ class ShapeExtents:
     """Largest coordinates of the shapes of a scene, which limit the precision of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
-        self._table: Any = None
-        self._sizes: dict[int, float] = {}
         shapes = scene.shapes()
-        if dr.is_jit_v(mi.Float) and shapes:
-            numbers = [int(number_of("Shape", shape)[0]) for shape in shapes]
-            self._last = max(numbers)
-            sizes = np.zeros(self._last + 1)
-            sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
-            self._table = mi.Float(sizes.tolist())
+        sizes = [float(np.abs(bounds_of(shape)).max()) for shape in shapes]
+        if not dr.is_jit_v(mi.Float):
+            self._sizes = {id(shape): size for shape, size in zip(shapes, sizes, strict=True)}
+            return
+        numbers = [int(number_of("Shape", shape)[0]) for shape in shapes]
+        self._last = max(numbers, default=0)
+        table = np.zeros(self._last + 1)
+        table[numbers] = sizes
+        self._table = mi.Float(table.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
         """Return the largest coordinate of an intersection point and of its shape."""
         result = largest_coordinate(si.p)
         if not dr.is_jit_v(mi.Float):
-            key = id(si.shape)
-            if key not in self._sizes:
-                self._sizes[key] = float(np.abs(bounds_of(si.shape)).max())
-            return max(result, self._sizes[key])
-        if self._table is None:
-            return result
+            return max(result, self._sizes.get(id(si.shape), 0.0))
         number = number_of("Shape", si.shape)
-        # Instances have higher registry numbers.
+        # Shapes of instances have higher registry numbers.
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
