@@ -22,7 +22,7 @@ from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.clouds import end_responses
 from polywigner.mitsuba.radar.scatterers import checked_velocities, scatterers
-from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
+from polywigner.mitsuba.receive.channels import paths_between
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described, noise_power_of
 from polywigner.mitsuba.receive.received_power import matched_ends
 from polywigner.mitsuba.scenes.reflectors import Echo, Route, routes_in
@@ -189,8 +189,7 @@ def radar_cube(
     clouds: list[_Cloud | None] = [None] * len(radar.receivers)
     if size:
         with with_progress("scattered fields", range(len(clouds))) as numbers:
-            for number in numbers:
-                clouds[number] = _cloud_of(scene, radar, number, size, rays, speeds, options)
+            clouds = [_cloud_of(scene, radar, k, size, rays, speeds, options) for k in numbers]
 
     def block(number: int, draw: int) -> Complex:
         """Return the samples (1, element, emitter, chirp, sample) of a receiver in a draw."""
@@ -308,21 +307,17 @@ def _coherent_links(
     The links are nested lists by receiver, element and emitter.
     """
     wave = radar.waveform
-    chains, echoes, notes = routes_in(
-        scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
-    )
-    routes: list[Route] = [*chains, *echoes]
-    shortest = SPEED_OF_LIGHT / float(wave.frequencies.max())
+    unit = radar.emitters[0].scene_unit
+    routes, notes = routes_in(scene, unit, options.reflections, options.bodies)
 
     def link(emitter: PlacedSource, receiver: PlacedSource) -> _Link:
         """Return the coherent paths from an emitter to an element."""
-        paths, of_link = paths_between(
-            scene, emitter, receiver, routes, options.polarisation, shortest
+        paths, h, of_link = paths_between(
+            scene, emitter, receiver, routes, options, wave.frequencies
         )
         # Elements of a receiver share their notes.
         if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
-        h = amplitudes_of(paths, wave.frequencies, options.tolerance)
         rates = [_path_rate(path.route, emitter, receiver, speeds) for path in paths]
         return _Link(math.sqrt(emitter.power) * h.T, np.array(rates) / SPEED_OF_LIGHT)
 

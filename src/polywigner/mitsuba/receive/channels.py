@@ -139,8 +139,7 @@ def channel(
     requested = None if frequencies is None else checked_frequencies(frequencies)
     waves: dict[str, Any] = {"polarisation": polarisation, "bodies": bodies}
     options = ReceiveOptions(reflections=reflections, tolerance=tolerance, coherent=True, **waves)
-    jones, count = options.polarisation, options.reflections
-    with polarised_by_default(scene, jones):
+    with polarised_by_default(scene, options.polarisation):
         sensors = [sensor for _, sensor in receivers_of(scene)]
         receivers = [placed_receiver(scene, s, n) for n, s in enumerate(sensors)]
         emitters = placed_emitters(scene)
@@ -148,19 +147,19 @@ def channel(
         raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
     if requested is None:
         requested = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
-    chains, echoes, notes = routes_in(scene, receivers[0].scene_unit, count, options.bodies)
-    routes: list[Route] = [*chains, *echoes]
+    unit = receivers[0].scene_unit
+    routes, notes = routes_in(scene, unit, options.reflections, options.bodies)
+    checked_callable(progress, "progress")
     pairs = list(product(receivers, emitters))
     links = []
     with hide_emitters(scene), with_progress("links", pairs) as pairs_in_turn:
         for number, (receiver, emitter) in enumerate(pairs_in_turn, 1):
-            shortest = SPEED_OF_LIGHT / requested.max()
-            paths, of_link = paths_between(scene, emitter, receiver, routes, jones, shortest)
-            links.append((paths, amplitudes_of(paths, requested, options.tolerance)))
+            paths, h, of_link = paths_between(scene, emitter, receiver, routes, options, requested)
+            links.append((paths, h))
             notes = of_link + notes
             if progress is not None:
-                checked_callable(progress, "progress")(number, len(pairs))
-    summary = polarisation_summary([*emitters, *receivers], True, jones)
+                progress(number, len(pairs))
+    summary = polarisation_summary([*emitters, *receivers], True, options.polarisation)
     return _dataset(requested, receivers, emitters, routes, links, notes, summary)
 
 
@@ -254,19 +253,21 @@ def paths_between(
     emitter: PlacedSource,
     receiver: PlacedSource,
     routes: Sequence[Route],
-    polarisation: Any,
-    shortest: float,
-) -> tuple[list[CoherentPath], list[str]]:
+    options: ReceiveOptions,
+    frequencies: Floats,
+) -> tuple[list[CoherentPath], Complex, list[str]]:
     """Return the paths between an emitter and a receiver, and notes on excluded effects.
 
-    The sources of ``scene`` must be hidden. ``shortest`` is the shortest wavelength in m, which
-    determines the resolution of curved obstacles.
+    The second result contains the complex amplitudes (n, paths) at n frequencies in Hz. The sources
+    of ``scene`` must be hidden.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
-    ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
-    meshes = obstacles_of(scene, emitter, receiver, shortest)
+    jones = options.polarisation
+    ends = _normalised(emitter, jones), _normalised(receiver, jones)
+    # The shortest wavelength determines the resolution of curved obstacles.
+    meshes = obstacles_of(scene, emitter, receiver, SPEED_OF_LIGHT / float(frequencies.max()))
     leg_to = cache(partial(_path_to_body, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
@@ -286,7 +287,7 @@ def paths_between(
                 "their y axes; the line-of-sight path is computed as matched, other paths as "
                 "polarised along y; specify a polarisation"
             )
-    return paths, notes
+    return paths, _amplitudes_of(paths, frequencies, options.tolerance), notes
 
 
 def _specular_path(
@@ -394,7 +395,7 @@ def _echo_coupling(
     return total
 
 
-def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
+def _amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
     """Return the complex amplitudes (n, paths) at frequencies in Hz."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)

@@ -126,6 +126,11 @@ class RayTracer:
             if set(kinds) & set(_FILTERS):
                 self._filters.append(shape)
 
+    @property
+    def changes_fields(self) -> bool:
+        """Whether panes change the electric fields that the tracer returns."""
+        return self._coherent and bool(self._panes)
+
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
         """Trace rays via mirrors, and return the transmission from the last to the first point.
 

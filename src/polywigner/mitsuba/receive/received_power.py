@@ -29,7 +29,7 @@ from polywigner.mitsuba.plugins.receiver import film_of, receiver_class
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
-from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
+from polywigner.mitsuba.receive.channels import paths_between
 from polywigner.mitsuba.receive.direct_light import DirectLight, delta_direct_light, direct_light
 from polywigner.mitsuba.receive.power_results import (
     OTHER_LIGHTS,
@@ -194,9 +194,8 @@ def index_of(receivers: list[tuple[int, Any]], receiver: int | str | None) -> in
         return 0
     if isinstance(receiver, str) and names.count(receiver) == 1:
         return names.index(receiver)
-    is_number = isinstance(receiver, int) and not isinstance(receiver, bool)
-    if is_number and 0 <= receiver < len(receivers):  # type: ignore[operator]
-        return int(receiver)  # type: ignore[arg-type]
+    if type(receiver) is int and 0 <= receiver < len(receivers):  # True and False are errors.
+        return receiver
     listed = ", ".join(f"{number} ({name!r})" for number, name in enumerate(names))
     raise ArgumentError(
         f"expected receiver to be one of {listed}, got {receiver!r}; specify one of them, or call "
@@ -297,11 +296,10 @@ def _direct_lights(
     options: ReceiveOptions,
 ) -> list[DirectLight]:
     """Return the direct light of each emitter and of all delta lights; sources must be hidden."""
-    chains, echoes, notes = routes_in(
-        scene, receiver.scene_unit, options.reflections, options.bodies
-    )
+    routes, notes = routes_in(scene, receiver.scene_unit, options.reflections, options.bodies)
+    chains = [route for route in routes if not isinstance(route, Echo)]
     links = [
-        _interfering_light(scene, emitter, receiver, [*chains, *echoes], options)
+        _interfering_light(scene, emitter, receiver, routes, options)
         if options.coherent
         else direct_light(scene, emitter, receiver, chains, options.tolerance)
         for emitter in emitters
@@ -320,9 +318,10 @@ def _interfering_light(
 ) -> DirectLight:
     """Return the direct light of an emitter with interfering paths; sources must be hidden."""
     wavelength = emitter.wavelength
-    paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
-    amplitudes = amplitudes_of(paths, frequency, options.tolerance)[0]
+    paths, (amplitudes,), notes = paths_between(
+        scene, emitter, receiver, routes, options, frequency
+    )
     direct = []
     for path, amplitude in zip(paths, amplitudes, strict=True):
         transmission = abs(path.transmission_at(wavelength))

@@ -369,9 +369,12 @@ def trace_rays(
             power = _in_ludwig_axes(result, receiver, emitter, not chain)
         colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
         powers.append(np.array(power, np.float64).reshape(size, size, colours, -1)[:, :, 0])
-        panes.append(_pane_matrices(result, len(chain) + 1))
+        if tracer.changes_fields:
+            panes.append(_pane_matrices(result, len(chain) + 1))
     transmission = np.concatenate(powers, axis=-1)
     transmission = np.broadcast_to(np.moveaxis(transmission, -1, 0), (count, size, size))
+    if not panes:
+        return transmission, [np.eye(3)] * (len(chain) + 1)
     matrices = np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()

@@ -391,14 +391,14 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
-) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return routes via mirrors, routes via bodies, and notes on excluded routes.
+) -> tuple[list[Route], list[str]]:
+    """Return the routes via mirrors, then via bodies, and notes on excluded routes.
 
     ``unit`` is the length of a scene unit in m.
     """
     mirrors, notes = mirrors_in(scene, unit, reflections)
-    chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
-    return chains, _echoes_of(bodies, mirrors, reflections), notes
+    chains = chains_of(mirrors, reflections)
+    return [(), *chains, *_echoes_of(bodies, mirrors, reflections)], notes
 
 
 Result = TypeVar("Result")
