@@ -43,9 +43,9 @@ from polywigner.mitsuba.receive.scattered import (
     BATCHES,
     Scattering,
     aimed,
+    batch_spp,
     by_source,
     lights_of,
-    samples_per_batch,
     standard_error,
 )
 from polywigner.mitsuba.scenes.reflectors import Echo, Route, names_of, routes_in
@@ -366,7 +366,7 @@ def _result(
             for name, part, link in rows
         ),
         standard_error=float(standard_error(others + of_sources.sum(axis=0))),
-        samples=BATCHES * samples_per_batch(plan.spp),
+        samples=BATCHES * batch_spp(plan.spp),
         seed=plan.seed,
         notes=tuple(dict.fromkeys(note for link in direct for note in link.notes)),
         polarisation=polarisation_summary(

@@ -209,7 +209,7 @@ def _density_in(angles: Any, box: Sequence[Drjit]) -> Drjit:
 BATCHES = 16
 
 
-def samples_per_batch(spp: int) -> int:
+def batch_spp(spp: int) -> int:
     """Return the number of samples per batch for a total of at least ``spp``."""
     return -(-check_spp(spp) // BATCHES)
 
@@ -238,7 +238,7 @@ class Scattering:
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
         """Render one batch; return powers in W, shape (lights, *values)."""
-        seed, samples = seed_of(self.seed, number), samples_per_batch(self.spp)
+        seed, samples = seed_of(self.seed, number), batch_spp(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
         if self.edges is not None:

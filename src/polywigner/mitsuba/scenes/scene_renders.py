@@ -32,8 +32,8 @@ from polywigner.mitsuba.receive.scattered import (
     BATCHES,
     Scattering,
     aimed,
+    batch_spp,
     lights_of,
-    samples_per_batch,
 )
 from polywigner.mitsuba.scenes.rendering import (
     check_is_complete,
@@ -251,7 +251,7 @@ def _sampled(
     shape = (len(plans), BATCHES, *counts)
     sizes = dict(zip(("receiver", "batch", "light", "path"), shape, strict=False))
     settings = {"integrator": first.integrator, "seed": first.seed}
-    settings |= {"spp": [samples_per_batch(plan.spp) for plan in plans]}
+    settings |= {"spp": [batch_spp(plan.spp) for plan in plans]}
     if first.edges is not None:
         settings["ranges"] = list(first.edges)
     parts = SceneParts(file, scene, partial(_batch, plans))
