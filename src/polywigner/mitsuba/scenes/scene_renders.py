@@ -28,13 +28,7 @@ from polywigner.mitsuba.plugins.registration import (
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.receive.power_results import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
-from polywigner.mitsuba.receive.scattered import (
-    BATCHES,
-    Scattering,
-    aimed,
-    batch_spp,
-    lights_of,
-)
+from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batch_spp, lights_of
 from polywigner.mitsuba.scenes.rendering import (
     check_is_complete,
     exposed,
