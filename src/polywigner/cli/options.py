@@ -253,9 +253,9 @@ def check_scene(path: str) -> None:
 @contextmanager
 def warnings_of_mitsuba() -> Iterator[None]:
     """Issue Mitsuba's log messages as warnings at the end of the block."""
-    from polywigner.mitsuba.plugins.films import to_list
+    from polywigner.mitsuba.plugins.films import collected_log
 
-    with to_list() as messages:
+    with collected_log() as messages:
         yield
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=4)

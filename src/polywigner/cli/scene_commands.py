@@ -65,11 +65,11 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.figures.levels import PEAK_RULE
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins import films, polariser
-    from polywigner.mitsuba.plugins.placement import placed_emitter
+    from polywigner.mitsuba.plugins.placement import placed_emitters
     from polywigner.mitsuba.radar.range_profile import range_frames
     from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
-    from polywigner.mitsuba.scenes.surfaces import is_receiver, wigner_emitters
+    from polywigner.mitsuba.scenes.surfaces import is_receiver
 
     start = time.perf_counter()
     variant = choose_variant(settings.variant, settings.polarised)
@@ -111,7 +111,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             "spp": samples,
         }
         if polariser.is_polarised(variant):
-            sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
+            sources = placed_emitters(scene)
             record["used"]["polarisation"] = polariser.polarisation_summary(sources, False)
         record["figure"] = {
             "unit": "W" if receives else "W m^-2 sr^-1",
