@@ -189,42 +189,26 @@ def check_writable(paths: Sequence[Path]) -> None:
             ) from error
 
 
-@contextmanager
-def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Yield temporary paths, and rename them to ``paths`` at the end of the block.
-
-    Missing folders are created, and the names of the files are printed. If the block raises an
-    exception, no file is created or changed.
-    """
-    try:
-        for path in paths:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
-            yield partials
-            for partial in partials:
-                partial.stat()  # Raise an error for a missing file before any renaming.
-        print(*paths, sep="\n", flush=True)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write {', '.join(map(str, paths))}: {error}; choose another folder with --out"
-        ) from error
-
-
 def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "") -> None:
     """Write all files or none, then print ``summary`` and the names of the files.
 
     Each item of ``contents`` is a figure, a dataset, a mapping for JSON, or a function that writes
-    to a path.
+    to a path. Missing folders are created.
     """
-    with writing(paths) as partials:
-        for partial, content in zip(partials, contents, strict=True):
-            _write_one(partial, content)
-        if summary:
-            print(summary)
+    try:
+        with ExitStack() as stack:
+            for path, content in zip(paths, contents, strict=True):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                _write_content(stack.enter_context(atomic_path(path)), content)
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write {', '.join(map(str, paths))}: {error}; choose another folder with --out"
+        ) from error
+    print(*filter(None, [summary]), *paths, sep="\n", flush=True)
 
 
-def _write_one(path: Path, content: Any) -> None:
+def _write_content(path: Path, content: Any) -> None:
+    """Write a figure, a dataset or a mapping to a file, or call a function with the path."""
     if callable(content):
         content(path)
     elif hasattr(content, "savefig"):
@@ -275,10 +259,6 @@ class SceneOptions:
     threads: Threads = None
     scheduler: Scheduler = None
     floor_db: DbFloor = -40.0
-
-    @property
-    def cluster(self) -> dict[str, Any]:
-        return {"scheduler": self.scheduler, "threads": self.threads}
 
     def edges(self, default: int) -> NDArray[np.float64] | None:
         """Return the edges of the range bins in metres, or None without --range."""

@@ -33,10 +33,15 @@ _WIDEST = math.radians(80.0)  # default largest angle on an arc [rad]
 _GRAZING = math.radians(89.5)
 _MOST_POINTS = 1 << 26  # largest number of points: 0.5 GB per method
 # Smallest default numbers of samples, for smooth figures.
-_FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
+_FEWEST = {
+    "line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120),
+    "box": (64, 64, 64),
+}  # fmt: skip
 # Largest default numbers of samples.
-_MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
-_FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
+_MOST = {
+    "line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240),
+    "box": (101, 101, 101),
+}  # fmt: skip
 
 
 Methods: TypeAlias = dict[str, dict[str, str | None]]
@@ -196,8 +201,8 @@ def volume(
     field.check()
     with at_key("--box"):
         corners = _ranges(box, 3)
-    count = None if shape is None else parse_shape("--shape", shape, 3)
-    if count is not None and min(count) < 2:
+    count = () if shape is None else parse_shape("--shape", shape, 3)
+    if count and min(count) < 2:
         raise ArgumentError(
             f"--shape: expected at least two samples along each axis, got {shape!r}; draw a "
             "single layer with `polywigner propagate --plane`"
@@ -227,7 +232,7 @@ def volume(
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     computed |= field.arguments(obstacles)
-    nx, ny, nz = count or samples_of_box(source, corners, wavelength)
+    nx, ny, nz = samples_of_region(source, Region("box", count, corners), wavelength)
     by_method = {}
     for name, arguments in methods.items():
         path = stem if len(methods) == 1 else stem.with_name(f"{stem.name}-{name}")
@@ -263,14 +268,18 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 
 
 def samples_of_region(
-    source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
+    source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool = False
 ) -> tuple[int, ...]:
-    """Return the requested numbers of samples, or the required numbers within limits."""
+    """Return the requested numbers of samples, or the required numbers within limits.
+
+    Warns if the field has fringes that require more samples than the limits.
+    """
     import polywigner as pw
 
     if region.shape:
         return region.shape
-    corners = {"line": {"line": region.points}, "plane": {"box": region.points}}
+    box = {"box": region.points}
+    corners = {"line": {"line": region.points}, "plane": box, "box": box}
     where: Any = corners.get(region.kind, {"radius": region.radius})
     quantity: Any = "amplitude" if amplitude else "irradiance"
     axes = pw.suggest_sampling(source, wavelength, quantity, **where).axes
@@ -281,30 +290,16 @@ def samples_of_region(
         steps = region.reach / theta.high * (theta.count - 1)
         is_arc = region.kind == "arc"
         needed = [math.ceil(2 * steps) + 1] if is_arc else [math.ceil(steps) + 1, phi.count - 1]
-    return _within("--samples", needed, _FEWEST[region.kind], _MOST[region.kind])
-
-
-def samples_of_box(
-    source: Aperture | ApertureArray, corners: tuple[Point, Point], wavelength: float
-) -> tuple[int, ...]:
-    """Return the required numbers of samples of the irradiance along x, y and z, within limits."""
-    import polywigner as pw
-
-    axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
-    return _within("--shape", [axis.count for axis in axes], _FEWEST_OF_BOX, _MOST_OF_BOX)
-
-
-def _within(
-    option: str, needed: Sequence[int], fewest: tuple[int, ...], most: tuple[int, ...]
-) -> tuple[int, ...]:
+    fewest, most = _FEWEST[region.kind], _MOST[region.kind]
     chosen = tuple(map(min, map(max, needed, fewest), most))
     if any(map(int.__gt__, needed, most)):
+        option = "--shape" if region.kind == "box" else "--samples"
         text = " x ".join(map(str, map(max, needed, chosen)))
         warnings.warn(
             f"{' x '.join(map(str, chosen))} samples are too few for the fringes of this field; "
             f'use {option} "{text}", or a smaller region',
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=2,
         )
     return chosen
 
@@ -312,7 +307,8 @@ def _within(
 class Region(NamedTuple):
     """Region in which a field is computed; angles are in rad, lengths in m.
 
-    ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
+    ``kind`` is "line", "arc", "plane", "hemisphere" or "box"; ``shape`` contains the requested
+    numbers of samples, or is empty.
     """
 
     kind: str

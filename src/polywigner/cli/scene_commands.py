@@ -94,7 +94,9 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 )
         measured = f"stokes {integrator or ''}" if settings.polarised else integrator
         exposure = {"integrator": measured, "spp": samples, "seed": settings.seed}
-        image = render_parts(file, scene, exposure, store, **settings.cluster)
+        image = render_parts(
+            file, scene, exposure, store, scheduler=settings.scheduler, threads=settings.threads
+        )
         done = time.perf_counter()
 
         title = _title(specs, settings.scene, variant, samples)
@@ -242,8 +244,9 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             coherent=settings.coherent, polarisation=by_argument, **noise,
         )  # fmt: skip
         received, profile = scene_renders.receive_parts(
-            file, scene, requested, edges, store=store, **settings.cluster
-        )
+            file, scene, requested, edges, store=store, scheduler=settings.scheduler,
+            threads=settings.threads,
+        )  # fmt: skip
         if band:
             response = channel(
                 scene, band, settings.reflections, polarisation=by_argument,

@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
     checked_vectors,
     checked_wavelength,
 )
-from polywigner.quantities import LengthUnit, length_unit
+from polywigner.quantities import LengthUnit, length_text, length_unit
 from polywigner.source.array import mutual_support
 from polywigner.transforms.wavefronts import flat_source
 
@@ -335,8 +335,7 @@ def _point_text(point: Point, unit: LengthUnit) -> str:
 def _heading(title: str, wavelength: float | None, note: str) -> str:
     if wavelength is None:
         return title
-    unit = length_unit(wavelength)
-    text = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
+    text = f"λ = {length_text(wavelength)}{note}"
     return f"{title}; {text}" if title else text
 
 
