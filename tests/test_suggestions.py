@@ -223,7 +223,7 @@ def test_every_place_of_the_command_line_gets_what_its_field_needs(kind):
     assert max(np.array(chosen) / fewest) > 1
     axes = pw.suggest_sampling(wide, WAVELENGTH, "irradiance", **options).axes
     for count, axis in zip(chosen, [axis for axis in axes if axis.step], strict=False):
-        extent = axis.high - axis.low if kind != "arc" else 2 * place.reach
+        extent = axis.high - axis.low if kind != "arc" else 2 * place.largest_theta
         assert extent / count <= axis.nyquist / 2
 
 

@@ -26,6 +26,8 @@ assert list(x) == [min(k - 7.5, 2.0) for k in range(16)], "its kernels return wr
 
 
 class Row(NamedTuple):
+    """A row of the report. ``works`` is "yes", "no" or "-" (optional and missing)."""
+
     subject: str
     works: str
     text: str
@@ -51,11 +53,12 @@ def doctor(
         *(_library_row(name) for name in sorted({*_requirements()[""], "drjit"})),
         _rendering_row(status, gpu),
     ]
-    _print(rows + _extras())
+    _print_table(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
 
 def _numpy_row() -> Row:
+    """Transform a square with NumPy, and report whether the result is correct."""
     try:
         import polywigner as pw
 
@@ -70,6 +73,7 @@ def _numpy_row() -> Row:
 
 
 def _llvm_row(status: LLVMStatus) -> Row:
+    """Report the LLVM library that Dr.Jit loads, and the libraries that were refused."""
     refused = [f"refused {path}: {reason}" for path, reason in status.refused]
     head = f"LLVM {status.version} at {status.path}" if status.usable else "no usable library"
     lines = [head, *refused] if status.usable or refused else [status.problem or ""]
@@ -90,6 +94,7 @@ def _gpu_row() -> Row:
 
 
 def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
+    """Import Mitsuba in a child process, and report the variants that work."""
     # Importing Mitsuba can crash the process if the version of Dr.Jit does not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
@@ -106,6 +111,7 @@ def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
 
 
 def _last_line(text: str) -> str:
+    """Return the last line of the output of a process."""
     return (text.strip().splitlines() or ["no message"])[-1].strip()
 
 
@@ -147,13 +153,15 @@ def _extras() -> list[Row]:
 
 
 def _version(name: str) -> str | None:
+    """Return the installed version of a library, or None if it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return None
 
 
-def _print(rows: list[Row]) -> None:
+def _print_table(rows: list[Row]) -> None:
+    """Print the rows of the report as a table."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text

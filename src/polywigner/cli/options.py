@@ -102,12 +102,15 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
     for name, parameter in signature(function).parameters.items():
         if name in groups:
             kinds = get_type_hints(groups[name], include_extras=True)
-            options += [_option(f.name, f.default, kinds[f.name]) for f in fields(groups[name])]
+            options += [
+                _option_parameter(f.name, f.default, kinds[f.name]) for f in fields(groups[name])
+            ]
         else:
-            options.append(_option(name, parameter.default, hints[name]))
+            options.append(_option_parameter(name, parameter.default, hints[name]))
 
     @wraps(function)
     def command(**values: Any) -> None:
+        """Call the function; combine the values of options into dataclasses."""
         for name, kind in groups.items():
             values[name] = kind(**{part.name: values.pop(part.name) for part in fields(kind)})
         function(**values)
@@ -121,7 +124,8 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
 _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
-def _option(name: str, default: Any, kind: Any) -> Parameter:
+def _option_parameter(name: str, default: Any, kind: Any) -> Parameter:
+    """Return a parameter that Typer converts to a command-line option."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -139,6 +143,7 @@ _KNOWN_SUFFIXES = (
 
 
 def output_stem(out: str | None, name: str) -> Path:
+    """Return the path of the output files without suffix, from --out and a default name."""
     if out is None:
         return Path(name)
     path = Path(out)
@@ -158,6 +163,7 @@ def targets(stem: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
 
 
 def suffixes_of(formats: Sequence[str]) -> tuple[str, ...]:
+    """Return file suffixes such as ".csv" for the names of formats, without repetitions."""
     return tuple(f".{name}" for name in dict.fromkeys(formats))
 
 
@@ -260,7 +266,7 @@ class SceneOptions:
     scheduler: Scheduler = None
     floor_db: DbFloor = -40.0
 
-    def edges(self, default: int) -> NDArray[np.float64] | None:
+    def edges(self, default_bins: int) -> NDArray[np.float64] | None:
         """Return the edges of the range bins in metres, or None without --range."""
         import numpy as np
 
@@ -276,7 +282,7 @@ class SceneOptions:
                 "expected --range to be two ascending lengths, such as '0 m to 60 m', got "
                 f"{value_text(self.range_text)}"
             )
-        return np.linspace(ends[0], ends[1], (self.bins or default) + 1)
+        return np.linspace(ends[0], ends[1], (self.bins or default_bins) + 1)
 
     @contextmanager
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
@@ -301,6 +307,7 @@ class SceneOptions:
             shutil.rmtree(store, ignore_errors=True)
 
     def record(self, variant: str) -> dict[str, Any]:
+        """Return the settings, the Mitsuba variant and the versions, for a JSON file."""
         from importlib.metadata import version
 
         from polywigner.llvm import prepare

@@ -16,7 +16,7 @@ import typer
 from polywigner.cli import options
 from polywigner.cli.options import Text, Texts
 from polywigner.cli.sources import (
-    Reading,
+    ReadingOptions,
     WaveOptions,
     field_title,
     required_wavelength,
@@ -55,7 +55,7 @@ def rcs(
     cut_azimuth: Annotated[str, "Azimuth of the cut over elevation, such as '45 deg'."] = "0 deg",
     smooth: Annotated[Text, "Width of a running median over the cuts, such as '2 deg'."] = None,
     open_mesh: Annotated[bool, "Read the faces of a mesh as thin plates with two sides."] = False,
-    reading: Reading,
+    reading: ReadingOptions,
     floor_db: options.DbFloor = -60.0,
     formats: Annotated[list[_Format] | None, "csv or nc (repeatable; default: csv)."] = None,
     out: options.Out = None,
@@ -104,7 +104,7 @@ def rcs(
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
     values = [pattern if name == ".nc" else partial(write_rows, [pattern]) for name in suffixes]
     contents = [figure, partial(write_rows, cuts), *values]
-    options.write(files, contents, _summary([pattern, *cuts], floor_db))
+    options.write(files, contents, _rcs_summary([pattern, *cuts], floor_db))
 
 
 def _angular_steps(
@@ -139,7 +139,8 @@ def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
         table.to_csv(path, index=False, float_format="%.12g", na_rep="nan", **settings)
 
 
-def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
+def _rcs_summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
+    """Return the text to print: the largest cross section, its direction, and the method."""
     pattern = max(patterns, key=lambda each: float(each.attrs["largest_rcs"]))
     largest = pattern["rcs"].isel(pattern["rcs"].argmax(["azimuth", "elevation"]))
     peak = 10 * math.log10(float(largest))
@@ -153,6 +154,7 @@ def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
 
 
 def _warn_if_coarse(name: str, step: float, lobe: float, option: str) -> None:
+    """Warn if a step in degrees is larger than the width of the backscatter lobes."""
     if step > lobe:
         warnings.warn(
             f"steps of {step:.3g} degrees are too coarse for lobes of {lobe:.2g} degrees in "

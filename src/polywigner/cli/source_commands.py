@@ -190,13 +190,13 @@ def pattern(
     write(files, [figure, *(export for _ in suffixes)], str(metrics))
 
 
-def _default_step(wavelengths: float) -> float:
+def _default_step(diameter_in_wavelengths: float) -> float:
     """Return the default step in degrees; warn if lobes are narrower than the finest step."""
-    needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
+    needed = math.degrees(1.0 / diameter_in_wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:
         warnings.warn(
             f"steps of {_FINEST:g} degrees are too coarse for some lobes of a source "
-            f"{wavelengths:.4g} wavelengths across; specify --step, or use "
+            f"{diameter_in_wavelengths:.4g} wavelengths across; specify --step, or use "
             "polywigner.radiation_pattern for angles close to the beam",
             RuntimeWarning,
             stacklevel=2,

@@ -90,6 +90,7 @@ def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 
 def _half_size(state: State) -> float:
+    """Return half of the larger side of the bounds of the source in metres."""
     xmin, ymin, xmax, ymax = source_of(state).bounds
     return max(xmax - xmin, ymax - ymin) / 2
 
@@ -122,7 +123,8 @@ class View:
     outlines: Sequence[Polygon] | None = None
 
 
-def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
+def compute_view(state: State, name: Name, samples: int = SAMPLES) -> View:
+    """Compute a view of a state."""
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
@@ -187,7 +189,8 @@ def support_of(state: State) -> list[Polygon]:
     return [[ring * state.per_metre for ring in polygon] for polygon in polygons]
 
 
-def npz(picture: View) -> bytes:
-    buffer, labels = io.BytesIO(), {"title": picture.title, "quantity": picture.quantity}
-    np.savez_compressed(buffer, **picture.arrays, **labels)  # type: ignore[arg-type]
+def npz(view: View) -> bytes:
+    """Return the values and axes of a view as the bytes of an .npz file."""
+    buffer, labels = io.BytesIO(), {"title": view.title, "quantity": view.quantity}
+    np.savez_compressed(buffer, **view.arrays, **labels)  # type: ignore[arg-type]
     return buffer.getvalue()

@@ -251,7 +251,7 @@ def draw_range_profile(
     bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
     if width.max() > width.min() * (1 + 1e-6):
         bins = f"up to {bins}"
-    style.finish_lines(
+    style.format_line_axes(
         axes,
         legend=7 if has_noise or visible.any() else 0,
         xlim=(edges[0], edges[-1]),
@@ -370,6 +370,7 @@ def _view_limits(
 
 
 def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
+    """Draw a circle and a label for each path, and return the labels."""
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
             f"expected direct to be a sequence of DirectArrival objects, got {value_text(direct)}"
@@ -455,7 +456,7 @@ def draw_channel(
         for axes, values in ((left, response), (right, paths)):
             top = float(_decibels(np.abs(values).max(initial=0.0)))
             low = float(_decibels(values).min()) - _MARGIN_DB if axes is left else -math.inf
-            style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
+            style.format_line_axes(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
     return drawn
 
 
@@ -467,6 +468,7 @@ def _decibels(amplitudes: Any) -> Floats:
 def _draw_response(
     axes: Axes, frequencies: Floats, h: Any, amplitudes: Any, delays: Floats, names: list[str]
 ) -> None:
+    """Draw the impulse response of a channel in dB over the delay, and mark its paths."""
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")
