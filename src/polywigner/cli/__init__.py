@@ -111,6 +111,7 @@ def _write_message(message: str, code: int) -> int:
 
 
 app = typer.Typer(
+    help="Coherent radiation of polygonal apertures: transforms in closed form, and rendering.",
     add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -135,7 +136,7 @@ def _common_options(
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
-    """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
+    """Define the options that precede the name of a command."""
 
 
 def explore(

@@ -199,8 +199,8 @@ def volume(
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
     Writes NAME.zarr and a figure NAME.png, and with --netcdf the values also as NAME.nc. The same
-    command continues an interrupted run. With several methods, each method has its files,
-    NAME-METHOD.zarr and so on.
+    command continues an interrupted run. The files of several methods are named NAME-METHOD.zarr
+    and so on.
     """
     field.check()
     with at_key("--box"):
