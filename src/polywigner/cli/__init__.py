@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _INTERRUPTED if _is_interruption(error) else _report_exception(error)
     # Typer returns the exit code of `typer.Exit`, and 130 after Ctrl-C.
     if code == _INTERRUPTED:
-        _write_message("interrupted", _INTERRUPTED)
+        _report("interrupted", _INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
@@ -72,11 +72,9 @@ def _is_interruption(error: BaseException | None) -> bool:
 def _report_exception(error: BaseException) -> int:
     """Write an error message on stderr for an exception, and return the exit code."""
     if isinstance(error, PolywignerError):
-        return _write_message(f"error: {error}", _BAD_INPUT)
+        return _report(f"error: {error}", _BAD_INPUT)
     if isinstance(error, MemoryError):
-        return _write_message(
-            f"error: out of memory ({error}); use fewer samples or pixels", _FAILED
-        )
+        return _report(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
     if isinstance(error, BrokenPipeError):
         # At exit, Python flushes stdout, which would raise BrokenPipeError again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -87,12 +85,12 @@ def _report_exception(error: BaseException) -> int:
             print(error.format_message().rstrip())
             return _BAD_INPUT
         text = error.format_message().rstrip(".")
-        return _write_message(f"error: {text}; see `polywigner --help`", _BAD_INPUT)
+        return _report(f"error: {text}; see `polywigner --help`", _BAD_INPUT)
     if os.environ.get(_DEBUG) == "1":
         import traceback
 
         traceback.print_exc()
-    return _write_message(
+    return _report(
         f"error: unexpected {type(error).__name__}: {error} (this is a bug in polywigner: please "
         f"report it with the traceback that {_DEBUG}=1 shows)",
         _FAILED,
@@ -101,10 +99,10 @@ def _report_exception(error: BaseException) -> int:
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Write a Python warning on stderr as a single line."""
-    _write_message(f"warning: {message}", 0)
+    _report(f"warning: {message}", 0)
 
 
-def _write_message(message: str, code: int) -> int:
+def _report(message: str, code: int) -> int:
     """Write a message on stderr as a single line, and return the exit code."""
     sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code

@@ -102,11 +102,9 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
     for name, parameter in signature(function).parameters.items():
         if name in groups:
             kinds = get_type_hints(groups[name], include_extras=True)
-            options += [
-                _option_parameter(f.name, f.default, kinds[f.name]) for f in fields(groups[name])
-            ]
+            options += [_parameter(f.name, f.default, kinds[f.name]) for f in fields(groups[name])]
         else:
-            options.append(_option_parameter(name, parameter.default, hints[name]))
+            options.append(_parameter(name, parameter.default, hints[name]))
 
     @wraps(function)
     def command(**values: Any) -> None:
@@ -124,7 +122,7 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
 _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
-def _option_parameter(name: str, default: Any, kind: Any) -> Parameter:
+def _parameter(name: str, default: Any, kind: Any) -> Parameter:
     """Return a parameter that Typer converts to a command-line option."""
     match get_args(kind):
         case (plain, str(text)):

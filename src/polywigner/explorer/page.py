@@ -232,10 +232,8 @@ class Explorer:
             return
         self._schedule(self._show_support, support)
         for name in VIEWS:
-            is_shown = name in self._computed_views and self._computed_views[name][0] == _view_key(
-                state, name
-            )
-            if not (is_shown or name in self._errors):
+            key_shown, *_ = self._computed_views.get(name, ("",))
+            if key_shown != _view_key(state, name) and name not in self._errors:
                 self._compute_view(state, name, _QUICK_SAMPLES)
         for name in VIEWS if self._document is not None else ():
             if state is not self.state or name in self._errors:

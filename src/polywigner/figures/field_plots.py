@@ -82,9 +82,8 @@ class Comparison:
                     f"the variable {name!r} differs from the other fields in quantity or axes; "
                     "draw it in a separate figure"
                 )
-        if against is not None:
-            checked_choice(against, "against", list(arrays))
-        against = list(arrays)[-1] if against is None else against
+        names = list(arrays)
+        against = names[-1] if against is None else checked_choice(against, "against", names)
         fields = {name: np.asarray(array.values) for name, array in arrays.items()}
         is_field = np.iscomplexobj(fields[against])
         if is_field:

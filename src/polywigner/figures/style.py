@@ -147,11 +147,9 @@ def new_figure(
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    layout: Any = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing)
+    layout: Any = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing, compress=is_compressed)
     figure = Figure(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)
-    if is_compressed:
-        figure.set_layout_engine("compressed")
     return figure
 
 
