@@ -52,15 +52,14 @@ Resumable = Annotated[bool, "Continue an interrupted run from NAME.parts.zarr (e
 Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://host:8786."]
 
 
-def parse_step(text: str, largest: float, most: int) -> float:
-    """Parse a step in degrees that gives at most ``most`` directions in a hemisphere."""
+def parse_step(text: str, least: float, largest: float) -> float:
+    """Parse a step of angles; the step and its limits are in degrees."""
     step = math.degrees(parse_angle(text))
     if not 0 < step <= largest:
         raise ArgumentError(
             f"--step: expected an angle above 0 and up to {largest:g} deg, got {text!r}"
         )
-    least = 180 / math.sqrt(most)
-    if step < least:
+    if step < (1 - 1e-9) * least:  # The conversion to degrees has rounding errors.
         raise ArgumentError(f"--step: expected at least {least:.2g} deg, got {text!r}")
     return step
 

@@ -35,10 +35,11 @@ _Format = StrEnum("_Format", "csv nc")
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _MAP_SECONDS = 60.0  # longest computing time of a map with the default step [s]
 _TIMED = 8  # number of directions timed to choose the default steps
-_MOST = 4_000_000  # largest number of directions of a map: hours of computing for a simple body
+# Smallest step of the map [degrees]: 4,000,000 directions take hours for a simple body.
+_FINEST_OF_MAP = 0.1273
 _STEPS_PER_LOBE = 4.0  # default number of steps of a cut per backscatter lobe
 _CUT_SECONDS = 30.0  # longest computing time of a cut with the default step [s]
-_FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
+_FINEST = 1e-3  # smallest step of a cut [degrees]
 
 
 def rcs(
@@ -68,8 +69,8 @@ def rcs(
     """
     reading.check_file(body)
     length = required_wavelength(wave.length())
-    map_step = None if step is None else options.parse_step(step, 30.0, _MOST // 2)
-    fine_step = None if cut_step is None else options.parse_step(cut_step, 30.0, _MOST_OF_CUTS)
+    map_step = None if step is None else options.parse_step(step, _FINEST_OF_MAP, 30.0)
+    fine_step = None if cut_step is None else options.parse_step(cut_step, _FINEST, 30.0)
     centre = parse_angle(cut_azimuth), parse_angle(cut_elevation)
     width = None if smooth is None else parse_angle(smooth)
     suffixes = options.suffixes_of(formats or ["csv"])

@@ -118,8 +118,8 @@ _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
 _STEPS_PER_LOBE = 8
 # Finest and coarsest default step [degrees]; the finest step takes 1 to 2 s.
 _FINEST, _COARSEST = 0.25, 1.0
-# Largest number of directions in front of the source; their values take 0.2 GB.
-_MOST = 4_000_000
+# Smallest step [degrees]; the values of 4,000,000 directions take 0.2 GB.
+_SMALLEST = 0.09
 
 
 def pattern(
@@ -152,7 +152,7 @@ def pattern(
             "fields have an obliquity, polarised fields have a method"
         )
     watts = None if power is None else parse_power(power)
-    degrees = None if step is None else options.parse_step(step, 15.0, _MOST)
+    degrees = None if step is None else options.parse_step(step, _SMALLEST, 15.0)
     suffixes = options.suffixes_of(formats or ["csv"])
     files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
 
