@@ -33,6 +33,8 @@ Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each 
 
 @dataclass(frozen=True, kw_only=True)
 class LensOptions(SourceOptions):
+    """Options for a lens with its pupil: focal length, wavelengths, defocus and aberrations."""
+
     focal_length: Annotated[Text, "Focal length, or image distance, such as '100 mm'."] = None
     numerical_aperture: Annotated[
         float | None, "Numerical aperture, instead of the focal length, for this pupil radius."

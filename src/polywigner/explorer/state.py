@@ -187,7 +187,7 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
         try:
-            aperture = pw.read_aperture(path, unit={"µm": "um"}.get(unit, unit))
+            aperture = pw.read_aperture(path, unit=unit)
         except errors.PolywignerError as error:
             raise errors.FileFormatError(str(error).replace(str(path), name)) from None
     rings = rings_of(aperture, UNITS[unit])
