@@ -26,6 +26,10 @@ _MARGIN_DB = 5.0  # margin of level axes below the noise and above the peak [dB]
 # Degree of linear polarisation below which no angle is drawn, because the angle would be noise.
 _LEAST_LINEAR = 0.05
 _MARK = "#4dd2ff"  # colour of the marks for direct paths
+_LABEL: dict[str, Any] = {
+    "textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 7,
+    "parse_math": False,
+}  # fmt: skip
 
 
 @style.typeset
@@ -331,10 +335,7 @@ def draw_arrivals(
     style.draw_circles(axes, above=False)
     labels = _mark_paths(axes, direct)
     for name, cosines in (names or {}).items():
-        label = axes.annotate(
-            name, cosines, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
-            fontsize=7, parse_math=False, annotation_clip=True,
-        )  # fmt: skip
+        label = axes.annotate(name, cosines, (0, 0), color="w", annotation_clip=True, **_LABEL)
         label.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
         labels.append(label)
     low, high = _view_limits(levels > floor_db, [arrival.direction_cosines for arrival in direct])
@@ -379,12 +380,8 @@ def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     for arrival in direct:
         axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{dbm(arrival.power):.1f} dBm".replace("-", "−")
-        label = axes.annotate(
-            f"{arrival.name}\n{level}", arrival.direction_cosines, (0, 12),
-            textcoords="offset points",
-            color=_MARK, fontsize=7, parse_math=False, ha="center", va="center",
-        )  # fmt: skip
-        labels.append(label)
+        text, position = f"{arrival.name}\n{level}", arrival.direction_cosines
+        labels.append(axes.annotate(text, position, (0, 12), color=_MARK, **_LABEL))
     return labels
 
 
