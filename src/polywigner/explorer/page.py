@@ -239,9 +239,9 @@ class Explorer:
             if state is not self.state or name in self._errors:
                 continue
             _, seconds, view = self._computed_views[name]
-            possible = int(len(view.x) * math.sqrt(_SECONDS / seconds))
+            possible = int(view.samples * math.sqrt(_SECONDS / seconds))
             samples = min(views.SAMPLES, possible | 1)
-            if view.image is not None and len(view.x) < samples:
+            if 0 < view.samples < samples:
                 self._compute_view(state, name, samples)
         self._schedule(self._show_ready, state)
 
@@ -307,7 +307,7 @@ class Explorer:
     def _show_code(self, *_: Any) -> None:
         """Show the Python code of the view that is selected for saving."""
         try:
-            code = views.snippet(self.state, self._saved.value, len(self._saved_view().x))
+            code = views.snippet(self.state, self._saved.value, self._saved_view().samples)
         except (PolywignerError, KeyError):
             code = ""
         self._code.object = f"<pre>{escape(code)}</pre>"

@@ -14,7 +14,7 @@ from bokeh.events import DoubleTap, PointEvent, Tap
 from bokeh.plotting import figure as Figure
 
 from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
-from polywigner.explorer.views import Name, Polygon, View
+from polywigner.explorer.views import Name, Polygon, View, polygon_columns
 from polywigner.figures.style import ACCENT, BLUE, INK, ORANGE
 
 PALE = "#c6d7e6"
@@ -35,14 +35,6 @@ if (now - (relay.tags[0] ?? 0) > 60) {
   relay.data = {x: [...x], y: [...y], ring: [...ring]}
 }
 """
-
-
-def polygon_columns(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
-    """Return the columns of a MultiPolygons glyph, with a row for each polygon."""
-    return {
-        axis: [[[ring[:, k].tolist() for ring in polygon]] for polygon in polygons]
-        for k, axis in enumerate(("xs", "ys"))
-    }
 
 
 class Editor:
@@ -240,30 +232,13 @@ class Plot:
     def show(self, view: View) -> None:
         """Draw the image, the curves or the outlines of a view."""
         plot = self.plot
-        plot.title.text = view.title
-        self._quantity.text = view.quantity or " "
+        plot.title.text, self._quantity.text = view.title, view.quantity or " "
         plot.xaxis.axis_label, plot.yaxis.axis_label = view.x_label, view.y_label
-        x, y = view.x, view.y
-        edges = [(float(a[0]), float(a[-1])) for a in (x, y)]
-        if view.image is not None and self._mapper is not None:
+        if self._mapper is not None:
             low, high = view.limits
             self._mapper.update(palette=_palette(view.colours), low=low, high=high)
-            edges = [(a[0] - h, a[-1] + h) for a, h in ((a, (a[1] - a[0]) / 2) for a in (x, y))]
-            (x0, x1), (y0, y1) = edges
-            self._source.data = {
-                "image": [view.image.astype(np.float32)],
-                "x": [x0], "y": [y0], "dw": [x1 - x0], "dh": [y1 - y0],
-            }  # fmt: skip
-        elif view.curves is not None:
-            count = len(view.curves)
-            self._source.data = {
-                "xs": [x] * count, "ys": list(view.curves.values()),
-                "label": list(view.curves), "colour": [BLUE, ACCENT][:count],
-                "dash": ["solid", "dashed"][:count],
-            }  # fmt: skip
-        elif view.outlines is not None:
-            self._source.data = polygon_columns(view.outlines)
-        for axis, (start, end) in zip((plot.x_range, plot.y_range), edges, strict=True):
+        self._source.data = dict(view.columns)
+        for axis, (start, end) in zip((plot.x_range, plot.y_range), view.edges, strict=True):
             axis.update(start=start, end=end)
 
     def show_mark(self, point: Point, horizon: float = 0.0) -> None:
