@@ -167,8 +167,10 @@ def compute_view(state: State, name: Name, samples: int = SAMPLES) -> View:
     halves = [(a, (a[1] - a[0]) / 2) for a in shown]  # axes, and half the size of a pixel
     (x0, x1), (y0, y1) = edges = [(float(a[0] - h), float(a[-1] + h)) for a, h in halves]
     image, limits, colours, quantity = _image(state, name, values)
-    columns = {"image": [image.astype(np.float32)], "x": [x0], "y": [y0]}
-    columns |= {"dw": [x1 - x0], "dh": [y1 - y0]}
+    columns: dict[str, list[Any]] = {
+        "image": [image.astype(np.float32)],
+        "x": [x0], "y": [y0], "dw": [x1 - x0], "dh": [y1 - y0],
+    }  # fmt: skip
     arrays = {"values": values, "x": axes[0], "y": axes[1]}
     return View(
         title, x_label, y_label, arrays, columns, edges, len(image), limits, colours, quantity
