@@ -82,8 +82,8 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
             raise SceneError(
-                f"--polarised requires a camera, but {settings.scene} has a wigner_receiver, "
-                "whose polarisation is a parameter of the receiver"
+                f"--polarised requires a camera, but {settings.scene} has a wigner_receiver; set "
+                "the polarisation in the parameters of the receiver"
             )
         ready = time.perf_counter()
         # Scenes whose paths have no lengths raise an error here, before the longer render.

@@ -38,7 +38,7 @@ _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
 # Relative difference up to which wavelengths count as equal; users type few digits.
 _SAME_WAVELENGTH = 1e-3
-# Largest ratio of wavelength to diameter, and of diameter to wavelength; figures fail beyond it.
+# Largest ratio of wavelength to diameter, and of diameter to wavelength, in figures.
 _LARGEST_RATIO = 1e12
 
 

@@ -79,7 +79,7 @@ class Editor:
         self._relay.on_change("data", lambda attr, old, new: self._edited(self._relay, False))
         self.vertices.on_change("data", lambda attr, old, new: self._edited(self.vertices, True))
         plot.on_event(Tap, self._tapped)
-        # Bokeh reports no Tap for a double tap.
+        # Bokeh does not report a double tap as a Tap.
         plot.on_event(DoubleTap, self._tapped)
         self.plot = plot
 

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 LARGEST_SAMPLES = 4096
 """Largest number of samples along each axis. A complex array of this size takes 256 MiB."""
 
-# Half width of frequency axes if the wavelength is unknown [1/diameter]; they show five lobes of a
-# square.
+# Half width of the frequency axes [1/diameter] if the wavelength is unknown, wide enough for five
+# lobes of a square.
 _LOBES = 8.0
 
 Point = tuple[float, float]
