@@ -127,7 +127,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
-        vertices_for(local.inverse_transpose, (0.0, 0.0), part)
+        vertices_for(local.rows, (0.0, 0.0), part)
         for part in phases.difference(positions, shift)
     )
     scale = 1.0
@@ -239,7 +239,7 @@ def _position(ops: Any, frame: Frame, *point: Any) -> Values:
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
     """Return a frequency minus the carrier in the frame, each component as two floats."""
     less = tuple(_less(ops, f, c) for f, c in zip(nu, carrier, strict=True))
-    return _halves(ops, *(phases.dot(ops, less, row) for row in frame.inverse_transpose))
+    return _halves(ops, *(phases.dot(ops, less, row) for row in frame.rows))
 
 
 def _halves(ops: Any, *numbers: phases.Doubled) -> Values:

@@ -44,31 +44,28 @@ class Frame:
     """Normalised coordinates of a source.
 
     A position x has the coordinates ``matrix (x - centre) / norm`` in the frame, and a frequency nu
-    has the components ``inverse_transpose nu``. ``inverse_transpose`` is exactly the inverse
-    transpose of ``matrix / norm``. ``measure`` is the area of a unit square of the frame in the
-    user's units. ``reach`` contains the largest absolute coordinates of the source in the frame.
+    has the components ``rows nu``. The matrix ``rows`` is exactly the inverse transpose of ``matrix
+    / norm``. ``measure`` is the area of a unit square of the frame in the user's units. ``reach``
+    contains the largest absolute coordinates of the source in the frame.
     """
 
     centre: tuple[float, float]
     matrix: Matrix
-    inverse_transpose: Matrix
+    rows: Matrix
     norm: float
     measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
     """Frequency of the carrier, in the user's units. Stored fields are relative to the carrier."""
 
-    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """Return the coordinates of a point of the aperture plane in the frame."""
         cx, cy = self.centre
         if self.is_diagonal:
-            return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
+            return self.vector(ops, x - cx, y - cy)
         # For a long, narrow outline the products cancel almost completely, so the rounding errors
-        # of dx and dy matter.
-        (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
-        fine = self._cross_products(ops, lost_x, lost_y)
-        coarse = self._cross_products(ops, dx, dy)
-        return coarse[0] + fine[0], coarse[1] + fine[1]
+        # of the differences matter.
+        return self.vector(ops, phases.difference(x, cx), phases.difference(y, cy))
 
     @cached_property
     def is_diagonal(self) -> bool:
@@ -83,30 +80,16 @@ class Frame:
         """
         return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
-    @property
-    def rows(self) -> Matrix:
-        """Matrix that converts frequencies to the frame."""
-        return self.inverse_transpose
-
-    def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """Return the components of a difference of two points in the frame."""
+        components = matrix_times(ops, self.matrix, x, y)
         if self.is_diagonal:
-            return x * self.matrix[0][0], y * self.matrix[1][1]
-        return self._cross_products(ops, x, y)
-
-    @property
-    def axes(self) -> tuple[int, int] | None:
-        """Indices of the user's axes parallel to the frame's axes; None for a rotated frame."""
-        for axes in ((0, 1), (1, 0)):
-            if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
-                return axes
-        return None
+            return components
+        return tuple(component * (1 / self.norm) for component in components)
 
     def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """Return the components of a spatial frequency in the frame."""
-        if self.is_diagonal:
-            return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
-        return matrix_times(ops, self.inverse_transpose, x, y)
+        return matrix_times(ops, self.rows, x, y)
 
     def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """Return the components of a spatial frequency minus the carrier frequency in the frame."""
@@ -115,18 +98,13 @@ class Frame:
 
     def exact_frequency(self, *nu: float) -> tuple[float, ...]:
         """Return the correctly rounded components of a constant frequency in the frame."""
-        rows = [[Fraction(m) for m in row] for row in self.inverse_transpose]
+        rows = [[Fraction(m) for m in row] for row in self.rows]
         exact = [Fraction(n) for n in nu]
         return tuple(float(sum(m * n for m, n in zip(row, exact, strict=True))) for row in rows)
 
-    def _cross_products(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        (xx, xy), (yx, yy) = self.matrix
-        scale = 1 / self.norm
-        return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
-
     def vertices(self, points: Floats) -> Floats:
         """Return the correctly rounded coordinates of points in the frame, shape (n, 2)."""
-        return vertices_for(self.inverse_transpose, self.centre, points)
+        return vertices_for(self.rows, self.centre, points)
 
 
 def enter_position_and_frequency(
@@ -137,7 +115,10 @@ def enter_position_and_frequency(
 
 
 def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """Return the product of a matrix and a frequency, accurate to about an ulp."""
+    """Return the product of a matrix and a frequency, accurate to about an ulp.
+
+    If the matrix is not diagonal, its entries and the components of the frequency may be `Doubled`.
+    """
     if _diagonal(matrix):
         return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
@@ -183,11 +164,6 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
     )
 
 
-def reach_of(vertices: Floats) -> tuple[float, ...]:
-    """Return the largest absolute coordinate of vertices along each axis of their frame."""
-    return tuple(np.abs(vertices).max(axis=0).tolist())
-
-
 def _diagonal(matrix: Matrix) -> bool:
     others = (value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
     return all(isinstance(value, float) and value == 0.0 for value in others)
@@ -206,6 +182,9 @@ def frame_of(points: Floats) -> Frame:
     if lengths[long] > NEEDLE_ASPECT * lengths[short] > 0.0:
         c, s = (sides[long] / lengths[long]).tolist()
         length, width = power_of_two(lengths[long]), power_of_two(lengths[short])
+        if c == 0.0:
+            # An outline along the y axis needs no rotation.
+            (c, s), (length, width) = (1.0, 0.0), (width, length)
     return frame_along(points, centre, (c, s), (length, width))
 
 
@@ -219,10 +198,10 @@ def frame_along(
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
-    inverse_transpose = ((c * length, s * length), (-s * width, c * width))
+    rows = ((c * length, s * length), (-s * width, c * width))
     origin = (float(centre[0]), float(centre[1]))
-    reach = reach_of(vertices_for(inverse_transpose, origin, points))
-    return Frame(origin, matrix, inverse_transpose, norm, length * width * norm, reach)
+    reach = tuple(np.abs(vertices_for(rows, origin, points)).max(axis=0).tolist())
+    return Frame(origin, matrix, rows, norm, length * width * norm, reach)
 
 
 def power_of_two(size: float) -> float:

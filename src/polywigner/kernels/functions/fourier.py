@@ -257,10 +257,7 @@ class GridTables:
     @property
     def scales(self) -> tuple[float, float]:
         """Factors that convert the user's nu_x and nu_y to frequencies in the frame."""
-        assert self.frame.axes is not None
-        row_of = {axis: k for k, axis in enumerate(self.frame.axes)}
-        x, y = (self.frame.inverse_transpose[row_of[axis]][axis] for axis in (0, 1))
-        return x, y
+        return self.frame.rows[0][0], self.frame.rows[1][1]
 
     @property
     def floor(self) -> float:
@@ -286,7 +283,7 @@ def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables |
     ``field`` is the field on the element of each edge. The result is None for slender outlines and
     rotated frames.
     """
-    if tables.frame.axes is None:
+    if not tables.frame.is_diagonal:
         return None
     families = families_of(tables.edges, field)
     perimeter = sum(float(np.abs(f.weights).sum()) * math.hypot(f.ex, f.ey) for f in families)
@@ -377,8 +374,6 @@ def fourier_on_grid(
         (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))
         for nu, scale, centre in zip((nu_x, nu_y), tables.scales, tables.frame.centre, strict=True)
     )
-    if tables.frame.axes != (0, 1):
-        x, y = y, x
     shape = len(x[0]), len(y[0])
     real, imag, below = np.empty(shape), np.empty(shape), np.zeros(shape, bool)
     step = max(1, _BLOCK // shape[1])
@@ -397,8 +392,6 @@ def fourier_on_grid(
         square[below[rows]] = 1.0
         scale = (tables.frame.measure / (2 * math.pi**2)) / square
         real[rows], imag[rows] = sums[rows, 1] * scale, sums[rows, 0] * scale
-    if tables.frame.axes != (0, 1):
-        return real.T, imag.T, below.T
     return real, imag, below
 
 

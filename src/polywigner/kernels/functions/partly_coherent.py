@@ -28,7 +28,7 @@ from polywigner.numerics.phases import Pair
 @lru_cache(maxsize=256)
 def _tables_of(source: Wavefront, double: bool) -> Tables:
     tables = plane.tables_of(source.source, double)
-    coherence = np.transpose(tables.frame.inverse_transpose) / source.coherence_width
+    coherence = np.transpose(tables.frame.rows) / source.coherence_width
     return replace(tables, coherence=coherence.tolist())
 
 
