@@ -44,7 +44,10 @@ def _odd(ops: Any, number: Any) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class ProfileFactor:
-    """Array factors along one lattice direction, for the amplitudes of a profile."""
+    """Array factors along one lattice direction, for the amplitudes of a profile.
+
+    They do not include the constant factor and the phase of the profile.
+    """
 
     profile: Profile
 
@@ -104,10 +107,7 @@ class ProfileFactor:
         return self._all.value(ops, 0.0 * cycles, 0.0, count, cycles)
 
 
-@lru_cache(maxsize=64)
-def profile_factor(profile: Profile) -> ProfileFactor:
-    """Return the array factors of a profile, without the profile's constant factor and phase."""
-    return ProfileFactor(profile)
+profile_factor = lru_cache(maxsize=64)(ProfileFactor)
 
 
 def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
@@ -240,7 +240,8 @@ def pair_factor(
         profile.at(ops, by_mean, number, along)
         for profile, number, along in zip(profiles, numbers, cycles, strict=True)
     )
-    return first * second
+    scale = abs(profiles[0].profile.factor * profiles[1].profile.factor) ** 2
+    return (first * second).scaled(scale)
 
 
 # Largest deviation of element positions from a lattice, relative to the extent D of the lattice. At

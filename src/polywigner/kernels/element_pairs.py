@@ -127,8 +127,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
-        vertices_for(local.rows, (0.0, 0.0), part)
-        for part in phases.difference(positions, shift)
+        vertices_for(local.rows, (0.0, 0.0), part) for part in phases.difference(positions, shift)
     )
     scale = 1.0
     if view is None:

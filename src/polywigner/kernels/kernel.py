@@ -30,9 +30,12 @@ class Kernel:
     """Function (ops, frame, *arguments) that converts the arguments to the frame of the source."""
     edge_sum: Callable[..., Values]
     """Function (ops, tables, *arguments in the frame) that returns the sums over edges. It is a
-    `SliceSum` for W and A, and an `OutlineSum` for the Fourier transform of an outline."""
+    `SliceSum` for W and A."""
     leave: Callable[..., Values]
     """Function (ops, frame, arguments in the frame, sums) that returns results in user units."""
+    grid_tables: Callable[[Any], Any] | None = None
+    """Function (source) that returns the constants of a faster method for grids of frequencies, or
+    None if the source has no such method."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
         """Return the constants of the kernel for a source, from the source's cache if possible."""

@@ -30,7 +30,7 @@ from polywigner.kernels.outline import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.phases import unit_wave
 from polywigner.source import Array
-from polywigner.source.lattices import Lattice, Profile, separated
+from polywigner.source.lattices import Lattice, separated
 from polywigner.source.normal_form import normal_form
 
 # Smallest number of elements for which W and A of a lattice use array factors. An array with fewer
@@ -164,17 +164,9 @@ def _tables(array: Array, double: bool) -> ArrayTables:
     profiles = separated(lattice.weights)
     assert profiles is not None
     cycles = profiles[0].cycles_per_element, profiles[1].cycles_per_element
-    factors = _scaled(profiles[0]), _scaled(profiles[1])
+    factors = profile_factor(profiles[0]), profile_factor(profiles[1])
     frame = _array_frame(lattice, element, tables.frame, cycles)
     return RepeatedTables(frame, tables, factors)
-
-
-def _scaled(profile: Profile) -> ProfileFactor:
-    size = abs(profile.factor)
-    if profile.is_uniform and size == 1.0:
-        return profile_factor(profile)
-    amplitudes = tuple(size * amplitude for amplitude in profile.amplitudes)
-    return profile_factor(Profile(amplitudes, profile.cycles_per_element, profile.factor / size))
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:

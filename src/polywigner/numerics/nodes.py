@@ -314,20 +314,12 @@ def triangles_of(
     return corners, owner
 
 
-def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats]:
-    """Return the nodes and weights of a Gauss rule on triangles.
+def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats, Indices]:
+    """Return the nodes and weights of a Gauss rule on triangles, and the triangle of each node.
 
     The integrand has up to ``rate`` phase cycles per metre. Along a side of length s the rule has
     ``extra + 3.5 s rate`` nodes, but at least 1.
     """
-    nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
-    return nodes, weights
-
-
-def rule_by_triangles(
-    triangles: Triangles, rate: float, extra: float
-) -> tuple[Floats, Floats, Indices]:
-    """Return the rule of :func:`gauss_rule`, and the index of the triangle of each node."""
     counts = _counts(_extents(triangles), rate, extra)
     return rule_of_counts(cells_of(triangles), counts.astype(np.intp))
 

@@ -136,7 +136,7 @@ def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
         if total is None:
             total, low = product, lost
         else:
-            total, lost_sum = _sum(total, product)
+            total, lost_sum = difference(total, -product)
             low = low + (lost + lost_sum)
     return total, low
 
@@ -154,13 +154,6 @@ def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
 def _fitting(ops: Any, constant: float) -> tuple[float, float]:
     """Return a constant as the sum of two float32 numbers, or as a float64 and 0."""
     return (constant, 0.0) if ops.double else doubled(constant, False)
-
-
-def _sum(a: Any, b: Any) -> Doubled:
-    """Return the rounded sum a + b and its exact rounding error (Knuth)."""
-    total = a + b
-    virtual = total - a
-    return total, (a - (total - virtual)) + (b - virtual)
 
 
 def difference(a: Any, b: Any) -> Doubled:

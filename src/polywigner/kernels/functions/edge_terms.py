@@ -73,16 +73,10 @@ class EdgeTerms:
     by_part = False
     """Whether only :meth:`of_part` is implemented, because parts of an edge share no factors."""
 
-    def taken(self, owner: Any) -> EdgeTerms:
-        """Return the terms at the frequencies with the indices ``owner``."""
-        terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
-        terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
-        return terms
-
-    def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """Return the terms at rows and columns of a table of frequencies. None selects all rows."""
+    def at(self, *index: Any) -> EdgeTerms:
+        """Return the terms at the frequencies with an index into the arrays of components."""
         terms = copy(self)
-        terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
+        terms.nu = tuple(component[index] for component in self.nu)
         return terms
 
     def along(self, ux: Any, uy: Any) -> Values:

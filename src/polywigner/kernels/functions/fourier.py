@@ -10,7 +10,7 @@ by nu and is accurate for narrow polygons. A triangle (a, b, c) of a polyhedron'
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -263,18 +263,6 @@ class GridTables:
     def floor(self) -> float:
         """Smallest frequency in the frame at which (F4) is accurate."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
-
-
-@dataclass(frozen=True, eq=False)
-class OutlineSum:
-    """Sum over all edges of an outline, with an optional faster method for grids."""
-
-    summed: Callable[..., Values]
-    on_grid: Callable[[Any], GridTables | None]
-    """Function (source) that returns cached GridTables, or None if grids are not supported."""
-
-    def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
-        return self.summed(ops, tables, *inner)
 
 
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:

@@ -13,7 +13,6 @@ from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.kernels.functions.fourier import (
     GridTables,
     LinearFrame,
-    OutlineSum,
     OutlineTables,
     enter_frequency,
     fan_sum,
@@ -30,24 +29,21 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 
-@lru_cache(maxsize=256)
-def tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return the edges, weights and fields of an aperture or array, from the cache if possible."""
-    return new_tables_of(source, double)
-
-
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return uncached tables, because rings of an equal source in the cache may start elsewhere."""
+    """Return the edges, weights and fields of an aperture or array.
+
+    The vertices are in the order of the source. In the cache of :func:`tables_of`, the rings of an
+    equal source may start at other vertices.
+    """
     return build_tables(normal_form(source), double=double)
+
+
+tables_of = lru_cache(maxsize=256)(new_tables_of)
 
 
 @lru_cache(maxsize=256)
 def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
-    return new_outline_of(aperture)
-
-
-def new_outline_of(aperture: Aperture) -> OutlineTables:
-    """Return the edges for the Fourier transform, with vertices in the order of the aperture."""
+    """Return the edges for the Fourier transform, the same for float64 and float32 kernels."""
     return outline_tables(aperture.rings)
 
 
@@ -167,8 +163,9 @@ FOURIER = Kernel(
     2,
     _outline_of,
     enter_frequency,
-    OutlineSum(fan_sum, _grid_tables_of),
+    fan_sum,
     leave_wave,
+    _grid_tables_of,
 )
 FOURIER_PLACED = Kernel("fourier in space", 3, _placed_tables, enter_frequency, fan_sum, leave_wave)
 AMBIGUITY = Kernel("ambiguity", 2, tables_of, _enter_shift, AMBIGUITY_SUM, leave_wave)

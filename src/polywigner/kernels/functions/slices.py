@@ -202,7 +202,7 @@ class SliceSum:
                 if is_shared:
                     sums = _row_sums(terms, owner, part, count, nu[0].shape)
                 else:
-                    for value in terms.taken(owner).of_part(*part):
+                    for value in terms.at(owner).of_part(*part):
                         sums.append(np.bincount(owner, value, count))
                 total = terms.total(tuple(sums))
                 if not pair.is_unit:
@@ -294,8 +294,8 @@ def _row_sums(
     numbers = [p[:, None] if np.ndim(p) else p for p in part]
     for k in range(0, columns if len(owner) else 0, step):
         block = slice(k, k + step)
-        at = terms.at_columns(owner if rows > 1 else None, block)
-        for result, value in zip(results, at.of_part(*numbers), strict=True):
+        in_block = terms.at(owner if rows > 1 else slice(None), block)
+        for result, value in zip(results, in_block.of_part(*numbers), strict=True):
             result[owner[begins], block] = np.add.reduceat(value, begins, axis=0)
     return results
 
