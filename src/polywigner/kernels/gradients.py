@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 from polywigner.kernels.cut.clipping import AHEAD, Clipper, Cuts, Edge
@@ -23,7 +24,6 @@ from polywigner.kernels.functions.slices import Views, difference_pairings, mean
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline import Tables
 from polywigner.kernels.wave_pairs import WavePair
-from polywigner.numerics import Number
 from polywigner.numerics.phases import Pair, cos_sin_cycles, cos_sin_over_cycles, polynomial
 
 _ZERO = Pair(0.0, 0.0)
@@ -130,17 +130,12 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
     # The unused series must not overflow for large x.
     square = ops.select(small, x * x, 0.0)
-    series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
+    coefficients = [1 / 15]
+    for k in range(1, (_DOUBLE if ops.double else _SINGLE) + 1):
+        coefficients.append(coefficients[-1] * -0.5 / (k * (2 * k + 5)))
+    series = square * polynomial(ops, coefficients, square)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
     return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
-
-
-def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
-    """Return j_n(x)/x^n, where j_n is a spherical Bessel function, from its series in x^2."""
-    coefficients = [1 / math.prod(range(1, 2 * n + 2, 2))]
-    for k in range(1, terms + 1):
-        coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
-    return polynomial(ops, coefficients, square)
 
 
 def fourier_gradients(
@@ -176,33 +171,19 @@ def _pairs(numbers: Sequence[Any]) -> list[Pair]:
     return list(map(Pair, numbers[0::2], numbers[1::2]))
 
 
-def wigner_gradients(ops: Any, tables: Tables, accumulator: Accumulator, *point: Any) -> Gradients:
-    """Return the derivatives of the Wigner function at (x, y, nu_x, nu_y) in the frame.
+def slice_gradients(
+    ops: Any, tables: Tables, accumulator: Accumulator, *point: Any, is_wigner: bool
+) -> Gradients:
+    """Return the derivatives of the Wigner function or the ambiguity function in the frame.
 
-    The Wigner function is the real part of the differentiated value.
+    The point is (x, y, nu_x, nu_y) or (upsilon_x, upsilon_y, xi_x, xi_y). The Wigner function is
+    the real part of the differentiated value.
     """
-    return _gradients(ops, tables, True, accumulator, point[:2], point[2:])
-
-
-def ambiguity_gradients(
-    ops: Any, tables: Tables, accumulator: Accumulator, *point: Any
-) -> Gradients:
-    """Return the derivatives of the ambiguity function at (upsilon_x, upsilon_y, xi_x, xi_y)."""
-    return _gradients(ops, tables, False, accumulator, point[2:], point[:2])
-
-
-def _gradients(
-    ops: Any,
-    tables: Tables,
-    of_lags: bool,
-    accumulator: Accumulator,
-    position: tuple[Any, ...],
-    frequency: tuple[Any, ...],
-) -> Gradients:
+    position, frequency = (point[:2], point[2:]) if is_wigner else (point[2:], point[:2])
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
-    pairings, scale = (mean_pairings, 2.0) if of_lags else (difference_pairings, 1.0)
+    pairings, scale = (mean_pairings, 2.0) if is_wigner else (difference_pairings, 1.0)
     views = dict.fromkeys(view for *_, sides, _ in pairings(tables) for view, _ in sides)
     tx, ty = (scale * c for c in position)
     if accumulator.has_constant_indices or (ops.target == "compiled" and tables.fits_code):
@@ -334,9 +315,8 @@ class GradientKernel:
     """Closed-form derivatives of the second step of a kernel, the sum over edges."""
 
     gradients: Callable[..., Gradients]
-    """Function (ops, tables, accumulator, *arguments in the frame) that returns `Gradients`."""
-    arguments: int
-    """Number of arguments of ``gradients``. They are the last arguments of the kernel."""
+    """Function (ops, tables, accumulator, *arguments) that returns `Gradients`. The arguments are
+    the components of ``points`` in the frame, two for each."""
     parts: Callable[[Pair], tuple[Any, ...]]
     """Function that converts a complex value to the values that the kernel's sum over edges
     returns."""
@@ -363,10 +343,14 @@ def _real(value: Pair) -> tuple[Any, ...]:
     return (value.real,)
 
 
-_FOURIER = GradientKernel(fourier_gradients, 2, _wave, ("frequency",))
+_FOURIER = GradientKernel(fourier_gradients, _wave, ("frequency",))
 _KNOWN = {
-    plane.WIGNER: GradientKernel(wigner_gradients, 4, _real, ("position", "frequency")),
-    plane.AMBIGUITY: GradientKernel(ambiguity_gradients, 4, _wave, ("frequency", "position")),
+    plane.WIGNER: GradientKernel(
+        partial(slice_gradients, is_wigner=True), _real, ("position", "frequency")
+    ),
+    plane.AMBIGUITY: GradientKernel(
+        partial(slice_gradients, is_wigner=False), _wave, ("frequency", "position")
+    ),
     plane.FOURIER: _FOURIER,
     plane.FOURIER_PLACED: _FOURIER,
 }

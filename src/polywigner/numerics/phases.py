@@ -143,17 +143,14 @@ def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
 
 def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
     nu_high, nu_low = nu if isinstance(nu, tuple) else (nu, 0.0)
-    high, low = coordinate if isinstance(coordinate, tuple) else _fitting(ops, coordinate)
+    if not isinstance(coordinate, tuple):
+        coordinate = (coordinate, 0.0) if ops.double else doubled(coordinate, False)
+    high, low = coordinate
     product = nu_high * high
     lost = ops.lost(nu_high, high, product)
     if isinstance(nu, tuple):
         lost = lost + nu_low * high
     return product, lost + nu_high * low
-
-
-def _fitting(ops: Any, constant: float) -> tuple[float, float]:
-    """Return a constant as the sum of two float32 numbers, or as a float64 and 0."""
-    return (constant, 0.0) if ops.double else doubled(constant, False)
 
 
 def difference(a: Any, b: Any) -> Doubled:

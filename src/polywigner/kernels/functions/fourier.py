@@ -34,7 +34,7 @@ from polywigner.kernels.outline import (
 )
 from polywigner.numerics import Number, cluster_indices, phases
 from polywigner.numerics.grid_arithmetic import accurate_cross
-from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc, sinc_less_one
+from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc
 
 Values = tuple[Any, ...]
 Array = npt.NDArray[Any]
@@ -189,8 +189,8 @@ _LOSS, _ULP = 5e-15, 2.0**-53
 # Largest slenderness of an outline for (F4): perimeter × largest distance from the centre / area.
 # At this limit, rounding errors of the vertices change F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# Below _NEAR, sinc(q) is a series of _TERMS terms, whose first omitted term is 0.31^12/13! = 1e-16.
-_NEAR, _TERMS = 0.1, 5
+# Largest q for which sin(pi q)/q is computed directly. A matrix product of sines would lose digits.
+_NEAR = 0.1
 # Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
 # Largest matrix product [multiplications] that BLAS does not divide among threads, and smallest
@@ -342,12 +342,11 @@ class _FamilyTerm:
     def _sinc(self, q: Array, rows: slice) -> Array:
         is_near = np.abs(q) < _NEAR
         if is_near.all():
-            return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
+            return np.asarray(math.pi * np.sinc(q))
         near = np.flatnonzero(is_near)
         quotient = self.sines[0][rows] @ self.sines[1]
         quotient /= q
-        small = q.ravel()[near]
-        quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, _TERMS))
+        quotient.ravel()[near] = math.pi * np.sinc(q.ravel()[near])
         return quotient
 
 

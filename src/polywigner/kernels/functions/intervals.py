@@ -17,7 +17,7 @@ from typing import Any
 
 from polywigner.geometry import Slits
 from polywigner.kernels.functions.gauss_schell import wave_over_interval
-from polywigner.kernels.functions.plane import enter_both_ends, product_of_both
+from polywigner.kernels.functions.plane import at_both_ends, enter_both_ends, product_of_both
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
 from polywigner.kernels.outline import power_of_two
 from polywigner.kernels.wave_pairs import (
@@ -255,15 +255,11 @@ def _over_pairs(
     return total
 
 
-def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
-    fields = (
-        reduce(
-            Pair.__add__,
-            (_field_between(ops, float(a), float(b), waves, x) for a, b, waves in tables.edges),
-        )
-        for x in ends
-    )
-    return tuple(part for field in fields for part in (field.real, field.imag))
+def _field(ops: Any, tables: SlitTables, x: Any) -> Values:
+    """Return the real and imaginary part of the field at a position, without the carrier."""
+    intervals = ((float(begin), float(end), waves) for begin, end, waves in tables.edges)
+    total = reduce(Pair.__add__, (_field_between(ops, *interval, x) for interval in intervals))
+    return total.real, total.imag
 
 
 @lru_cache(maxsize=256)
@@ -321,7 +317,7 @@ AUTOCORRELATION = Kernel(
     1,
     lambda source, double: _slit_tables(source),
     enter_both_ends,
-    _both_ends,
+    at_both_ends(_field),
     product_of_both,
 )
 WIGNER = Kernel(

@@ -140,10 +140,10 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return an edge sum that evaluates ``field(ops, tables, x, y)`` at both ends of a lag."""
+    """Return an edge sum that evaluates ``field(ops, tables, *x)`` at both ends of a lag."""
     return lambda ops, tables, cycles, *ends: (
-        *field(ops, tables, *ends[:2]),
-        *field(ops, tables, *ends[2:]),
+        *field(ops, tables, *ends[: len(ends) // 2]),
+        *field(ops, tables, *ends[len(ends) // 2 :]),
     )
 
 
