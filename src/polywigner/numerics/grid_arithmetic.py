@@ -19,7 +19,7 @@ from polywigner.numerics import Floats
 _SPLIT = 134217729.0
 
 
-def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
+def vertices_on_grid(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Return vertices, rounded to multiples of ``step``, without repeated vertices.
 
     The second result is a mask of the vertices that are not repeated.
@@ -94,6 +94,7 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
 
 
 def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
+    """Return whether c lies exactly on the line through a and b and differs from both."""
     (ax, ay), (bx, by), (cx, cy) = ([Fraction(v) for v in p.tolist()] for p in (a, b, c))
     on_line = (bx - ax) * (cy - ay) == (by - ay) * (cx - ax)
     return on_line and (cx, cy) not in ((ax, ay), (bx, by))

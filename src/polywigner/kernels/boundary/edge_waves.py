@@ -485,7 +485,7 @@ def edge_wave_and_rate(
     flags = (None if flag is None else jets.constants((flag,))[0] for flag in (blocked, in_front))
     source_jets = (*jets.constants(source[:2]), height)
     parts = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
-    return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
+    return Pair(*(part.value for part in parts)), Pair(*(part.derivatives[0] for part in parts))
 
 
 def path_over(

@@ -28,11 +28,11 @@ from polywigner.numerics import Number, phases
 from polywigner.numerics.nodes import (
     SUMS,
     Rules,
+    error_of,
     gauss_rules,
-    missed,
     node_sums,
     nodes_needed,
-    rule_of,
+    rule_index,
 )
 from polywigner.numerics.phases import Doubled, Pair, cos_sin_cycles, unit_wave
 
@@ -171,7 +171,7 @@ def _panel(
         ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
         *phase, view.b, view.z, view.across, view.pz, *shared,
     )  # fmt: skip
-    error = missed(ops, sums, expected, rounded_turns(ops, row, inner))
+    error = error_of(ops, sums, expected, rounded_turns(ops, row, inner))
     e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
     amplitude = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
     closed = (wave.closed(ops, view) * amplitude).scaled(grazing)
@@ -248,7 +248,7 @@ def sums_over_panel(
     near_clear, near_swing, midpoint, span = _anglewise(ops, view, sine, depth)
     clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
     needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * swing)
-    rule, foot2 = rule_of(ops, needed), view.b * view.b + view.z * view.z
+    rule, foot2 = rule_index(ops, needed), view.b * view.b + view.z * view.z
 
     def far_node(
         at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any

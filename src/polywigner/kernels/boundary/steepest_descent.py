@@ -34,7 +34,7 @@ from polywigner.kernels.boundary.integrals import (
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics import Number
-from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+from polywigner.numerics.nodes import SUMS, Rules, error_of, node_sums, nodes_needed, rule_index
 from polywigner.numerics.phases import Pair
 
 # Numbers of Gauss-Laguerre nodes for tails, which are integrals from an end of an edge to infinity.
@@ -202,7 +202,7 @@ class _Line:
             return real, imag, w * step * size, *last
 
         needed, expected = self._nodes_needed(ops, low, high, half, foot2, digits)
-        rule = ops.select(half > 0.0, rule_of(ops, needed), -1.0)
+        rule = ops.select(half > 0.0, rule_index(ops, needed), -1.0)
         sums = ops.sum_over_rule(
             rule, rules, node, SUMS, half, low.t, low.s, foot2, *phase,
             view.b, view.z, view.across, view.pz, self.beta, self.lift,
@@ -301,7 +301,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
     outside, mirrored = line.angles(ops, begin, low, high, end)
     # The wave e of (B2) is constant along the edge, so it is a factor of the integrals.
     total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
-    size, missing = abs(outside) + abs(mirrored), missed(ops, sums, expected, turns)
+    size, missing = abs(outside) + abs(mirrored), error_of(ops, sums, expected, turns)
     for at, sign in _signed_ends(ops, begin, low, high, end):
         wave = edge_wave(ops, at.t, at.radius, *phase)
         tail, bound = line.tail(ops, at, sign, digits, wave)

@@ -30,8 +30,8 @@ from polywigner.kernels.outline import Tables
 from polywigner.numerics import Floats, Number
 from polywigner.numerics.grid_arithmetic import (
     accurate_cross,
-    rounded,
     signed_convex_pieces,
+    vertices_on_grid,
     with_vertices_on_sides,
 )
 
@@ -112,7 +112,7 @@ def constants_of(tables: Tables) -> Constants:
     for number, (aperture, weight) in enumerate(zip(tables.apertures, tables.weights, strict=True)):
         group, weight = group_of[number], complex(weight)
         for ring in aperture.rings:
-            points, distinct = rounded(frame.vertices(ring), step)
+            points, distinct = vertices_on_grid(frame.vertices(ring), step)
             names = np.arange(first, first + len(ring))[distinct].tolist()
             first += len(ring)
             if len(points) < 3:
@@ -129,7 +129,7 @@ def constants_of(tables: Tables) -> Constants:
                 )
         vertices = np.concatenate(list(aperture.rings))
         joined = (with_vertices_on_sides(piece, vertices) for piece in aperture.convex_cover)
-        on_grid = [rounded(frame.vertices(piece), step)[0] for piece in joined]
+        on_grid = [vertices_on_grid(frame.vertices(piece), step)[0] for piece in joined]
         for piece, sign in signed_convex_pieces(on_grid):
             sides = dict.fromkeys(_line_of(side, lines) for side in _sides(piece))
             pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag, group))
