@@ -243,7 +243,7 @@ def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Va
 
 def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
     """Return each number as the sum of two floats. The first float is exact in single precision."""
-    return tuple(half for number in numbers for half in phases.halves(ops, number))
+    return tuple(half for number in numbers for half in phases.split(ops, number))
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:

@@ -50,6 +50,7 @@ def _sine_over_reduced(ops: Any, r: Any) -> Number:
 
 
 def _sine_of_reduced(ops: Any, r: Any) -> Number:
+    """Return sin(2 pi r) for |r| up to 1/2."""
     if ops.target == "numpy":
         return np.sin(2 * math.pi * r)
     return _sine_over_reduced(ops, r) * r
@@ -142,6 +143,7 @@ def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
 
 
 def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
+    """Return a product of two numbers, floats or `Doubled`, as an unrounded sum of two floats."""
     nu_high, nu_low = nu if isinstance(nu, tuple) else (nu, 0.0)
     if not isinstance(coordinate, tuple):
         coordinate = (coordinate, 0.0) if ops.double else doubled(coordinate, False)
@@ -166,18 +168,19 @@ def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
-def halves(ops: Any, number: Doubled) -> Doubled:
-    """Return a number as two floats. The first is exact in float32 (Veltkamp)."""
+def split(ops: Any, number: Doubled) -> Doubled:
+    """Return a number as the sum of two floats, the first of which is exact in float32."""
     total, low = number
     if not ops.double:
         return number
+    # Veltkamp's method
     scaled = total * _SPLIT
     high = scaled - (scaled - total)
     return high, (total - high) + low
 
 
 def reduced(ops: Any, cycles: Doubled) -> Any:
-    """Return a number of cycles modulo 1."""
+    """Return a number of cycles without its nearest integer, as a float from -1/2 to 1/2."""
     total, low = cycles
     return (total - ops.round(total)) + low
 
@@ -238,6 +241,7 @@ class Pair:
 
 
 def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
+    """Return the complex number ``a`` if the condition is true, otherwise ``b``."""
     return Pair(ops.select(condition, a.real, b.real), ops.select(condition, a.imag, b.imag))
 
 
@@ -290,6 +294,7 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
 
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
+    """Return the conjugate divided difference at the phases ``origin`` and ``others`` in cycles."""
     phase = Pair(*cos_sin_cycles(ops, origin))
     return phase * _conjugate_difference(ops, [other - origin for other in others])
 
@@ -300,6 +305,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
     largest = abs(last)
 
     def chosen(wins: Any, a: Any, b: Any) -> Any:
+        """Return ``a`` if the current pair of phases is the farthest so far, otherwise ``b``."""
         return a if a is b else ops.select(wins, a, b)
 
     for i, j in list(combinations(range(len(nodes)), 2))[1:]:

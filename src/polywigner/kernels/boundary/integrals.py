@@ -118,7 +118,7 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
     numbers = (*point, distance)
-    parts = numbers if frame.double else tuple(phases.halves(ops, n) for n in numbers)
+    parts = numbers if frame.double else tuple(phases.split(ops, n) for n in numbers)
     return (*(part for pair in parts for part in pair), phases.reduced(ops, distance), digits)
 
 

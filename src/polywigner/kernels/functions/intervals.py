@@ -272,7 +272,7 @@ def _segment_tables(source: Slits, double: bool) -> SlitTables:
 def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
     """Return the phase of the centre, and the frequency in the frame as the sum of two floats."""
     cycles = phases.cycles_to_centre(ops, frame.centre, nu)
-    return (cycles, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
+    return (cycles, *phases.split(ops, (*frame.frequency(ops, nu), 0.0)))
 
 
 def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
@@ -290,16 +290,16 @@ def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
 def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
     total, low = frame.exact_position(x)
     # If x changes by dx, the two copies of a slit approach each other by 4 dx.
-    shift = phases.halves(ops, (4.0 * total, 4.0 * low))
-    return (*shift, *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
+    shift = phases.split(ops, (4.0 * total, 4.0 * low))
+    return (*shift, *phases.split(ops, (*frame.detuned(ops, nu), 0.0)))
 
 
 def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
     """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
-    shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
-    return (cycles, *shift, *phases.halves(ops, (*frame.vector(ops, xi), 0.0)))
+    shift = phases.split(ops, (*frame.frequency(ops, upsilon), 0.0))
+    return (cycles, *shift, *phases.split(ops, (*frame.vector(ops, xi), 0.0)))
 
 
 def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
