@@ -39,6 +39,7 @@ _BLOCK = 1 << 18
 
 
 def _odd(ops: Any, number: Any) -> Number:
+    """Return 1 for an odd integer and 0 for an even integer, as floats."""
     return abs(number - 2.0 * ops.round(0.5 * number))
 
 
@@ -53,30 +54,35 @@ class ProfileFactor:
 
     @property
     def count(self) -> int:
+        """Number of elements along the lattice direction."""
         return len(self.profile.amplitudes)
 
     @cached_property
     def _amplitudes(self) -> Complex:
+        """Amplitudes of the profile, shape (count,)."""
         return np.array(self.profile.amplitudes, np.complex128)
 
     @cached_property
     def means(self) -> _Series:
         """Products a_i a_j* of two amplitudes, with one row for each sum i + j."""
-        return self._mutual(by_mean=True)
+        return self._products(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
         """Products a_i a_j* of two amplitudes, with one row for each difference i - j."""
-        return self._mutual(by_mean=False)
+        return self._products(by_mean=False)
 
     @cached_property
     def _all(self) -> _Series:
+        """Amplitudes of all elements, as coefficients with a single row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
-    def _mutual(self, by_mean: bool) -> _Series:
+    def _products(self, by_mean: bool) -> _Series:
+        """Return the products a_i a_j* with one row for each i + j (``by_mean``) or i - j."""
         a, last = self._amplitudes, self.count - 1
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
+            """Return the term ``k`` of the row ``number``."""
             site = np.maximum(0, number - last) + k
             other = number - site if by_mean else site - number + last
             return np.asarray(a[site] * a[other].conj())
@@ -155,6 +161,10 @@ class _Series:
     def _sum(
         self, ops: Any, basis: _Basis, table: DeviceTable | None, start: Any, nil: Any, ends: Any
     ) -> Number:
+        """Return the sums of the rows ``start``/packets of a table, by Clenshaw's recurrence.
+
+        ``ends`` contains the factors of the last two states, for a sum of cosines or of sines.
+        """
         if table is None:
             return 0.0
         memory, last = table.in_memory(ops), start + (self.packets - 1)
@@ -178,6 +188,7 @@ class _Basis:
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
+        """Prepare sums at ``cycles`` per term. ``half`` selects the multiples k + 1/2."""
         cos_half, sin_half = cos_sin_cycles(ops, 0.5 * cycles)
         cosine = cos_half * cos_half - sin_half * sin_half
         ahead = cosine >= 0.0
@@ -213,11 +224,15 @@ def _series(
         # The central term of a row of odd length is counted twice.
         odd = rows[n % 2 == 1]
         p[odd, 0] /= 2
-    tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
+    tables = (_table_of_part(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, tuple(tables))
 
 
-def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
+def _table_of_part(values: Complex, part: str, packet: int) -> DeviceTable | None:
+    """Return the "real" or "imag" ``part`` of coefficients as a table, or None if it is zero.
+
+    Each row of the table contains ``packet`` numbers.
+    """
     parts: NDArray[np.float64] = getattr(values, part)
     if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
         return None
@@ -266,11 +281,13 @@ class _Tables:
 
     @property
     def terms(self) -> int:
+        """Number of terms for the choice of the engine."""
         return max(1, len(self.rows))
 
 
 @lru_cache(maxsize=64)
 def _tables(sites: Sites, double: bool) -> _Tables:
+    """Return the array factors of a lattice, or the rows of a plain sum for other arrays."""
     lattice = sites.lattice if len(sites.positions) >= _LEAST_SITES else None
     profiles = None if lattice is None else separated(lattice.weights)
     if lattice is None or profiles is None or lattice.misfit > _MISFIT:
@@ -286,6 +303,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
 
 
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
+    """Return the positions and weights of the elements for a plain sum."""
     low = sites.positions.min(axis=0)
     centre = low + np.ptp(sites.positions, axis=0) / 2
     rows = zip((sites.positions - centre).tolist(), sites.weights.tolist(), strict=True)
@@ -298,6 +316,10 @@ def _table_of_sites(sites: Sites, double: bool) -> _Tables:
 
 
 def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
+    """Return the phase of the centre in cycles, and the frequency nu.
+
+    For a lattice, nu is replaced by nu.b modulo 2 cycles for both basis vectors b.
+    """
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.rows:
         return (cycles, *nu)
@@ -308,6 +330,8 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
 
 
 def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
+    """Return the real part and minus the imaginary part of the array factor."""
+
     def term(*row: Any) -> Values:
         *coordinates, real, imag = row
         site = tuple(zip(coordinates[0::2], coordinates[1::2], strict=True))

@@ -164,10 +164,12 @@ def fourier_gradients(
 
 
 def _parts(*pairs: Pair) -> tuple[Any, ...]:
+    """Return complex numbers as a flat tuple of real and imaginary parts."""
     return tuple(part for pair in pairs for part in (pair.real, pair.imag))
 
 
 def _pairs(numbers: Sequence[Any]) -> list[Pair]:
+    """Return complex numbers from alternating real and imaginary parts."""
     return list(map(Pair, numbers[0::2], numbers[1::2]))
 
 
@@ -203,7 +205,7 @@ def slice_gradients(
                 if (first, second) == (group, other)
             ]  # fmt: skip
             for pair, sums in clipper.sums_of_runs(pairs, group, other):
-                pair.add(_pairs(sums), result)
+                pair.add_to(_pairs(sums), result)
     return result
 
 
@@ -244,6 +246,7 @@ class _WavePairGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+        """Return the contribution of an edge to the sums of :meth:`add_to`."""
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, motion, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
@@ -284,7 +287,8 @@ class _WavePairGradients:
         motions = motion.scaled(scale * edge.ey), motion.scaled(-scale * edge.ex)
         return _parts(area, *motions, along, across, shared)
 
-    def add(self, sums: Sequence[Pair], result: Gradients) -> None:
+    def add_to(self, sums: Sequence[Pair], result: Gradients) -> None:
+        """Add the derivatives of the pair of waves to ``result``, from its sums over all edges."""
         area, *motions, along, across, shared = sums
         result.shared = result.shared + shared
         for k, motion in enumerate(motions):
@@ -305,6 +309,7 @@ class _WavePairGradients:
 
 
 def _weighted(value: Pair, real: Any, imag: Any) -> Pair:
+    """Return ``value`` times real + i imag, without multiplications by constants 1 and 0."""
     if isinstance(imag, float) and imag == 0.0:
         return value if isinstance(real, float) and real == 1.0 else value.scaled(real)
     return value * Pair(real, imag)
@@ -336,10 +341,12 @@ class GradientKernel:
 
 
 def _wave(value: Pair) -> tuple[Any, ...]:
+    """Return the real part and minus the imaginary part, as edge sums of complex transforms do."""
     return value.real, -value.imag
 
 
 def _real(value: Pair) -> tuple[Any, ...]:
+    """Return the real part as a tuple, as edge sums of real transforms do."""
     return (value.real,)
 
 

@@ -98,10 +98,12 @@ class _ArrayFrame:
 
     @property
     def measure(self) -> float:
+        """Area of a unit square of the element's frame, in the user's units."""
         return self.element.measure
 
     @property
     def carrier(self) -> tuple[float, ...]:
+        """Frequency of the carrier of the element, in the user's units."""
         return self.element.carrier
 
     @property
@@ -115,6 +117,10 @@ class _ArrayFrame:
 
 
 def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
+    """Return the coordinates of an array from its lattice, its element and the element's frame.
+
+    ``cycles`` contains the phase differences of adjacent weights.
+    """
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
     # W of an element vanishes outside its hull, and A vanishes at lags beyond its size.
@@ -145,6 +151,7 @@ ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ProfileFactor]]
 
 
 def _lattice(array: Array) -> Lattice | None:
+    """Return the lattice of an array with separable weights, or None for other or small arrays."""
     copies = normal_form(array).lattice
     lattice = copies.sites if copies is not None and len(array) >= _LEAST_ELEMENTS else None
     return None if lattice is None or separated(lattice.weights) is None else lattice
@@ -157,6 +164,7 @@ def is_on_lattice(array: Array) -> bool:
 
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool) -> ArrayTables:
+    """Return the coordinates, the element and the array factors of an array on a lattice."""
     lattice, copies = _lattice(array), normal_form(array).lattice
     assert lattice is not None and copies is not None
     element = copies.element.shape
@@ -170,6 +178,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
+    """Return the phases nu.b in cycles for both basis vectors b, modulo 1."""
     return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
@@ -182,6 +191,7 @@ def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y:
 
 
 def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
+    """Return W as a sum over midpoints, (L1), for the results of :func:`_enter_wigner`."""
     first, second, x, y, *cycles, nu_x, nu_y = inner
     frame, element = tables.frame, tables.element
     twice = cycles[0] + cycles[0], cycles[1] + cycles[1]
@@ -209,6 +219,7 @@ def _enter_ambiguity(
 
 
 def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
+    """Return A as a sum over differences, (L2), for the results of :func:`_enter_ambiguity`."""
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
     frame, element, slope = tables.frame, tables.element, tables.frame.slope
     lowest = [profile.count - 1.0 for profile in tables.sites]

@@ -70,7 +70,7 @@ class Frame:
     @cached_property
     def is_diagonal(self) -> bool:
         """Whether the axes of the frame are parallel to the user's axes."""
-        return _diagonal(self.matrix)
+        return _is_diagonal(self.matrix)
 
     def grid_step(self, double: bool) -> float:
         """Return the grid spacing of vertices and offsets, a power of two.
@@ -119,7 +119,7 @@ def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
 
     If the matrix is not diagonal, its entries and the components of the frequency may be `Doubled`.
     """
-    if _diagonal(matrix):
+    if _is_diagonal(matrix):
         return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
@@ -130,7 +130,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
     ``matrix`` converts frequencies to the frame. The product (matrix nu).x', where x' are the
     returned coordinates, equals nu.(x - centre) for each frequency nu and point x.
     """
-    if _diagonal(matrix):
+    if _is_diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
     rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
@@ -144,9 +144,11 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
+    """Return the matrix of the cofactors of an integer matrix."""
     n = len(matrix)
 
     def cofactor(i: int, j: int) -> int:
+        """Return the signed minor without row ``i`` and column ``j``."""
         minor = [[matrix[a][b] for b in range(n) if b != j] for a in range(n) if a != i]
         return (-1) ** (i + j) * int(determinant(minor))
 
@@ -164,7 +166,8 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
     )
 
 
-def _diagonal(matrix: Matrix) -> bool:
+def _is_diagonal(matrix: Matrix) -> bool:
+    """Return whether all entries off the diagonal are the constant 0.0."""
     others = (value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
     return all(isinstance(value, float) and value == 0.0 for value in others)
 

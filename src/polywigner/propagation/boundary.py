@@ -411,7 +411,7 @@ def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
 def boundary_tables(
     radiator: Radiator, wavelength: float, longest: float, double: bool, share: float
 ) -> integrals.BoundaryTables:
-    """Return all panels of a source as kernel tables, with ``share`` as in `BoundaryTables`."""
+    """Return all panels of a source as kernel tables, with ``share`` as their factor m."""
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
     return _tables(panels, radiator, wavelength, double, share, False)

@@ -137,6 +137,7 @@ def constants_of(tables: Tables) -> Constants:
 
 
 def _sides(polygon: Floats) -> list[list[float]]:
+    """Return the start point and the vector of each side of a polygon, as four numbers."""
     return list(np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist())
 
 
@@ -257,6 +258,10 @@ class Clipper:
     def _interval(
         self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
     ) -> tuple[Any, Any]:
+        """Return t0 + t1 and t1 - t0 of :meth:`intervals` for one convex piece.
+
+        ``cuts`` caches the intersections of the edge with lines.
+        """
         ops = self.ops
         low: Any = 0.0
         high: Any = 1.0

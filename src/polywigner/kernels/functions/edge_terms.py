@@ -137,14 +137,17 @@ class EvenTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
+        """Add the product of sin(pi nu.d), sin(2 pi nu.m) and the weight to the sum."""
         size = scaled(weight[0], sin_cycles(self.ops, half))
         phase = sin_cycles(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        """Return the sum times cross(nu, u)/(nu.u)."""
         return (along[1] * sums[0],)
 
     def total(self, sums: Values) -> Values:
+        """Return the sum divided by pi^2 |nu|^2."""
         nu_x, nu_y = self.nu
         return (sums[0] / (math.pi**2 * self.ops.fma(nu_x, nu_x, nu_y * nu_y)),)
 
@@ -168,6 +171,7 @@ class WaveTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
+        """Add the sine and cosine of :func:`segment_wave`, times the weight, to the sums."""
         ops, (real, imag) = self.ops, weight
         sine, cosine = segment_wave(ops, half, midpoint)
         waves = _with(ops, sums, scaled(real, extent), sine, cosine)
@@ -177,10 +181,12 @@ class WaveTerms(EdgeTerms):
         return ops.fma(-factor, cosine, waves[0]), ops.fma(factor, sine, waves[1])
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        """Return the sums times the length of the edge and cross(nu, u)."""
         across = scaled(length, along[1])
         return tuple(across * value for value in sums[: self.values])
 
     def total(self, sums: Values) -> Values:
+        """Return the sums times ``factor``/|nu|^2."""
         nu_x, nu_y = self.nu
         scale = self.factor / self.ops.fma(nu_x, nu_x, nu_y * nu_y)
         return tuple(value * scale for value in sums)
@@ -195,9 +201,11 @@ class AreaTerms(EdgeTerms):
         self.ops, self.nu = ops, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
+        """Return cross(x, d)/2 for the centre x and vector d of a part, times its real weight."""
         return (scaled(real, 0.5 * self.ops.fma(x, dy, y * -dx)),)
 
     def total(self, sums: Values) -> Values:
+        """Return the sum unchanged."""
         return sums
 
 
@@ -218,6 +226,7 @@ def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) 
 
 
 def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
+    """Return the sums plus ``factor`` times each wave. None stands for sums of 0."""
     if sums is None:
         return tuple(scaled(factor, wave) for wave in waves)
     return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

@@ -80,6 +80,7 @@ class LinearFrame:
     measure: float
 
     def frequency(self, ops: Any, *nu: Any) -> Values:
+        """Return the components of a spatial frequency in the frame."""
         return matrix_times(ops, self.rows, *nu)
 
 
@@ -103,10 +104,12 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
 
 
 def _corners(row: Values, dimension: int) -> list[Values]:
+    """Return the vertices in a row, one vertex fewer than a triangle or tetrahedron has."""
     return [row[k : k + dimension] for k in range(0, dimension**2, dimension)]
 
 
 def _dot(ops: Any, nu: Values, point: Values) -> Number:
+    """Return the scalar product nu.point, rounded."""
     total = nu[-1] * point[-1]
     for component, coordinate in zip(nu[-2::-1], point[-2::-1], strict=True):
         total = ops.fma(component, coordinate, total)
@@ -174,6 +177,10 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return six times the signed volumes of tetrahedra that contain the origin as a vertex.
+
+    ``corners`` contains the other vertices, shape (n, 3, 3). The products are exact.
+    """
     integers, exponent = whole_numbers(corners)
     exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
@@ -316,6 +323,7 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
+        """Return the sums of cosines and sines at some nu_x and all nu_y, shape (rows, 2, n)."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -327,6 +335,7 @@ class _FamilyTerm:
         return waves
 
     def _waves(self, left: Array) -> Array:
+        """Return the sums of waves over all midpoints, shape (rows, 2, columns)."""
         product = np.empty((len(left), self.right.shape[1]))
         count = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
         stacked = len(left) // count * count if count else 0
@@ -340,6 +349,7 @@ class _FamilyTerm:
         return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
+        """Return pi sinc(q) for q = nu.e at some nu_x and all nu_y."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
             return np.asarray(math.pi * np.sinc(q))
@@ -383,6 +393,7 @@ def fourier_on_grid(
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
+    """Return the terms, with all edges parallel to the axes combined into one term."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)
@@ -391,6 +402,7 @@ def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
+    """Yield families in groups with up to ``_MOST_EDGES`` edges."""
     batch: list[Family] = []
     for family in families:
         if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:

@@ -60,6 +60,7 @@ class SlitFrame:
     """Frequency of the carrier, in the user's unit. Stored fields are relative to the carrier."""
 
     def position(self, ops: Any, x: Any) -> tuple[Any]:
+        """Return the coordinate of a position in the frame."""
         total, low = self.exact_position(x)
         return (total + low,)
 
@@ -69,9 +70,11 @@ class SlitFrame:
         return total * (1 / self.measure), low * (1 / self.measure)
 
     def vector(self, ops: Any, xi: Any) -> tuple[Any]:
+        """Return the difference of two positions in the frame."""
         return (xi * (1 / self.measure),)
 
     def frequency(self, ops: Any, nu: Any) -> tuple[Any]:
+        """Return a spatial frequency in the frame."""
         return (nu * self.measure,)
 
     def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
@@ -79,6 +82,7 @@ class SlitFrame:
         return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
 
     def exact_frequency(self, nu: float) -> tuple[float]:
+        """Return a constant frequency in the frame, without rounding errors."""
         return (nu * self.measure,)
 
 
@@ -114,6 +118,7 @@ class PairTables:
 
 @lru_cache(maxsize=256)
 def _slit_tables(source: Slits | Array) -> SlitTables:
+    """Return the slits and their plane waves as exact intervals in the frame of the source."""
     elements = normal_form(source).elements
     low, high = normal_form(source).bounds
     (carrier,) = carrier_of((element.illumination for element in elements), 1)
@@ -142,6 +147,7 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTable
     """
 
     def paired(items: Iterable[Any]) -> Iterable[tuple[Any, Any]]:
+        """Return unordered pairs of items for W, and ordered pairs for A."""
         return combinations_with_replacement(items, 2) if of_lags else product(items, repeat=2)
 
     tables = _slit_tables(source)
@@ -176,6 +182,8 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
+    """Return the complex sum over pairs of slits at a shift of both copies and a frequency nu."""
+
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
         imag: Any, detuning: Any, rate: Any,
@@ -209,6 +217,7 @@ class LineField:
 
     @property
     def pairs(self) -> int:
+        """Number of pairs of plane waves."""
         return len(self.waves) * (len(self.waves) + 1) // 2
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
@@ -217,10 +226,12 @@ class LineField:
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
+        """Return the ambiguity function A(upsilon, xi) of the field."""
         pairs = difference_pairs(self.waves, self.waves)
         return _over_pairs(ops, pairs, xi, upsilon, _length(ops, 2.0 * self.half - abs(xi), 1.0))
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
+        """Return the Fourier transform F(nu) of the field."""
         length = 2.0 * self.half
         total = Pair(0.0, 0.0)
         for wave in self.waves:
@@ -264,6 +275,7 @@ def _field(ops: Any, tables: SlitTables, x: Any) -> Values:
 
 @lru_cache(maxsize=256)
 def _segment_tables(source: Slits, double: bool) -> SlitTables:
+    """Return the start and length of each slit as two floats each, for the Fourier transform."""
     tables = _slit_tables(source)
     rows = ((*doubled(a, double), *doubled(b - a, double)) for a, b, _ in tables.edges)
     return SlitTables(tables.frame, tuple(rows))
@@ -276,6 +288,8 @@ def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
 
 
 def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
+    """Return the real part and minus the imaginary part of the Fourier transform of slits."""
+
     def term(begin: Any, begin_low: Any, length: Any, length_low: Any) -> Values:
         total, low = phases.dot(ops, (nu,), ((length, length_low),))
         wave = phases.mean_plane_wave(ops, 0.0, total + low)
@@ -288,6 +302,7 @@ def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
 
 
 def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
+    """Return the shift 4x of both copies of a slit, and nu, in the frame as two floats each."""
     total, low = frame.exact_position(x)
     # If x changes by dx, the two copies of a slit approach each other by 4 dx.
     shift = phases.split(ops, (4.0 * total, 4.0 * low))
@@ -303,11 +318,13 @@ def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Value
 
 
 def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
+    """Return the real part and minus the imaginary part of the ambiguity function."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
 def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
+    """Return the Wigner function of slits, for the results of :func:`_enter_wigner`."""
     return _sum(ops, tables, (x, x_low), nu)[:1]
 
 

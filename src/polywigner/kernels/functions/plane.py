@@ -84,6 +84,7 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
 
 @lru_cache(maxsize=256)
 def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
+    """Return the edges of an aperture in the frame of its plane in space."""
     plane = _outline_of(source.aperture, double)
     return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
 

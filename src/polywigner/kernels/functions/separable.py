@@ -75,6 +75,7 @@ class SeparableTables:
 
     @property
     def clips(self) -> int:
+        """Cost of one sample, in units of the cost of an edge pair."""
         return int(_CLIPS_PER_PAIR * sum(field.pairs for field in self.fields))
 
 
@@ -147,12 +148,14 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, Indices]:
+    """Return the distinct values, up to rounding errors, and the index of each value in them."""
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     index = cluster_indices(values[:, None], tolerance)
     return np.bincount(index, values) / np.bincount(index), index
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
+    """Return the phase of the centre in cycles, and the frequency relative to the carrier."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
@@ -188,6 +191,7 @@ def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def _parts(value: Pair) -> tuple[Any, Any]:
+    """Return the real part and minus the imaginary part of a complex number."""
     return value.real, -value.imag
 
 

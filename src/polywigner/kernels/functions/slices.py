@@ -81,6 +81,7 @@ class SliceSum:
     a slice."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
+        """Return the sums over edges, by the method that suits the operations ``ops``."""
         if ops.target == "numpy":
             position, nu = inner[self.position], inner[self.frequency]
             shape = np.shape(position[0])
@@ -115,6 +116,7 @@ class SliceSum:
         return replace(self, position=position, frequency=frequency, arguments=None)
 
     def _summed(self, clipper: Clipper, inner: Values) -> Values:
+        """Return the sums over the edges that ``clipper`` clips, for arguments in the frame."""
         nu = inner[self.frequency]
 
         def sum_of(views: Views, pair: WavePair, is_even: bool) -> TermSum:
@@ -128,11 +130,16 @@ class SliceSum:
         return self._as_waves(totals)
 
     def _as_waves(self, totals: Sequence[Any]) -> Values:
+        """Return a real sum, or the real part and minus the imaginary part of a complex sum."""
         return tuple(totals) if self.values == 1 else (totals[0], -totals[1])
 
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
+        """Yield the sums over edges for all pairs of waves, to be added.
+
+        ``sum_of(views, pair, is_even)`` returns the `TermSum` of a pair of waves.
+        """
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
@@ -150,6 +157,7 @@ class SliceSum:
                 yield run.value(sums, position)[:count]
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
+        """Return the sums at arguments that broadcast, computed in blocks of samples."""
         arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
@@ -242,6 +250,11 @@ class SliceSum:
             yield pairs, is_even, owner, part
 
     def _lists(self, tables: Tables) -> Iterator[tuple[Any, ...]]:
+        """Yield the edge pairs of each view, as the entries of ``Tables.lists``.
+
+        An entry consists of the pairs of waves, whether the terms are even, the edge pairs, the
+        sign of the offset, and the side of the copy.
+        """
         for group, other, views, pairs in self.pairings(tables):
             is_even = other == group and not tables.phased
             for view, side in views:
@@ -288,6 +301,11 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
+    """Return sums of terms over edge parts, for each position and each column of frequencies.
+
+    ``owner`` contains the position of each part in ascending order, ``count`` is the number of
+    positions, and ``shape`` the shape of the table of frequencies.
+    """
     rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
@@ -301,6 +319,7 @@ def _row_sums(
 
 
 def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
+    """Return a sum, real or complex, times a complex amplitude."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(scaled(real, value) for value in total)
@@ -317,6 +336,10 @@ def _sum_of_rows(
     position: Values,
     count: int,
 ) -> Values:
+    """Return the sums for many pairs of waves, which a loop reads from memory.
+
+    The arguments are those of :meth:`SliceSum._sums_of_pairings`, for one pair of groups.
+    """
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
@@ -372,6 +395,7 @@ class TermSum:
         return function.of_edge(along, length, sums)
 
     def _part_terms(self, edge: Edge, cuts: Cuts) -> Values:
+        """Return the contribution of an edge for terms that need each part separately."""
         ops, scale, clipper = self.ops, self.scale, self.clipper
         total: Values = (0.0,) * self.values
         for view, side in self.views:
