@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from polywigner.kernels.element_pairs import DeviceTable
 from polywigner.kernels.functions.fourier import LinearFrame
-from polywigner.kernels.kernel import Kernel, Values, leave_wave
+from polywigner.kernels.kernel import Kernel, Values, leave_wave, wave_sums
 from polywigner.numerics import Complex, Number, phases
 from polywigner.numerics.phases import Pair, cos_sin_cycles, sin_cycles
 from polywigner.source.lattices import Profile, Sites, separated
@@ -344,8 +344,7 @@ def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
         factor.total(ops, along - per_element)
         for factor, along, per_element in zip(tables.factors, inner, tables.cycles, strict=True)
     )
-    total = first * second * Pair(tables.constant.real, tables.constant.imag)
-    return total.real, -total.imag
+    return wave_sums(first * second * Pair(tables.constant.real, tables.constant.imag))
 
 
 @lru_cache(maxsize=8)

@@ -21,7 +21,7 @@ from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
-from polywigner.kernels.kernel import Kernel
+from polywigner.kernels.kernel import Kernel, wave_sums
 from polywigner.kernels.outline import Tables
 from polywigner.kernels.wave_pairs import WavePair
 from polywigner.numerics.phases import Pair, cos_sin_cycles, cos_sin_over_cycles, polynomial
@@ -340,23 +340,18 @@ class GradientKernel:
         return total
 
 
-def _wave(value: Pair) -> tuple[Any, ...]:
-    """Return the real part and minus the imaginary part, as edge sums of complex transforms do."""
-    return value.real, -value.imag
-
-
 def _real(value: Pair) -> tuple[Any, ...]:
     """Return the real part as a tuple, as edge sums of real transforms do."""
     return (value.real,)
 
 
-_FOURIER = GradientKernel(fourier_gradients, _wave, ("frequency",))
+_FOURIER = GradientKernel(fourier_gradients, wave_sums, ("frequency",))
 _KNOWN = {
     plane.WIGNER: GradientKernel(
         partial(slice_gradients, is_wigner=True), _real, ("position", "frequency")
     ),
     plane.AMBIGUITY: GradientKernel(
-        partial(slice_gradients, is_wigner=False), _wave, ("frequency", "position")
+        partial(slice_gradients, is_wigner=False), wave_sums, ("frequency", "position")
     ),
     plane.FOURIER: _FOURIER,
     plane.FOURIER_PLACED: _FOURIER,

@@ -63,6 +63,11 @@ def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     return (sums[0] * frame.measure,)
 
 
+def wave_sums(value: phases.Pair) -> Values:
+    """Return the real part and minus the imaginary part of a complex sum, for `leave_wave`."""
+    return value.real, -value.imag
+
+
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return a complex transform in the user's units from its sums over edges.
 

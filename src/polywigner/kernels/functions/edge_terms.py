@@ -33,17 +33,17 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     return ops.fma(less_one, sine, sine), cosine
 
 
-def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return a frequency, or a slightly larger frequency if its square would underflow.
+def moved_off_zero(
+    ops: Any, x: Any, y: Any, floors: tuple[float, float] = (1e-140, 1e-13)
+) -> tuple[Any, Any]:
+    """Return a frequency, or a small one if both components are below a floor.
 
-    Terms are of the order of the squared frequency. The rounding errors of the sum of terms, up to
-    6e-8 of the sum, must not underflow either. A limit of 1e-16 would make errors in float32 eight
-    times as large.
+    ``floors`` are the floors in float64 and float32. By default, the square of the frequency does
+    not underflow. Terms are of the order of the squared frequency. The rounding errors of the sum
+    of terms, up to 6e-8 of the sum, must not underflow either. A floor of 1e-16 would make errors
+    in float32 eight times as large.
     """
-    return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
-
-
-def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
+    floor = floors[0] if ops.double else floors[1]
     tiny = (abs(x) < floor) & (abs(y) < floor)
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
@@ -216,7 +216,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     """
     if is_even:
         # W is even in nu, so a small shift of nu from 0 changes W by less than rounding errors.
-        return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
+        return EvenTerms(ops, moved_off_zero(ops, *nu, floors=(1e-9, 1e-6)))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
 
