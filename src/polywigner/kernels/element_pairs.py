@@ -196,7 +196,10 @@ class PairLists:
 
 
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
-    """Return the records of pairs, sorted by the cells of a grid."""
+    """Return the records of pairs of elements, sorted by the cells of a grid.
+
+    A pair contributes within ``reach``, shape (n, 2), of its centre along both axes.
+    """
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
@@ -314,7 +317,7 @@ def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
     of_pair: Callable[..., Pair] = _of_pair,
 ) -> list[Any]:  # fmt: skip
-    """Return the sum of the contributions of all pairs of elements, with ``values`` results."""
+    """Return the sums of the ``values`` results of ``of_pair`` over all pairs of elements."""
     view, lists = tables.sites
     records = lists.records.in_memory(ops)
 

@@ -54,7 +54,10 @@ class _Nodes:
     at t if low < t - h < high."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first contributing node, and (x, y) minus this node in the element's frame."""
+        """Return the lattice indices of the first node that contributes at (x, y), and the offset.
+
+        The offset is (x, y) minus the node, in the element's frame.
+        """
         i, j = (
             0.0 * x + float(start)
             # If an element is larger than the lattice, all copies overlap, so every node
@@ -68,7 +71,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps and the vectors from the first node to all contributing nodes."""
+        """Return the lattice steps and vectors from the first contributing node to all others."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -107,7 +110,7 @@ class _ArrayFrame:
         return self.element.carrier
 
     @property
-    def slope(self) -> Pair2:
+    def relative_cycles(self) -> Pair2:
         """Phase difference of adjacent weights minus the carrier's phase difference, in cycles."""
         along_first, along_second = (
             cycles_per_site - float(np.dot(self.carrier, b))
@@ -158,7 +161,10 @@ def _lattice(array: Array) -> Lattice | None:
 
 
 def is_on_lattice(array: Array) -> bool:
-    """Return whether an array repeats one element on a lattice, with separable weights."""
+    """Return whether an array has four or more copies of an element on a lattice.
+
+    The weights must be separable.
+    """
     return _lattice(array) is not None
 
 
@@ -221,15 +227,15 @@ def _enter_ambiguity(
 def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
     """Return A as a sum over differences, (L2), for the results of :func:`_enter_ambiguity`."""
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
-    frame, element, slope = tables.frame, tables.element, tables.frame.slope
+    frame, element, relative_cycles = tables.frame, tables.element, tables.frame.relative_cycles
     lowest = [profile.count - 1.0 for profile in tables.sites]
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
         i, j = first + k, second + m
         numbers = i + lowest[0], j + lowest[1]
         weight = pair_factor(ops, tables.sites, False, numbers, (along[0], along[1]))
-        if any(slope):
-            weight = weight * unit_wave(ops, i * slope[0] + j * slope[1])
+        if any(relative_cycles):
+            weight = weight * unit_wave(ops, i * relative_cycles[0] + j * relative_cycles[1])
         value = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
         return value.real, -value.imag
 

@@ -294,7 +294,7 @@ class Tables:
         )
 
     def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
-        """Return the complex product of one weight and the conjugate of another weight."""
+        """Return real + i imag times the conjugate of level + i level_imag, for two weights."""
         if self.uniform:
             return level, 0.0
         if not self.phased:

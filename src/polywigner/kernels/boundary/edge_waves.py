@@ -334,8 +334,12 @@ class _EdgePaths:
         # the shortest detour.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
-    def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` / sin(angle / 2) at a plate's edge, positive in front of the plate."""
+    def plate_turn(self, ops: Any, in_front: Any) -> Number:
+        """Return 2 h h' cos(angle/2) for a plate that ends at the edge, positive in front of it.
+
+        The angle is that between the directions from the edge to the source and to the point, and h
+        and h' are the distances of source and point from the line of the edge.
+        """
         near = 2.0 * self.distance_product * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
         size = ops.select(self.closing > 1.0, steep, near)
@@ -346,7 +350,10 @@ class _EdgePaths:
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
-        """Return the angle of the edge about the source-point axis, for |v| < ``limit``."""
+        """Return the angle that an edge subtends about the axis from the source to the point.
+
+        Only the part of the edge with |v| < ``limit`` is included.
+        """
         low, high = (_clamped(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
         closing = ops.maximum(self.closing, 1.0)
@@ -405,7 +412,7 @@ def edge_wave(
     if is_black:
         turn, half_closing, side = paths.turn, 0.5 * paths.closing, 0.0
     else:
-        turn, half_closing, side = paths.sheet_turn(ops, in_front), 1.0, in_front
+        turn, half_closing, side = paths.plate_turn(ops, in_front), 1.0, in_front
     slant = 0.5 / paths.shortest
     foot = 4.0 * paths.distance_product * slant
     # ``branch`` is |v|^2 at the branch point of the integrand that is nearest to v = 0.

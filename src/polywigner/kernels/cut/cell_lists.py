@@ -307,7 +307,7 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return a table of distinct levels, and the index of each level in the table."""
+    """Return the index of each winding number in a table of distinct ones, and the table."""
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
     _, first, number = np.unique(scaled, return_index=True, return_inverse=True)

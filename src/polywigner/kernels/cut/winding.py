@@ -45,7 +45,7 @@ _FAR = 1e9
 def pairs_of(
     tables: Tables, key: Pass, double: bool, samples: int = 0, *, is_compiled: bool = True
 ) -> PairGrid:
-    """Return the edge pairs that can cross, from the cache if possible."""
+    """Return the edge pairs that can cross, for a view and two groups; cached if possible."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated

@@ -171,7 +171,7 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTable
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the length of an overlap, and its centre minus the mean of both interval centres."""
+    """Return the length of the overlap of two intervals, and its centre minus their mean centre."""
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
@@ -245,7 +245,7 @@ class LineField:
 
 
 def _length(ops: Any, overlap: Any, scale: float) -> Number:
-    """Return the length of an overlap: at least 0, or NaN for NaN positions."""
+    """Return ``scale`` times the length of an overlap, but at least 0, or NaN for NaN positions."""
     return scale * ops.maximum(overlap, 0.0) + (overlap - overlap)
 
 
@@ -253,7 +253,10 @@ def _over_pairs(
     ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
-    """Return the sum over pairs of waves, (I4), or (I6) for a finite coherence width."""
+    """Return W or A of a field on an interval as a sum over pairs of waves, (I4) or (I6).
+
+    ``length`` is the length of the slice, and ``width`` the coherence width.
+    """
     total = Pair(0.0, 0.0)
     for pair in pairs:
         nu = frequency - pair.shift[0]
