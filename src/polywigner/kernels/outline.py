@@ -41,7 +41,7 @@ Matrix = tuple[tuple[Any, ...], ...]
 
 @dataclass(frozen=True)
 class Frame:
-    """Normalised coordinates of a source.
+    """Normalised coordinates of a source in d = 2 dimensions, or d = 1 for slits.
 
     A position x has the coordinates ``matrix (x - centre) / norm`` in the frame, and a frequency nu
     has the components ``rows nu``. The matrix ``rows`` is exactly the inverse transpose of ``matrix
@@ -49,7 +49,7 @@ class Frame:
     contains the largest absolute coordinates of the source in the frame.
     """
 
-    centre: tuple[float, float]
+    centre: tuple[float, ...]
     matrix: Matrix
     rows: Matrix
     norm: float
@@ -58,14 +58,14 @@ class Frame:
     carrier: tuple[float, ...] = (0.0, 0.0)
     """Frequency of the carrier, in the user's units. Stored fields are relative to the carrier."""
 
-    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+    def position(self, ops: Any, *x: Any) -> tuple[Any, ...]:
         """Return the coordinates of a point of the aperture plane in the frame."""
-        cx, cy = self.centre
+        pairs = zip(x, self.centre, strict=True)
         if self.is_diagonal:
-            return self.vector(ops, x - cx, y - cy)
+            return self.vector(ops, *(p - c for p, c in pairs))
         # For a long, narrow outline the products cancel almost completely, so the rounding errors
         # of the differences matter.
-        return self.vector(ops, phases.difference(x, cx), phases.difference(y, cy))
+        return self.vector(ops, *(phases.difference(p, c) for p, c in pairs))
 
     @cached_property
     def is_diagonal(self) -> bool:
@@ -80,21 +80,21 @@ class Frame:
         """
         return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
-    def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+    def vector(self, ops: Any, *x: Any) -> tuple[Any, ...]:
         """Return the components of a difference of two points in the frame."""
-        components = matrix_times(ops, self.matrix, x, y)
+        components = matrix_times(ops, self.matrix, *x)
         if self.is_diagonal:
             return components
         return tuple(component * (1 / self.norm) for component in components)
 
-    def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+    def frequency(self, ops: Any, *nu: Any) -> tuple[Any, ...]:
         """Return the components of a spatial frequency in the frame."""
-        return matrix_times(ops, self.rows, x, y)
+        return matrix_times(ops, self.rows, *nu)
 
-    def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+    def detuned(self, ops: Any, *nu: Any) -> tuple[Any, ...]:
         """Return the components of a spatial frequency minus the carrier frequency in the frame."""
-        cx, cy = self.carrier
-        return self.frequency(ops, x - cx if cx else x, y - cy if cy else y)
+        pairs = zip(nu, self.carrier, strict=True)
+        return self.frequency(ops, *(n - c if c else n for n, c in pairs))
 
     def exact_frequency(self, *nu: float) -> tuple[float, ...]:
         """Return the correctly rounded components of a constant frequency in the frame."""

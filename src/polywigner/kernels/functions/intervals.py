@@ -19,7 +19,7 @@ from polywigner.geometry import Slits
 from polywigner.kernels.functions.gauss_schell import wave_over_interval
 from polywigner.kernels.functions.plane import at_both_ends, enter_both_ends, product_of_both
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
-from polywigner.kernels.outline import power_of_two
+from polywigner.kernels.outline import Frame, power_of_two
 from polywigner.kernels.wave_pairs import (
     Wave,
     WavePair,
@@ -47,50 +47,10 @@ def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> 
 
 
 @dataclass(frozen=True)
-class SlitFrame:
-    """Normalised coordinates on a line.
-
-    A position x has the coordinate (x - centre)/measure, and a frequency nu has the coordinate
-    measure × nu. The unit of length, ``measure``, is a power of two.
-    """
-
-    centre: tuple[float]
-    measure: float
-    carrier: tuple[float] = (0.0,)
-    """Frequency of the carrier, in the user's unit. Stored fields are relative to the carrier."""
-
-    def position(self, ops: Any, x: Any) -> tuple[Any]:
-        """Return the coordinate of a position in the frame."""
-        total, low = self.exact_position(x)
-        return (total + low,)
-
-    def exact_position(self, x: Any) -> Doubled:
-        """Return the coordinate of a position in the frame as the sum of two floats."""
-        total, low = phases.difference(x, self.centre[0])
-        return total * (1 / self.measure), low * (1 / self.measure)
-
-    def vector(self, ops: Any, xi: Any) -> tuple[Any]:
-        """Return the difference of two positions in the frame."""
-        return (xi * (1 / self.measure),)
-
-    def frequency(self, ops: Any, nu: Any) -> tuple[Any]:
-        """Return a spatial frequency in the frame."""
-        return (nu * self.measure,)
-
-    def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
-        """Return a spatial frequency minus the carrier frequency, in the frame."""
-        return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
-
-    def exact_frequency(self, nu: float) -> tuple[float]:
-        """Return a constant frequency in the frame, without rounding errors."""
-        return (nu * self.measure,)
-
-
-@dataclass(frozen=True)
 class SlitTables:
     """The slits of a source as intervals in their frame."""
 
-    frame: SlitFrame
+    frame: Frame
     edges: tuple[tuple[Any, ...], ...]
     """`Interval` of each slit. For the Fourier transform: start and length of each slit, as two
     floats each."""
@@ -106,7 +66,7 @@ class PairTables:
     product along 4x or xi.
     """
 
-    frame: SlitFrame
+    frame: Frame
     edges: tuple[tuple[float, ...], ...]
     coherence_width: float = math.inf
 
@@ -121,8 +81,10 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
     """Return the slits and their plane waves as exact intervals in the frame of the source."""
     elements = normal_form(source).elements
     low, high = normal_form(source).bounds
-    (carrier,) = carrier_of((element.illumination for element in elements), 1)
-    frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low), (carrier,))
+    carrier = carrier_of((element.illumination for element in elements), 1)
+    unit, half = power_of_two(high - low), (high - low) / 2
+    matrix, rows = ((1 / unit,),), ((unit,),)
+    frame = Frame((low + half,), matrix, rows, 1.0, unit, (half / unit,), carrier)
     centre, scale = Fraction(frame.centre[0]), Fraction(frame.measure)
     intervals = []
     for element in elements:
@@ -284,7 +246,7 @@ def _segment_tables(source: Slits, double: bool) -> SlitTables:
     return SlitTables(tables.frame, tuple(rows))
 
 
-def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
+def _enter_fourier(ops: Any, frame: Frame, nu: Any) -> Values:
     """Return the phase of the centre, and the frequency in the frame as the sum of two floats."""
     cycles = phases.cycles_to_centre(ops, frame.centre, nu)
     return (cycles, *phases.split(ops, (*frame.frequency(ops, nu), 0.0)))
@@ -304,15 +266,16 @@ def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
     return total
 
 
-def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
+def _enter_wigner(ops: Any, frame: Frame, x: Any, nu: Any) -> Values:
     """Return the shift 4x of both copies of a slit, and nu, in the frame as two floats each."""
-    total, low = frame.exact_position(x)
     # If x changes by dx, the two copies of a slit approach each other by 4 dx.
-    shift = phases.split(ops, (4.0 * total, 4.0 * low))
+    scale = 4.0 / frame.measure
+    total, low = phases.difference(x, frame.centre[0])
+    shift = phases.split(ops, (total * scale, low * scale))
     return (*shift, *phases.split(ops, (*frame.detuned(ops, nu), 0.0)))
 
 
-def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
+def _enter_ambiguity(ops: Any, frame: Frame, upsilon: Any, xi: Any) -> Values:
     """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
