@@ -57,7 +57,7 @@ class SlitTables:
 
 
 @dataclass(frozen=True)
-class PairTables:
+class SlitPairs:
     """Pairs of slits and of their plane waves, with one row of numbers for each pair.
 
     A row contains the distance between the centres at x = 0 or xi = 0 as two floats, both
@@ -100,7 +100,7 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
 
 
 @lru_cache(maxsize=256)
-def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTables:
+def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> SlitPairs:
     """Return the pairs of slits that contribute to the Wigner or the ambiguity function.
 
     The lag slice (``of_lags``) of the slits I_k and I_l at x is the intersection of 2(I_k - x) and
@@ -127,7 +127,7 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTable
             (a,), (b,) = v.frequency, w.frequency
             wave = ((a + b) / 2, (a - b) / 4) if of_lags else (a - b, (a + b) / 2)
             rows.append((*row, mutual.real, mutual.imag, *wave))
-    return PairTables(tables.frame, tuple(rows))
+    return SlitPairs(tables.frame, tuple(rows))
 
 
 def _overlap(
@@ -143,7 +143,7 @@ def _overlap(
     return ops.maximum(length, 0.0), ops.select(other >= half, offset, -offset)
 
 
-def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
+def _sum(ops: Any, tables: SlitPairs, shift: Doubled, nu: Doubled) -> Values:
     """Return the complex sum over pairs of slits at a shift of both copies and a frequency nu."""
 
     def term(
@@ -283,13 +283,13 @@ def _enter_ambiguity(ops: Any, frame: Frame, upsilon: Any, xi: Any) -> Values:
     return (cycles, *shift, *phases.split(ops, (*frame.vector(ops, xi), 0.0)))
 
 
-def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
+def _ambiguity(ops: Any, tables: SlitPairs, cycles: Any, *inner: Any) -> Values:
     """Return the real part and minus the imaginary part of the ambiguity function."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
-def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
+def _wigner(ops: Any, tables: SlitPairs, x: Any, x_low: Any, *nu: Any) -> Values:
     """Return the Wigner function of slits, for the results of :func:`_enter_wigner`."""
     return _sum(ops, tables, (x, x_low), nu)[:1]
 

@@ -17,7 +17,7 @@ from polywigner.geometry import Wavefront
 from polywigner.kernels.functions import intervals, plane, separable
 from polywigner.kernels.functions.edge_terms import EdgeTerms
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
-from polywigner.kernels.functions.intervals import PairTables
+from polywigner.kernels.functions.intervals import SlitPairs
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.kernels.kernel import Values
@@ -77,7 +77,7 @@ WIGNER = replace(
 
 
 @lru_cache(maxsize=256)
-def _pairs_of(source: Wavefront, double: bool) -> PairTables:
+def _pairs_of(source: Wavefront, double: bool) -> SlitPairs:
     """Return the pairs of slits of the flat source, with the coherence width of the wavefront."""
     pairs = intervals.pair_tables(source.source, double, of_lags=True)
     return replace(pairs, coherence_width=source.coherence_width / pairs.frame.measure)
