@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -166,6 +166,7 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
     )
 
 
+@lru_cache(maxsize=256)
 def _is_diagonal(matrix: Matrix) -> bool:
     """Return whether all entries off the diagonal are the constant 0.0."""
     others = (value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)

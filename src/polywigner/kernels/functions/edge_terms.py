@@ -8,7 +8,6 @@ and (A1) for all weights. All forms avoid cancellation as nu goes to 0.
 from __future__ import annotations
 
 import math
-from copy import copy
 from typing import Any
 
 from polywigner.numerics import Number
@@ -75,8 +74,8 @@ class EdgeTerms:
 
     def at(self, *index: Any) -> EdgeTerms:
         """Return the terms at the frequencies with an index into the arrays of components."""
-        terms = copy(self)
-        terms.nu = tuple(component[index] for component in self.nu)
+        terms, nu = object.__new__(type(self)), tuple(component[index] for component in self.nu)
+        terms.__dict__.update(self.__dict__, nu=nu)
         return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
