@@ -266,19 +266,14 @@ _TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
 
 
 def simplex_plane_wave(ops: Any, *corners: Any) -> tuple[Any, Any]:
-    """Return the mean of a plane wave over a triangle or tetrahedron, divided by 2 or 6.
+    """Return the mean of a plane wave over a segment, triangle or tetrahedron.
 
-    One corner has the phase 0, and ``corners`` contains the phases at the other corners in cycles.
-    The results are two real numbers, and the value is cosine - i sine.
+    The mean is divided by 1, 2 or 6, respectively. One corner has the phase 0, and ``corners``
+    contains the phases at the other corners in cycles. The results are two real numbers, and the
+    value is cosine - i sine.
     """
-    value = _conjugate_difference(ops, corners)
-    return value.real, value.imag
-
-
-def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
-    """Return the complex conjugate of the divided difference of :func:`simplex_plane_wave`."""
     if len(corners) == 1:
-        return Pair(*mean_plane_wave(ops, 0.0, corners[0]))
+        return mean_plane_wave(ops, 0.0, corners[0])
     first, last, between, size = _farthest(ops, (0.0, *corners))
     small = size < _SERIES_BELOW
     if len(between) == 1:
@@ -290,13 +285,14 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
     # The unused series must not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
-    return select(ops, small, _series(ops, near), quotient)
+    value = select(ops, small, _series(ops, near), quotient)
+    return value.real, value.imag
 
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
-    """Return the conjugate divided difference at the phases ``origin`` and ``others`` in cycles."""
+    """Return :func:`simplex_plane_wave` for corners at the phases ``origin`` and ``others``."""
     phase = Pair(*cos_sin_cycles(ops, origin))
-    return phase * _conjugate_difference(ops, [other - origin for other in others])
+    return phase * Pair(*simplex_plane_wave(ops, *(other - origin for other in others)))
 
 
 def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]:
@@ -319,7 +315,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return the Taylor series of the conjugate divided difference for phases in radians."""
+    """Return the Taylor series of :func:`simplex_plane_wave` for small phases in radians."""
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:
