@@ -215,7 +215,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     """
     if is_even:
         # W is even in nu, so a small shift of nu from 0 changes W by less than rounding errors.
-        return EvenTerms(ops, moved_off_zero(ops, *nu, floors=(1e-9, 1e-6)))
+        return EvenTerms(ops, moved_off_zero(ops, nu[0], nu[1], (1e-9, 1e-6)))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
 
