@@ -170,6 +170,7 @@ class _Series:
         memory, last = table.in_memory(ops), start + (self.packets - 1)
 
         def step(packet: Any, previous: Any, b: Any, d: Any) -> tuple[Any, ...]:
+            """Return the state of the recurrence after one more packet of coefficients."""
             for coefficient in reversed(ops.gather(memory, last - packet)):
                 previous = b
                 d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))

@@ -211,6 +211,10 @@ def _rule_indices(cycles: Floats) -> NDArray[np.intp]:
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield the index of a rule and the indices of the pieces that it integrates.
+
+    Small groups of pieces use the next larger rule of the others.
+    """
     present = np.unique(rules).tolist()
     members = np.zeros(0, np.intp)
     for rule in present:

@@ -120,6 +120,7 @@ class SliceSum:
         nu = inner[self.frequency]
 
         def sum_of(views: Views, pair: WavePair, is_even: bool) -> TermSum:
+            """Return the sum over edges for a pair of waves."""
             shifted = pair.detuned(nu)
             terms = self.terms(clipper.ops, clipper.tables, shifted, is_even, pair.is_real)
             return TermSum(clipper, terms, views, pair, self.scale)
@@ -293,6 +294,7 @@ class SliceSum:
         """Return the sum over the rows from :meth:`listed`, at the frequencies ``nu``."""
 
         def terms(shifted: Values) -> EdgeTerms:
+            """Return the terms at a frequency minus the shift of a pair of waves."""
             return self.terms(ops, tables, shifted, is_real, self.values == 1)
 
         return PartSum(terms, nu, columns == 4, is_real, self._as_waves)
