@@ -12,7 +12,7 @@ where t is a frequency in cycles per period. For c_k = 1 the sum is sin(pi N t)/
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -242,7 +242,7 @@ def _table_of_part(values: Complex, part: str, packet: int) -> DeviceTable | Non
 
 def pair_factor(
     ops: Any,
-    profiles: tuple[ProfileFactor, ProfileFactor],
+    profiles: Sequence[ProfileFactor],
     by_mean: bool,
     numbers: Pair2,
     cycles: Pair2,

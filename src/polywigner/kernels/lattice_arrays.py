@@ -30,8 +30,8 @@ from polywigner.kernels.outline import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.phases import unit_wave
 from polywigner.source import Array
-from polywigner.source.lattices import Lattice, separated
-from polywigner.source.normal_form import normal_form
+from polywigner.source.lattices import Lattice, Profile, separated
+from polywigner.source.normal_form import SourceElement, normal_form
 
 # Smallest number of elements for which W and A of a lattice use array factors. An array with fewer
 # elements is computed as a single source (benchmarks/array_cost.py).
@@ -40,7 +40,7 @@ _LEAST_ELEMENTS = 4
 # rounding errors.
 _EDGE = 4e-15
 
-Pair2 = tuple[float, float]
+Pair2 = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -112,18 +112,16 @@ class _ArrayFrame:
     @property
     def relative_cycles(self) -> Pair2:
         """Phase difference of adjacent weights minus the carrier's phase difference, in cycles."""
-        along_first, along_second = (
+        return tuple(
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
         )
-        return along_first, along_second
 
 
-def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
-    """Return the coordinates of an array from its lattice, its element and the element's frame.
-
-    ``cycles`` contains the phase differences of adjacent weights.
-    """
+def _array_frame(
+    lattice: Lattice, profiles: tuple[Profile, Profile], element: Aperture, frame: Frame
+) -> _ArrayFrame:
+    """Return the coordinates of an array from its lattice, its element and the element's frame."""
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
     # W of an element vanishes outside its hull, and A vanishes at lags beyond its size.
@@ -131,33 +129,35 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
 
-    def pair(numbers: Any) -> Pair2:
-        return float(numbers[0]), float(numbers[1])
-
-    def nodes(scale: float, low: Any, high: Any, start: Any, steps: Any) -> _Nodes:
-        columns = zip(pair(low), pair(high), start.tolist(), steps.tolist(), strict=True)
-        return _Nodes(scale, tuple(columns))
+    def nodes(scale: float, *columns: Any) -> _Nodes:
+        """Return nodes from the columns of their windows."""
+        return _Nodes(scale, tuple(zip(*(column.tolist() for column in columns), strict=True)))
 
     return _ArrayFrame(
         frame,
-        pair(origin),
-        pair(origin + (count / 2) @ basis),
+        tuple(origin.tolist()),
+        tuple((origin + (count / 2) @ basis).tolist()),
         lattice.basis,
-        (pair(inverse[0]), pair(inverse[1])),
-        cycles,
+        (tuple(inverse[0].tolist()), tuple(inverse[1].tolist())),
+        tuple(profile.cycles_per_element for profile in profiles),
         nodes(0.5, 2 * low, 2 * high, 0 * count, 2 * count + 1),
         nodes(1.0, low - high, high - low, -count, 2 * count + 1),
     )
 
 
-ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ProfileFactor]]
+ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ...]]
 
 
-def _lattice(array: Array) -> Lattice | None:
-    """Return the lattice of an array with separable weights, or None for other or small arrays."""
+def _lattice(array: Array) -> tuple[Lattice, tuple[Profile, Profile], SourceElement] | None:
+    """Return the lattice of an array, the profiles of its weights, and its element.
+
+    The result is None for small arrays, and if the weights are not separable.
+    """
     copies = normal_form(array).lattice
-    lattice = copies.sites if copies is not None and len(array) >= _LEAST_ELEMENTS else None
-    return None if lattice is None or separated(lattice.weights) is None else lattice
+    if copies is None or copies.sites is None or len(array) < _LEAST_ELEMENTS:
+        return None
+    profiles = separated(copies.sites.weights)
+    return None if profiles is None else (copies.sites, profiles, copies.element)
 
 
 def is_on_lattice(array: Array) -> bool:
@@ -171,16 +171,12 @@ def is_on_lattice(array: Array) -> bool:
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool) -> ArrayTables:
     """Return the coordinates, the element and the array factors of an array on a lattice."""
-    lattice, copies = _lattice(array), normal_form(array).lattice
-    assert lattice is not None and copies is not None
-    element = copies.element.shape
-    tables = element_tables(element, double)
-    profiles = separated(lattice.weights)
-    assert profiles is not None
-    cycles = profiles[0].cycles_per_element, profiles[1].cycles_per_element
-    factors = profile_factor(profiles[0]), profile_factor(profiles[1])
-    frame = _array_frame(lattice, element, tables.frame, cycles)
-    return RepeatedTables(frame, tables, factors)
+    separable = _lattice(array)
+    assert separable is not None
+    lattice, profiles, element = separable
+    tables = element_tables(element.shape, double)
+    frame = _array_frame(lattice, profiles, element.shape, tables.frame)
+    return RepeatedTables(frame, tables, tuple(map(profile_factor, profiles)))
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:

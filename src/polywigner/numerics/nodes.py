@@ -16,13 +16,12 @@ from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from numpy.typing import NDArray
 
 from polywigner.numerics import Floats, Indices, Number
 
-Rules = tuple[npt.NDArray[np.float64], ...]
+Rules = tuple[Floats, ...]
 """Quadrature rules as tables with the columns node, weight, and weights in the last two Legendre
 coefficients."""
 
@@ -54,7 +53,7 @@ def gauss_rules() -> Rules:
     return tuple(gauss_legendre(n) for n in _SIZES)
 
 
-def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
+def gauss_legendre(n: int) -> Floats:
     """Return the Gauss-Legendre rule with n nodes, as one table of `Rules`.
 
     Newton's method starts from Tricomi's approximation, whose error is proportional to 1/n^4.
@@ -72,7 +71,7 @@ def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
     return np.stack([x, weight, (n - 0.5) * weight * before, (n - 1.5) * weight * second], axis=1)
 
 
-def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
+def _legendre(n: int, x: Floats) -> tuple[Any, Any]:
     """Return the values of the Legendre polynomials of degree n and n - 1."""
     before, last = np.ones_like(x), x
     for k in range(2, n + 1):
@@ -160,7 +159,7 @@ def error_of(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles:
     return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
 
 
-Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+Rule = tuple[Floats, Floats]
 """Nodes and weights of a quadrature rule, as read-only arrays. The sum of the weights is 1."""
 
 
@@ -213,7 +212,7 @@ def uniform_rule(bandwidth: float, error: float) -> Rule:
     return _normalised_rule(*np.polynomial.legendre.leggauss(count))
 
 
-def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
+def chirp_node_counts(radians: Any, error: float) -> Indices:
     """Return the numbers of Gauss-Legendre nodes for waves with a linear or quadratic phase.
 
     The derivative of the phase on [-1, 1] is at most ``radians``. The error of the rule with n
@@ -227,7 +226,7 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     return np.ceil(np.maximum(linear / 2, bent)).astype(np.intp) + 1
 
 
-def _normalised_rule(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> Rule:
+def _normalised_rule(nodes: Floats, weights: Floats) -> Rule:
     """Return nodes and weights as read-only arrays. The weights are scaled to a sum of 1."""
     weights = weights / weights.sum()
     for array in (nodes, weights):
@@ -236,7 +235,7 @@ def _normalised_rule(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.flo
 
 
 @lru_cache(maxsize=1024)
-def unit_rule(count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def unit_rule(count: int) -> Rule:
     """Return the nodes and weights of the Gauss-Legendre rule on [0, 1]."""
     nodes, weights = gauss_legendre(count)[:, :2].T / 2
     return nodes + 0.5, weights
