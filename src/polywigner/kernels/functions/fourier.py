@@ -230,7 +230,7 @@ class Family:
 
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Return the families of parallel edges of equal length.
+    """Group the edges of a polygon into families of parallel edges of equal length.
 
     ``field`` is the field on the element of each edge.
     """
@@ -268,7 +268,7 @@ class GridTables:
 
     @property
     def floor(self) -> float:
-        """Smallest frequency in the frame at which (F4) is accurate."""
+        """Smallest frequency in the frame for which the sum over edges on a grid is accurate."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
 
 

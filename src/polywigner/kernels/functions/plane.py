@@ -43,7 +43,7 @@ tables_of = lru_cache(maxsize=256)(new_tables_of)
 
 @lru_cache(maxsize=256)
 def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
-    """Return the edges for the Fourier transform, the same for float64 and float32 kernels."""
+    """Return the edges of an aperture for the Fourier transform, for float64 or float32."""
     return outline_tables(aperture.rings)
 
 

@@ -116,7 +116,7 @@ class SliceSum:
         return replace(self, position=position, frequency=frequency, arguments=None)
 
     def _summed(self, clipper: Clipper, inner: Values) -> Values:
-        """Return the sums over the edges that ``clipper`` clips, for arguments in the frame."""
+        """Return W or A, without its unit, as sums over the edges that ``clipper`` clips."""
         nu = inner[self.frequency]
 
         def sum_of(views: Views, pair: WavePair, is_even: bool) -> TermSum:
@@ -303,7 +303,7 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
-    """Return sums of terms over edge parts, for each position and each column of frequencies.
+    """Return the sums of terms over the edge parts of each position, for tables of frequencies.
 
     ``owner`` contains the position of each part in ascending order, ``count`` is the number of
     positions, and ``shape`` the shape of the table of frequencies.
