@@ -54,9 +54,9 @@ class _Nodes:
     at t if low < t - h < high."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the lattice indices of the first node that contributes at (x, y), and the offset.
+        """Return the lattice indices of the first midpoint or difference that contributes.
 
-        The offset is (x, y) minus the node, in the element's frame.
+        The other results are (x, y) minus this midpoint or difference, in the element's frame.
         """
         i, j = (
             0.0 * x + float(start)
@@ -71,7 +71,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the lattice steps and vectors from the first contributing node to all others."""
+        """Return the lattice steps and vectors from the first contributing node to each node."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows

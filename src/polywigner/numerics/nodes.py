@@ -54,7 +54,7 @@ def gauss_rules() -> Rules:
 
 
 def gauss_legendre(n: int) -> Floats:
-    """Return the Gauss-Legendre rule with n nodes, as one table of `Rules`.
+    """Return the Gauss-Legendre rule with n nodes on [-1, 1], with the columns of `Rules`.
 
     Newton's method starts from Tricomi's approximation, whose error is proportional to 1/n^4.
     """
@@ -290,7 +290,7 @@ def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats,
 
 
 def rule_over_cells(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
-    """Return the nodes and weights of :func:`cell_rules`, and the cell index of each node."""
+    """Return the nodes (n, 2) and weights of a Gauss rule on cells, and the cell of each node."""
     rules = [
         (nodes.reshape(-1, 2), weights.ravel(), np.repeat(members, weights[0].size))
         for members, nodes, weights in cell_rules(cells, counts)

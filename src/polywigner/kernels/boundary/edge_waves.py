@@ -107,7 +107,7 @@ class _Travelling:
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand of the field of an edge, (B3), times R, at the distance t on a panel.
+        """Return the integrand of the field of an edge, (B3), times R, at the length t of a panel.
 
         ``mirror_factor`` is 1/2 - m.
         """
@@ -170,7 +170,7 @@ class _Evanescent:
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand of the field of an edge, (B3), times R, at the distance t on a panel.
+        """Return the integrand of the field of an edge, (B3), times R, at the length t of a panel.
 
         ``mirror_factor`` is 1/2 - m. For evanescent waves, N' is the conjugate of N, and b' is
         minus the conjugate of a.

@@ -83,7 +83,7 @@ class Outline:
 
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
-    """Return the elements of a field group, for kernels in float64 or float32."""
+    """Return the edges of the elements with the same field, with vertices on a grid."""
     in_group = tables.names[:, 3] == group
     names = np.zeros((int(in_group.sum()), 4), np.uint32)
     names[:, :3] = tables.names[in_group, :3]

@@ -73,7 +73,7 @@ class EdgeTerms:
     """Whether only :meth:`of_part` is implemented, because parts of an edge share no factors."""
 
     def at(self, *index: Any) -> EdgeTerms:
-        """Return the terms at the frequencies with an index into the arrays of components."""
+        """Return the terms at some of the frequencies, selected by an array index."""
         terms, nu = object.__new__(type(self)), tuple(component[index] for component in self.nu)
         terms.__dict__.update(self.__dict__, nu=nu)
         return terms

@@ -63,7 +63,7 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
-        """Return twice the sums."""
+        """Return twice the sums, which also include the mirrored edges of the other copy."""
         # The mirrored edges of the other copy contribute the complex conjugate.
         return 2.0 * sums[0], 2.0 * sums[1]
 

@@ -34,7 +34,7 @@ _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the counter-clockwise corners of a rectangle, longer side first, and their error."""
+    """Return the corners of a rectangle, longer side first, and their largest allowed error."""
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings

@@ -415,7 +415,7 @@ class TermSum:
         return total
 
     def value(self, sums: Sequence[Any], position: Values) -> Values:
-        """Return the contribution of the pair of waves from the sums over edges."""
+        """Return the contribution of a pair of waves to W or A from the sums over edges."""
         amplitude = self.pair.amplitude(self.ops, position)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 
