@@ -210,7 +210,7 @@ def slice_gradients(
 
 
 def _weights(ops: Any, tables: Tables) -> list[Pair]:
-    """Return the weights of the elements, as Dr.Jit arrays if the edges are data."""
+    """Return the complex weights of all elements, in memory if the edges are read from memory."""
     parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
     if ops.target != "data":
         return list(map(Pair, *parts))
