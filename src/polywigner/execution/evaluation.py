@@ -29,7 +29,7 @@ from polywigner.execution.choice import (
 from polywigner.execution.chunks import Launched, parts_of_results, ready, store
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
 from polywigner.execution.operations import NumpyOperations
-from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
+from polywigner.kernels import GridTables, Kernel, fourier_on_grid
 from polywigner.kernels.functions.slices import SliceSum
 
 Array = npt.NDArray[Any]
@@ -97,7 +97,7 @@ def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], engine: str
 ) -> GridPlan | None:
     """Return a plan for a grid of frequencies, or None for other points and other kernels."""
-    if not isinstance(kernel.edge_sum, OutlineSum) or engine not in ("auto", "numpy"):
+    if kernel.grid_tables is None or engine not in ("auto", "numpy"):
         return None
     x, y = components
     if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
@@ -107,7 +107,7 @@ def plan_for_grid(
         x, y = x.T, y.T
         if not _is_grid(x, y):
             return None
-    tables = kernel.edge_sum.on_grid(source)
+    tables = kernel.grid_tables(source)
     if tables is None:
         return None
     axes = np.array(x[:, 0], np.float64), np.array(y[0], np.float64)

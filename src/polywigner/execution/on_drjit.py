@@ -452,10 +452,10 @@ class _OverRows(DrjitOperations):
 
 @dataclass(frozen=True)
 class _DataFrame(Frame):
-    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    def position(self, ops: Any, *x: Any) -> tuple[Any, ...]:
         pairs: Any = self.centre
         nearest: Any = tuple(high for high, _ in pairs)
-        return Frame.position(replace(self, centre=nearest), ops, x, y)
+        return Frame.position(replace(self, centre=nearest), ops, *x)
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:

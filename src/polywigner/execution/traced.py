@@ -158,8 +158,8 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # Closed-form derivatives exist only for the last arguments of a kernel.
-    summed = map(real, fixed[-closed.arguments :])
+    # Closed-form derivatives do not exist for the phase of the centre, the first argument.
+    summed = map(real, fixed[-2 * len(closed.points) :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
     parts = closed.parts(closed.changed(ops, tables.frame, derivatives, change))

@@ -22,12 +22,11 @@ This subpackage does not read files, draw figures, choose engines or import Mits
 from __future__ import annotations
 
 from polywigner.kernels.catalogue import MOST_WIDTHS, kernel_for, partly_coherent_kernel
-from polywigner.kernels.functions.fourier import GridTables, OutlineSum, fourier_on_grid
+from polywigner.kernels.functions.fourier import GridTables, fourier_on_grid, outline_tables
 from polywigner.kernels.functions.plane import (
     AMBIGUITY,
     FOURIER,
     WIGNER,
-    new_outline_of,
     new_tables_of,
     tables_of,
 )
@@ -42,13 +41,12 @@ __all__ = [
     "WIGNER",
     "GridTables",
     "Kernel",
-    "OutlineSum",
     "Tables",
     "fourier_on_grid",
     "is_separable",
     "kernel_for",
-    "new_outline_of",
     "new_tables_of",
+    "outline_tables",
     "partly_coherent_kernel",
     "tables_of",
 ]

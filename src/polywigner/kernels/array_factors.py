@@ -12,7 +12,7 @@ where t is a frequency in cycles per period. For c_k = 1 the sum is sin(pi N t)/
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from polywigner.kernels.element_pairs import DeviceTable
 from polywigner.kernels.functions.fourier import LinearFrame
-from polywigner.kernels.kernel import Kernel, Values, leave_wave
+from polywigner.kernels.kernel import Kernel, Values, leave_wave, wave_sums
 from polywigner.numerics import Complex, Number, phases
 from polywigner.numerics.phases import Pair, cos_sin_cycles, sin_cycles
 from polywigner.source.lattices import Profile, Sites, separated
@@ -39,41 +39,50 @@ _BLOCK = 1 << 18
 
 
 def _odd(ops: Any, number: Any) -> Number:
+    """Return 1 for an odd integer and 0 for an even integer, as floats."""
     return abs(number - 2.0 * ops.round(0.5 * number))
 
 
 @dataclass(frozen=True, eq=False)
 class ProfileFactor:
-    """Array factors along one lattice direction, for the amplitudes of a profile."""
+    """Array factors along one lattice direction, for the amplitudes of a profile.
+
+    They do not include the constant factor and the phase of the profile.
+    """
 
     profile: Profile
 
     @property
     def count(self) -> int:
+        """Number of elements along the lattice direction."""
         return len(self.profile.amplitudes)
 
     @cached_property
     def _amplitudes(self) -> Complex:
+        """Amplitudes of the profile, shape (count,)."""
         return np.array(self.profile.amplitudes, np.complex128)
 
     @cached_property
     def means(self) -> _Series:
         """Products a_i a_j* of two amplitudes, with one row for each sum i + j."""
-        return self._mutual(by_mean=True)
+        return self._products(by_mean=True)
 
     @cached_property
     def differences(self) -> _Series:
         """Products a_i a_j* of two amplitudes, with one row for each difference i - j."""
-        return self._mutual(by_mean=False)
+        return self._products(by_mean=False)
 
     @cached_property
     def _all(self) -> _Series:
+        """Amplitudes of all elements, as coefficients with a single row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
-    def _mutual(self, by_mean: bool) -> _Series:
+    def _products(self, by_mean: bool) -> _Series:
+        """Return the products a_i a_j* with one row for each i + j (``by_mean``) or i - j."""
         a, last = self._amplitudes, self.count - 1
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
+            """Return the term ``k`` of the row ``number``."""
             site = np.maximum(0, number - last) + k
             other = number - site if by_mean else site - number + last
             return np.asarray(a[site] * a[other].conj())
@@ -104,10 +113,7 @@ class ProfileFactor:
         return self._all.value(ops, 0.0 * cycles, 0.0, count, cycles)
 
 
-@lru_cache(maxsize=64)
-def profile_factor(profile: Profile) -> ProfileFactor:
-    """Return the array factors of a profile, without the profile's constant factor and phase."""
-    return ProfileFactor(profile)
+profile_factor = lru_cache(maxsize=64)(ProfileFactor)
 
 
 def _dirichlet(ops: Any, count: Any, cycles: Any) -> Number:
@@ -155,11 +161,16 @@ class _Series:
     def _sum(
         self, ops: Any, basis: _Basis, table: DeviceTable | None, start: Any, nil: Any, ends: Any
     ) -> Number:
+        """Return the sums of the rows ``start``/packets of a table, by Clenshaw's recurrence.
+
+        ``ends`` contains the factors of the last two states, for a sum of cosines or of sines.
+        """
         if table is None:
             return 0.0
         memory, last = table.in_memory(ops), start + (self.packets - 1)
 
         def step(packet: Any, previous: Any, b: Any, d: Any) -> tuple[Any, ...]:
+            """Return the state of the recurrence after one more packet of coefficients."""
             for coefficient in reversed(ops.gather(memory, last - packet)):
                 previous = b
                 d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
@@ -178,6 +189,7 @@ class _Basis:
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
+        """Prepare sums at ``cycles`` per term. ``half`` selects the multiples k + 1/2."""
         cos_half, sin_half = cos_sin_cycles(ops, 0.5 * cycles)
         cosine = cos_half * cos_half - sin_half * sin_half
         ahead = cosine >= 0.0
@@ -213,11 +225,15 @@ def _series(
         # The central term of a row of odd length is counted twice.
         odd = rows[n % 2 == 1]
         p[odd, 0] /= 2
-    tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
+    tables = (_table_of_part(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, tuple(tables))
 
 
-def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
+def _table_of_part(values: Complex, part: str, packet: int) -> DeviceTable | None:
+    """Return the "real" or "imag" ``part`` of coefficients as a table, or None if it is zero.
+
+    Each row of the table contains ``packet`` numbers.
+    """
     parts: NDArray[np.float64] = getattr(values, part)
     if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
         return None
@@ -226,7 +242,7 @@ def _unless_zero(values: Complex, part: str, packet: int) -> DeviceTable | None:
 
 def pair_factor(
     ops: Any,
-    profiles: tuple[ProfileFactor, ProfileFactor],
+    profiles: Sequence[ProfileFactor],
     by_mean: bool,
     numbers: Pair2,
     cycles: Pair2,
@@ -240,7 +256,8 @@ def pair_factor(
         profile.at(ops, by_mean, number, along)
         for profile, number, along in zip(profiles, numbers, cycles, strict=True)
     )
-    return first * second
+    scale = abs(profiles[0].profile.factor * profiles[1].profile.factor) ** 2
+    return (first * second).scaled(scale)
 
 
 # Largest deviation of element positions from a lattice, relative to the extent D of the lattice. At
@@ -265,11 +282,13 @@ class _Tables:
 
     @property
     def terms(self) -> int:
+        """Number of terms for the choice of the engine."""
         return max(1, len(self.rows))
 
 
 @lru_cache(maxsize=64)
 def _tables(sites: Sites, double: bool) -> _Tables:
+    """Return the array factors of a lattice, or the rows of a plain sum for other arrays."""
     lattice = sites.lattice if len(sites.positions) >= _LEAST_SITES else None
     profiles = None if lattice is None else separated(lattice.weights)
     if lattice is None or profiles is None or lattice.misfit > _MISFIT:
@@ -285,6 +304,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
 
 
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
+    """Return the positions and weights of the elements for a plain sum."""
     low = sites.positions.min(axis=0)
     centre = low + np.ptp(sites.positions, axis=0) / 2
     rows = zip((sites.positions - centre).tolist(), sites.weights.tolist(), strict=True)
@@ -297,6 +317,10 @@ def _table_of_sites(sites: Sites, double: bool) -> _Tables:
 
 
 def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
+    """Return the phase of the centre in cycles, and the frequency nu.
+
+    For a lattice, nu is replaced by nu.b modulo 2 cycles for both basis vectors b.
+    """
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.rows:
         return (cycles, *nu)
@@ -307,6 +331,8 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
 
 
 def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
+    """Return the real part and minus the imaginary part of the array factor."""
+
     def term(*row: Any) -> Values:
         *coordinates, real, imag = row
         site = tuple(zip(coordinates[0::2], coordinates[1::2], strict=True))
@@ -319,8 +345,7 @@ def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
         factor.total(ops, along - per_element)
         for factor, along, per_element in zip(tables.factors, inner, tables.cycles, strict=True)
     )
-    total = first * second * Pair(tables.constant.real, tables.constant.imag)
-    return total.real, -total.imag
+    return wave_sums(first * second * Pair(tables.constant.real, tables.constant.imag))
 
 
 @lru_cache(maxsize=8)

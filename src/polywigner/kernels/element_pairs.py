@@ -83,6 +83,7 @@ class DeviceTable:
     copies: dict[Hashable, Any] = field(default_factory=dict)
 
     def in_memory(self, ops: Any) -> Any:
+        """Return the table in the memory of an engine, which is copied by the first call."""
         if ops.key not in self.copies:
             self.copies[ops.key] = ops.on_device(self.values)
         return self.copies[ops.key]
@@ -127,8 +128,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
-        vertices_for(local.inverse_transpose, (0.0, 0.0), part)
-        for part in phases.difference(positions, shift)
+        vertices_for(local.rows, (0.0, 0.0), part) for part in phases.difference(positions, shift)
     )
     scale = 1.0
     if view is None:
@@ -196,7 +196,10 @@ class PairLists:
 
 
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
-    """Return the records of pairs, sorted by the cells of a grid."""
+    """Return the records of pairs of elements, sorted by the cells of a grid.
+
+    A pair contributes within ``reach``, shape (n, 2), of its centre along both axes.
+    """
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
     low, high = centres.min(axis=0) - farthest, centres.max(axis=0) + farthest
@@ -224,62 +227,76 @@ PairTables = RepeatedTables[ElementTables, tuple[View, PairLists]]
 Point = tuple[phases.Doubled, phases.Doubled]
 
 
-def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
+def _difference(ops: Any, value: Any, constant: float) -> phases.Doubled:
+    """Return ``value`` minus a constant as an unrounded sum of two floats."""
     high, low = phases.doubled(constant, ops.double)
     total, low = phases.difference(value, high)
     return total, low - low
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
-    less = (_less(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
+    """Return a position in the frame, each coordinate as the sum of two floats."""
+    less = (_difference(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
     total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
-    return _halves(ops, *zip(total, low, strict=True))
+    return _split(ops, *zip(total, low, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
     """Return a frequency minus the carrier in the frame, each component as two floats."""
-    less = tuple(_less(ops, f, c) for f, c in zip(nu, carrier, strict=True))
-    return _halves(ops, *(phases.dot(ops, less, row) for row in frame.inverse_transpose))
+    less = tuple(_difference(ops, f, c) for f, c in zip(nu, carrier, strict=True))
+    return _split(ops, *(phases.dot(ops, less, row) for row in frame.rows))
 
 
-def _halves(ops: Any, *numbers: phases.Doubled) -> Values:
+def _split(ops: Any, *numbers: phases.Doubled) -> Values:
     """Return each number as the sum of two floats. The first float is exact in single precision."""
-    return tuple(half for number in numbers for half in phases.halves(ops, number))
+    return tuple(half for number in numbers for half in phases.split(ops, number))
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+    """Return a position and a frequency in the frame, each component as two floats."""
     return (*_position(ops, frame, x, y), *_frequency(ops, frame, frame.carrier, nu_x, nu_y))
 
 
 def _enter_ambiguity(
     ops: Any, frame: Frame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
+    """Return the phase of centre and carrier in cycles, and xi and upsilon in the frame.
+
+    Each component of xi and upsilon is the sum of two floats.
+    """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
-    lag = _halves(ops, *((c, 0.0 * c) for c in frame.vector(ops, xi_x, xi_y)))
+    lag = _split(ops, *((c, 0.0 * c) for c in frame.vector(ops, xi_x, xi_y)))
     return (cycles, *lag, *_frequency(ops, frame, (0.0, 0.0), upsilon_x, upsilon_y))
 
 
 def _enter_both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
+    """Return the carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame.
+
+    Each coordinate is the sum of two floats.
+    """
     cycles = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
     ends = (_position(ops, frame, x + side * xi_x, y + side * xi_y) for side in (0.5, -0.5))
     return (cycles, *(number for end in ends for number in end))
 
 
 def _point(numbers: Sequence[Any]) -> Point:
+    """Return four numbers as a point with two `Doubled` coordinates."""
     a, b, c, d = numbers
     return (a, b), (c, d)
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
+    """Return the position or lag of a sample minus the centre of a pair of elements."""
     (x, x_low), (y, y_low) = _point(samples[:4])
     (px, px_low), (py, py_low) = _point(record[:4])
     return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
 
 
-def _of_element(
+def _of_pair(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
+    """Return the contribution of a pair of elements to W or A, for the record of the pair."""
     nu, offset = _point(samples[4:]), _offset(record, samples)
     cycles = phases.reduced(ops, phases.dot(ops, nu, _point(record[4:8])))
     factor = Pair(record[8], record[9]) * unit_wave(ops, cycles).conjugate()
@@ -292,18 +309,20 @@ def _of_element(
 def _field_of(
     ops: Any, element: ElementTables, view: View, record: Sequence[Any], samples: Sequence[Any]
 ) -> Pair:
+    """Return the field of an element at a sample, times the weight of the element."""
     return Pair(*element_field(ops, element, *_offset(record, samples))) * Pair(*record[8:10])
 
 
 def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
-    of_pair: Callable[..., Pair] = _of_element,
+    of_pair: Callable[..., Pair] = _of_pair,
 ) -> list[Any]:  # fmt: skip
-    """Return the sum of the contributions of all pairs of elements, with ``values`` results."""
+    """Return the sums of the ``values`` results of ``of_pair`` over all pairs of elements."""
     view, lists = tables.sites
     records = lists.records.in_memory(ops)
 
     def is_near(row: Any, *samples: Any) -> Mask:
+        """Return whether a sample lies in the box in which a pair of elements contributes."""
         record = ops.gather(records, row)
         (x, y), (width, height) = _offset(record, samples), record[10:12]
         return (abs(x) < width) & (abs(y) < height)
@@ -321,15 +340,18 @@ def _sum(
 
 
 def _wigner_sum(ops: Any, tables: PairTables, *samples: Any) -> Values:
+    """Return W as a sum over pairs of elements."""
     return tuple(_sum(ops, tables, 1, samples))
 
 
 def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> Values:
+    """Return the real part and minus the imaginary part of A, a sum over pairs of elements."""
     real, imag = _sum(ops, tables, 2, samples)
     return real, -imag
 
 
 def _fields(ops: Any, tables: PairTables, cycles: Any, *positions: Any) -> Values:
+    """Return the complex fields at both ends of a lag, as four real numbers."""
     ends = positions[:4], positions[4:]
     return tuple(part for end in ends for part in _sum(ops, tables, 2, end, _field_of))
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 from polywigner.kernels.cut.clipping import AHEAD, Clipper, Cuts, Edge
@@ -20,10 +21,9 @@ from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import Views, difference_pairings, mean_pairings
-from polywigner.kernels.kernel import Kernel
+from polywigner.kernels.kernel import Kernel, wave_sums
 from polywigner.kernels.outline import Tables
 from polywigner.kernels.wave_pairs import WavePair
-from polywigner.numerics import Number
 from polywigner.numerics.phases import Pair, cos_sin_cycles, cos_sin_over_cycles, polynomial
 
 _ZERO = Pair(0.0, 0.0)
@@ -130,17 +130,12 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
     # The unused series must not overflow for large x.
     square = ops.select(small, x * x, 0.0)
-    series = square * _over_power(ops, 2, square, _DOUBLE if ops.double else _SINGLE)
+    coefficients = [1 / 15]
+    for k in range(1, (_DOUBLE if ops.double else _SINGLE) + 1):
+        coefficients.append(coefficients[-1] * -0.5 / (k * (2 * k + 5)))
+    series = square * polynomial(ops, coefficients, square)
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + series), (j0 - cosine) * inverse)
     return j0, j1, ops.select(small, series, ops.fma(3.0 * inverse, j1, -j0))
-
-
-def _over_power(ops: Any, n: int, square: Any, terms: int) -> Number:
-    """Return j_n(x)/x^n, where j_n is a spherical Bessel function, from its series in x^2."""
-    coefficients = [1 / math.prod(range(1, 2 * n + 2, 2))]
-    for k in range(1, terms + 1):
-        coefficients.append(coefficients[-1] * -0.5 / (k * (2 * n + 2 * k + 1)))
-    return polynomial(ops, coefficients, square)
 
 
 def fourier_gradients(
@@ -169,40 +164,28 @@ def fourier_gradients(
 
 
 def _parts(*pairs: Pair) -> tuple[Any, ...]:
+    """Return complex numbers as a flat tuple of real and imaginary parts."""
     return tuple(part for pair in pairs for part in (pair.real, pair.imag))
 
 
 def _pairs(numbers: Sequence[Any]) -> list[Pair]:
+    """Return complex numbers from alternating real and imaginary parts."""
     return list(map(Pair, numbers[0::2], numbers[1::2]))
 
 
-def wigner_gradients(ops: Any, tables: Tables, accumulator: Accumulator, *point: Any) -> Gradients:
-    """Return the derivatives of the Wigner function at (x, y, nu_x, nu_y) in the frame.
+def slice_gradients(
+    ops: Any, tables: Tables, accumulator: Accumulator, *point: Any, is_wigner: bool
+) -> Gradients:
+    """Return the derivatives of the Wigner function or the ambiguity function in the frame.
 
-    The Wigner function is the real part of the differentiated value.
+    The point is (x, y, nu_x, nu_y) or (upsilon_x, upsilon_y, xi_x, xi_y). The Wigner function is
+    the real part of the differentiated value.
     """
-    return _gradients(ops, tables, True, accumulator, point[:2], point[2:])
-
-
-def ambiguity_gradients(
-    ops: Any, tables: Tables, accumulator: Accumulator, *point: Any
-) -> Gradients:
-    """Return the derivatives of the ambiguity function at (upsilon_x, upsilon_y, xi_x, xi_y)."""
-    return _gradients(ops, tables, False, accumulator, point[2:], point[:2])
-
-
-def _gradients(
-    ops: Any,
-    tables: Tables,
-    of_lags: bool,
-    accumulator: Accumulator,
-    position: tuple[Any, ...],
-    frequency: tuple[Any, ...],
-) -> Gradients:
+    position, frequency = (point[:2], point[2:]) if is_wigner else (point[2:], point[:2])
     weights = [Pair(1.0, 0.0)] * len(tables.groups)
     if accumulator.needs_weights:
         weights, tables = _weights(ops, tables), tables.by_element
-    pairings, scale = (mean_pairings, 2.0) if of_lags else (difference_pairings, 1.0)
+    pairings, scale = (mean_pairings, 2.0) if is_wigner else (difference_pairings, 1.0)
     views = dict.fromkeys(view for *_, sides, _ in pairings(tables) for view, _ in sides)
     tx, ty = (scale * c for c in position)
     if accumulator.has_constant_indices or (ops.target == "compiled" and tables.fits_code):
@@ -222,12 +205,12 @@ def _gradients(
                 if (first, second) == (group, other)
             ]  # fmt: skip
             for pair, sums in clipper.sums_of_runs(pairs, group, other):
-                pair.add(_pairs(sums), result)
+                pair.add_to(_pairs(sums), result)
     return result
 
 
 def _weights(ops: Any, tables: Tables) -> list[Pair]:
-    """Return the weights of the elements, as Dr.Jit arrays if the edges are data."""
+    """Return the complex weights of all elements, in memory if the edges are read from memory."""
     parts = [[part(w) for w in tables.weights] for part in (lambda w: w.real, lambda w: w.imag)]
     if ops.target != "data":
         return list(map(Pair, *parts))
@@ -263,6 +246,7 @@ class _WavePairGradients:
         self.amplitude = self.wave * self.mutual
 
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+        """Return the contribution of an edge to the sums of :meth:`add_to`."""
         ops, scale, clipper = self.ops, self.scale, self.clipper
         area, motion, along, across, begin, end = [_ZERO] * 6
         long = scale * edge.length
@@ -303,7 +287,8 @@ class _WavePairGradients:
         motions = motion.scaled(scale * edge.ey), motion.scaled(-scale * edge.ex)
         return _parts(area, *motions, along, across, shared)
 
-    def add(self, sums: Sequence[Pair], result: Gradients) -> None:
+    def add_to(self, sums: Sequence[Pair], result: Gradients) -> None:
+        """Add the derivatives of the pair of waves to ``result``, from its sums over all edges."""
         area, *motions, along, across, shared = sums
         result.shared = result.shared + shared
         for k, motion in enumerate(motions):
@@ -324,6 +309,7 @@ class _WavePairGradients:
 
 
 def _weighted(value: Pair, real: Any, imag: Any) -> Pair:
+    """Return ``value`` times real + i imag, without multiplications by constants 1 and 0."""
     if isinstance(imag, float) and imag == 0.0:
         return value if isinstance(real, float) and real == 1.0 else value.scaled(real)
     return value * Pair(real, imag)
@@ -334,9 +320,8 @@ class GradientKernel:
     """Closed-form derivatives of the second step of a kernel, the sum over edges."""
 
     gradients: Callable[..., Gradients]
-    """Function (ops, tables, accumulator, *arguments in the frame) that returns `Gradients`."""
-    arguments: int
-    """Number of arguments of ``gradients``. They are the last arguments of the kernel."""
+    """Function (ops, tables, accumulator, *arguments) that returns `Gradients`. The arguments are
+    the components of ``points`` in the frame, two for each."""
     parts: Callable[[Pair], tuple[Any, ...]]
     """Function that converts a complex value to the values that the kernel's sum over edges
     returns."""
@@ -355,18 +340,19 @@ class GradientKernel:
         return total
 
 
-def _wave(value: Pair) -> tuple[Any, ...]:
-    return value.real, -value.imag
-
-
 def _real(value: Pair) -> tuple[Any, ...]:
+    """Return the real part as a tuple, as edge sums of real transforms do."""
     return (value.real,)
 
 
-_FOURIER = GradientKernel(fourier_gradients, 2, _wave, ("frequency",))
+_FOURIER = GradientKernel(fourier_gradients, wave_sums, ("frequency",))
 _KNOWN = {
-    plane.WIGNER: GradientKernel(wigner_gradients, 4, _real, ("position", "frequency")),
-    plane.AMBIGUITY: GradientKernel(ambiguity_gradients, 4, _wave, ("frequency", "position")),
+    plane.WIGNER: GradientKernel(
+        partial(slice_gradients, is_wigner=True), _real, ("position", "frequency")
+    ),
+    plane.AMBIGUITY: GradientKernel(
+        partial(slice_gradients, is_wigner=False), wave_sums, ("frequency", "position")
+    ),
     plane.FOURIER: _FOURIER,
     plane.FOURIER_PLACED: _FOURIER,
 }

@@ -30,9 +30,12 @@ class Kernel:
     """Function (ops, frame, *arguments) that converts the arguments to the frame of the source."""
     edge_sum: Callable[..., Values]
     """Function (ops, tables, *arguments in the frame) that returns the sums over edges. It is a
-    `SliceSum` for W and A, and an `OutlineSum` for the Fourier transform of an outline."""
+    `SliceSum` for W and A."""
     leave: Callable[..., Values]
     """Function (ops, frame, arguments in the frame, sums) that returns results in user units."""
+    grid_tables: Callable[[Any], Any] | None = None
+    """Function (source) that returns the constants of a faster method for grids of frequencies, or
+    None if the source has no such method."""
 
     def tables_for(self, source: Any, double: bool) -> Any:
         """Return the constants of the kernel for a source, from the source's cache if possible."""
@@ -58,6 +61,11 @@ class Kernel:
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return a real transform in the user's units from its sum over edges."""
     return (sums[0] * frame.measure,)
+
+
+def wave_sums(value: phases.Pair) -> Values:
+    """Return the real part and minus the imaginary part of a complex sum, for `leave_wave`."""
+    return value.real, -value.imag
 
 
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:

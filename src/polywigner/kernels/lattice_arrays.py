@@ -31,7 +31,7 @@ from polywigner.numerics import phases
 from polywigner.numerics.phases import unit_wave
 from polywigner.source import Array
 from polywigner.source.lattices import Lattice, Profile, separated
-from polywigner.source.normal_form import normal_form
+from polywigner.source.normal_form import SourceElement, normal_form
 
 # Smallest number of elements for which W and A of a lattice use array factors. An array with fewer
 # elements is computed as a single source (benchmarks/array_cost.py).
@@ -40,7 +40,7 @@ _LEAST_ELEMENTS = 4
 # rounding errors.
 _EDGE = 4e-15
 
-Pair2 = tuple[float, float]
+Pair2 = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,10 @@ class _Nodes:
     at t if low < t - h < high."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the first contributing node, and (x, y) minus this node in the element's frame."""
+        """Return the lattice indices of the first midpoint or difference that contributes.
+
+        The other results are (x, y) minus this midpoint or difference, in the element's frame.
+        """
         i, j = (
             0.0 * x + float(start)
             # If an element is larger than the lattice, all copies overlap, so every node
@@ -68,7 +71,7 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the steps and the vectors from the first node to all contributing nodes."""
+        """Return the lattice steps and vectors from the first contributing node to each node."""
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -98,23 +101,27 @@ class _ArrayFrame:
 
     @property
     def measure(self) -> float:
+        """Area of a unit square of the element's frame, in the user's units."""
         return self.element.measure
 
     @property
     def carrier(self) -> tuple[float, ...]:
+        """Frequency of the carrier of the element, in the user's units."""
         return self.element.carrier
 
     @property
-    def slope(self) -> Pair2:
+    def relative_cycles(self) -> Pair2:
         """Phase difference of adjacent weights minus the carrier's phase difference, in cycles."""
-        along_first, along_second = (
+        return tuple(
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
         )
-        return along_first, along_second
 
 
-def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair2) -> _ArrayFrame:
+def _array_frame(
+    lattice: Lattice, profiles: tuple[Profile, Profile], element: Aperture, frame: Frame
+) -> _ArrayFrame:
+    """Return the coordinates of an array from its lattice, its element and the element's frame."""
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
     # W of an element vanishes outside its hull, and A vanishes at lags beyond its size.
@@ -122,62 +129,58 @@ def _array_frame(lattice: Lattice, element: Aperture, frame: Frame, cycles: Pair
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
 
-    def pair(numbers: Any) -> Pair2:
-        return float(numbers[0]), float(numbers[1])
-
-    def nodes(scale: float, low: Any, high: Any, start: Any, steps: Any) -> _Nodes:
-        columns = zip(pair(low), pair(high), start.tolist(), steps.tolist(), strict=True)
-        return _Nodes(scale, tuple(columns))
+    def nodes(scale: float, *columns: Any) -> _Nodes:
+        """Return nodes from the columns of their windows."""
+        return _Nodes(scale, tuple(zip(*(column.tolist() for column in columns), strict=True)))
 
     return _ArrayFrame(
         frame,
-        pair(origin),
-        pair(origin + (count / 2) @ basis),
+        tuple(origin.tolist()),
+        tuple((origin + (count / 2) @ basis).tolist()),
         lattice.basis,
-        (pair(inverse[0]), pair(inverse[1])),
-        cycles,
+        (tuple(inverse[0].tolist()), tuple(inverse[1].tolist())),
+        tuple(profile.cycles_per_element for profile in profiles),
         nodes(0.5, 2 * low, 2 * high, 0 * count, 2 * count + 1),
         nodes(1.0, low - high, high - low, -count, 2 * count + 1),
     )
 
 
-ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ProfileFactor]]
+ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ...]]
 
 
-def _lattice(array: Array) -> Lattice | None:
+def _lattice(array: Array) -> tuple[Lattice, tuple[Profile, Profile], SourceElement] | None:
+    """Return the lattice of an array, the profiles of its weights, and its element.
+
+    The result is None for small arrays, and if the weights are not separable.
+    """
     copies = normal_form(array).lattice
-    lattice = copies.sites if copies is not None and len(array) >= _LEAST_ELEMENTS else None
-    return None if lattice is None or separated(lattice.weights) is None else lattice
+    if copies is None or copies.sites is None or len(array) < _LEAST_ELEMENTS:
+        return None
+    profiles = separated(copies.sites.weights)
+    return None if profiles is None else (copies.sites, profiles, copies.element)
 
 
 def is_on_lattice(array: Array) -> bool:
-    """Return whether an array repeats one element on a lattice, with separable weights."""
+    """Return whether an array has four or more copies of an element on a lattice.
+
+    The weights must be separable.
+    """
     return _lattice(array) is not None
 
 
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool) -> ArrayTables:
-    lattice, copies = _lattice(array), normal_form(array).lattice
-    assert lattice is not None and copies is not None
-    element = copies.element.shape
-    tables = element_tables(element, double)
-    profiles = separated(lattice.weights)
-    assert profiles is not None
-    cycles = profiles[0].cycles_per_element, profiles[1].cycles_per_element
-    factors = _scaled(profiles[0]), _scaled(profiles[1])
-    frame = _array_frame(lattice, element, tables.frame, cycles)
-    return RepeatedTables(frame, tables, factors)
-
-
-def _scaled(profile: Profile) -> ProfileFactor:
-    size = abs(profile.factor)
-    if profile.is_uniform and size == 1.0:
-        return profile_factor(profile)
-    amplitudes = tuple(size * amplitude for amplitude in profile.amplitudes)
-    return profile_factor(Profile(amplitudes, profile.cycles_per_element, profile.factor / size))
+    """Return the coordinates, the element and the array factors of an array on a lattice."""
+    separable = _lattice(array)
+    assert separable is not None
+    lattice, profiles, element = separable
+    tables = element_tables(element.shape, double)
+    frame = _array_frame(lattice, profiles, element.shape, tables.frame)
+    return RepeatedTables(frame, tables, tuple(map(profile_factor, profiles)))
 
 
 def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
+    """Return the phases nu.b in cycles for both basis vectors b, modulo 1."""
     return [phases.cycles_to_centre(ops, b, *nu) for b in frame.basis]
 
 
@@ -190,6 +193,7 @@ def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y:
 
 
 def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
+    """Return W as a sum over midpoints, (L1), for the results of :func:`_enter_wigner`."""
     first, second, x, y, *cycles, nu_x, nu_y = inner
     frame, element = tables.frame, tables.element
     twice = cycles[0] + cycles[0], cycles[1] + cycles[1]
@@ -217,16 +221,17 @@ def _enter_ambiguity(
 
 
 def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
+    """Return A as a sum over differences, (L2), for the results of :func:`_enter_ambiguity`."""
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
-    frame, element, slope = tables.frame, tables.element, tables.frame.slope
+    frame, element, relative_cycles = tables.frame, tables.element, tables.frame.relative_cycles
     lowest = [profile.count - 1.0 for profile in tables.sites]
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
         i, j = first + k, second + m
         numbers = i + lowest[0], j + lowest[1]
         weight = pair_factor(ops, tables.sites, False, numbers, (along[0], along[1]))
-        if any(slope):
-            weight = weight * unit_wave(ops, i * slope[0] + j * slope[1])
+        if any(relative_cycles):
+            weight = weight * unit_wave(ops, i * relative_cycles[0] + j * relative_cycles[1])
         value = weight * element_ambiguity(ops, element, upsilon_x, upsilon_y, x - dx, y - dy)
         return value.real, -value.imag
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -41,39 +41,36 @@ Matrix = tuple[tuple[Any, ...], ...]
 
 @dataclass(frozen=True)
 class Frame:
-    """Normalised coordinates of a source.
+    """Normalised coordinates of a source in d = 2 dimensions, or d = 1 for slits.
 
     A position x has the coordinates ``matrix (x - centre) / norm`` in the frame, and a frequency nu
-    has the components ``inverse_transpose nu``. ``inverse_transpose`` is exactly the inverse
-    transpose of ``matrix / norm``. ``measure`` is the area of a unit square of the frame in the
-    user's units. ``reach`` contains the largest absolute coordinates of the source in the frame.
+    has the components ``rows nu``. The matrix ``rows`` is exactly the inverse transpose of ``matrix
+    / norm``. ``measure`` is the area of a unit square of the frame in the user's units. ``reach``
+    contains the largest absolute coordinates of the source in the frame.
     """
 
-    centre: tuple[float, float]
+    centre: tuple[float, ...]
     matrix: Matrix
-    inverse_transpose: Matrix
+    rows: Matrix
     norm: float
     measure: float
     reach: tuple[float, ...]
     carrier: tuple[float, ...] = (0.0, 0.0)
     """Frequency of the carrier, in the user's units. Stored fields are relative to the carrier."""
 
-    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    def position(self, ops: Any, *x: Any) -> tuple[Any, ...]:
         """Return the coordinates of a point of the aperture plane in the frame."""
-        cx, cy = self.centre
+        pairs = zip(x, self.centre, strict=True)
         if self.is_diagonal:
-            return (x - cx) * self.matrix[0][0], (y - cy) * self.matrix[1][1]
+            return self.vector(ops, *(p - c for p, c in pairs))
         # For a long, narrow outline the products cancel almost completely, so the rounding errors
-        # of dx and dy matter.
-        (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
-        fine = self._cross_products(ops, lost_x, lost_y)
-        coarse = self._cross_products(ops, dx, dy)
-        return coarse[0] + fine[0], coarse[1] + fine[1]
+        # of the differences matter.
+        return self.vector(ops, *(phases.difference(p, c) for p, c in pairs))
 
     @cached_property
     def is_diagonal(self) -> bool:
         """Whether the axes of the frame are parallel to the user's axes."""
-        return _diagonal(self.matrix)
+        return _is_diagonal(self.matrix)
 
     def grid_step(self, double: bool) -> float:
         """Return the grid spacing of vertices and offsets, a power of two.
@@ -83,50 +80,31 @@ class Frame:
         """
         return power_of_two(4.001 * max(self.reach)) * 2.0 ** (-53 if double else -24)
 
-    @property
-    def rows(self) -> Matrix:
-        """Matrix that converts frequencies to the frame."""
-        return self.inverse_transpose
-
-    def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    def vector(self, ops: Any, *x: Any) -> tuple[Any, ...]:
         """Return the components of a difference of two points in the frame."""
+        components = matrix_times(ops, self.matrix, *x)
         if self.is_diagonal:
-            return x * self.matrix[0][0], y * self.matrix[1][1]
-        return self._cross_products(ops, x, y)
+            return components
+        return tuple(component * (1 / self.norm) for component in components)
 
-    @property
-    def axes(self) -> tuple[int, int] | None:
-        """Indices of the user's axes parallel to the frame's axes; None for a rotated frame."""
-        for axes in ((0, 1), (1, 0)):
-            if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
-                return axes
-        return None
-
-    def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+    def frequency(self, ops: Any, *nu: Any) -> tuple[Any, ...]:
         """Return the components of a spatial frequency in the frame."""
-        if self.is_diagonal:
-            return x * self.inverse_transpose[0][0], y * self.inverse_transpose[1][1]
-        return matrix_times(ops, self.inverse_transpose, x, y)
+        return matrix_times(ops, self.rows, *nu)
 
-    def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+    def detuned(self, ops: Any, *nu: Any) -> tuple[Any, ...]:
         """Return the components of a spatial frequency minus the carrier frequency in the frame."""
-        cx, cy = self.carrier
-        return self.frequency(ops, x - cx if cx else x, y - cy if cy else y)
+        pairs = zip(nu, self.carrier, strict=True)
+        return self.frequency(ops, *(n - c if c else n for n, c in pairs))
 
     def exact_frequency(self, *nu: float) -> tuple[float, ...]:
         """Return the correctly rounded components of a constant frequency in the frame."""
-        rows = [[Fraction(m) for m in row] for row in self.inverse_transpose]
+        rows = [[Fraction(m) for m in row] for row in self.rows]
         exact = [Fraction(n) for n in nu]
         return tuple(float(sum(m * n for m, n in zip(row, exact, strict=True))) for row in rows)
 
-    def _cross_products(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-        (xx, xy), (yx, yy) = self.matrix
-        scale = 1 / self.norm
-        return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
-
     def vertices(self, points: Floats) -> Floats:
         """Return the correctly rounded coordinates of points in the frame, shape (n, 2)."""
-        return vertices_for(self.inverse_transpose, self.centre, points)
+        return vertices_for(self.rows, self.centre, points)
 
 
 def enter_position_and_frequency(
@@ -137,8 +115,11 @@ def enter_position_and_frequency(
 
 
 def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
-    """Return the product of a matrix and a frequency, accurate to about an ulp."""
-    if _diagonal(matrix):
+    """Return the product of a matrix and a frequency, accurate to about an ulp.
+
+    If the matrix is not diagonal, its entries and the components of the frequency may be `Doubled`.
+    """
+    if _is_diagonal(matrix):
         return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
@@ -149,7 +130,7 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
     ``matrix`` converts frequencies to the frame. The product (matrix nu).x', where x' are the
     returned coordinates, equals nu.(x - centre) for each frequency nu and point x.
     """
-    if _diagonal(matrix):
+    if _is_diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
     rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
@@ -163,9 +144,11 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
 
 
 def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
+    """Return the matrix of the cofactors of an integer matrix."""
     n = len(matrix)
 
     def cofactor(i: int, j: int) -> int:
+        """Return the signed minor without row ``i`` and column ``j``."""
         minor = [[matrix[a][b] for b in range(n) if b != j] for a in range(n) if a != i]
         return (-1) ** (i + j) * int(determinant(minor))
 
@@ -183,12 +166,9 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
     )
 
 
-def reach_of(vertices: Floats) -> tuple[float, ...]:
-    """Return the largest absolute coordinate of vertices along each axis of their frame."""
-    return tuple(np.abs(vertices).max(axis=0).tolist())
-
-
-def _diagonal(matrix: Matrix) -> bool:
+@lru_cache(maxsize=256)
+def _is_diagonal(matrix: Matrix) -> bool:
+    """Return whether all entries off the diagonal are the constant 0.0."""
     others = (value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
     return all(isinstance(value, float) and value == 0.0 for value in others)
 
@@ -206,6 +186,9 @@ def frame_of(points: Floats) -> Frame:
     if lengths[long] > NEEDLE_ASPECT * lengths[short] > 0.0:
         c, s = (sides[long] / lengths[long]).tolist()
         length, width = power_of_two(lengths[long]), power_of_two(lengths[short])
+        if c == 0.0:
+            # An outline along the y axis needs no rotation.
+            (c, s), (length, width) = (1.0, 0.0), (width, length)
     return frame_along(points, centre, (c, s), (length, width))
 
 
@@ -219,10 +202,10 @@ def frame_along(
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
-    inverse_transpose = ((c * length, s * length), (-s * width, c * width))
+    rows = ((c * length, s * length), (-s * width, c * width))
     origin = (float(centre[0]), float(centre[1]))
-    reach = reach_of(vertices_for(inverse_transpose, origin, points))
-    return Frame(origin, matrix, inverse_transpose, norm, length * width * norm, reach)
+    reach = tuple(np.abs(vertices_for(rows, origin, points)).max(axis=0).tolist())
+    return Frame(origin, matrix, rows, norm, length * width * norm, reach)
 
 
 def power_of_two(size: float) -> float:
@@ -312,7 +295,7 @@ class Tables:
         )
 
     def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
-        """Return the complex product of one weight and the conjugate of another weight."""
+        """Return real + i imag times the conjugate of level + i level_imag, for two weights."""
         if self.uniform:
             return level, 0.0
         if not self.phased:

@@ -66,7 +66,7 @@ def waves_in_frame(illumination: Any, frame: Any) -> Waves:
 
 def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
     """Return the real and imaginary part of the field at a point, without the carrier."""
-    return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
+    return _sum_of_waves(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class WavePair:
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
         """Return the real and imaginary part of the amplitude at a position or lag."""
-        real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
+        real, imag = _sum_of_waves(ops, self.terms, point, imaginary=not self.is_real)
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
@@ -90,7 +90,7 @@ class WavePair:
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
-            real, imag = _summed(ops, turned, point, imaginary=not self.is_real)
+            real, imag = _sum_of_waves(ops, turned, point, imaginary=not self.is_real)
             result.append((real, imag))
         return result
 
@@ -125,16 +125,21 @@ def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
 
 
 def _is_zero(number: Any) -> bool:
+    """Return whether a number is the constant 0.0. Arrays are not constant."""
     # The values of arrays are not available while a function is traced.
     return isinstance(number, float) and number == 0.0
 
 
-def _summed(
+def _sum_of_waves(
     ops: Any,
     terms: tuple[tuple[Any, Vector], ...],
     point: Sequence[Any],
     imaginary: bool = True,
 ) -> tuple[Any, Any]:
+    """Return the real and imaginary part of the sum of a exp(2 pi i f.x) over terms (a, f).
+
+    ``point`` is x. If ``imaginary`` is false, the imaginary part is 0.0.
+    """
     real: Any = 0.0
     imag: Any = 0.0
     for amplitude, frequency in terms:
@@ -161,14 +166,14 @@ def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ..
         for m, n, amplitude, mean, difference in _products(first, second)
         if not is_same or m <= n
     ]
-    return _collected(pairs, is_real=is_same)
+    return _merged(pairs, is_real=is_same)
 
 
 @lru_cache(maxsize=1024)
 def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
     """Return the pairs of waves that contribute to the ambiguity function A."""
     pairs = [(diff, amplitude, mean) for _, _, amplitude, mean, diff in _products(first, second)]
-    return _collected(pairs, is_real=False)
+    return _merged(pairs, is_real=False)
 
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
@@ -180,9 +185,8 @@ def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, 
         yield m, n, amplitude, mean, tuple(a - b for a, b in components)
 
 
-def _collected(
-    pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool
-) -> tuple[WavePair, ...]:
+def _merged(pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool) -> tuple[WavePair, ...]:
+    """Return pairs of waves (shift, amplitude, rate), merged into one `WavePair` for each shift."""
     shifts = np.array([shift for shift, _, _ in pairs])
     numbers = cluster_indices(shifts, _EQUAL * max(1.0, float(np.abs(shifts).max())))
     collected: dict[int, tuple[Vector, dict[Vector, complex]]] = {}

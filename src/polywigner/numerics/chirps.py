@@ -83,9 +83,9 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     longest = float(abs(b).max(initial=0.0)) or 1.0
     c = np.maximum(abs(c), _FLAT / longest**2)
     short = abs(b) * np.maximum(abs(f), abs(c * b - f)) < _FEW_CYCLES
-    value = _by_tails(b, c, f)
+    value = _by_fresnel(b, c, f)
     if short.any():
-        value[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
+        value[short] = _by_gauss(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
     if (sign < 0).any():
         value.imag *= sign
     return value
@@ -96,7 +96,8 @@ def waves_of_cycles(cycles: Any) -> Complex:
     return np.exp(2j * math.pi * (cycles - np.rint(cycles)))
 
 
-def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
+def _by_gauss(b: Floats, c: Floats, f: Floats) -> Complex:
+    """Return the chirp integral from 0 to b from a Gauss rule, which is accurate for few cycles."""
     nodes, weights = _RULE
     total = np.zeros(b.shape, np.complex128)
     for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
@@ -105,8 +106,11 @@ def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
     return b * total
 
 
-def _by_tails(b: Floats, c: Floats, f: Floats) -> Complex:
-    """Return the integral for c > 0 from two tails. The result is inaccurate for small phases."""
+def _by_fresnel(b: Floats, c: Floats, f: Floats) -> Complex:
+    """Return the chirp integral from 0 to b for curvatures c > 0, from two Fresnel integrals.
+
+    The result is inaccurate for small phases.
+    """
     root = np.sqrt(math.pi * c)
     begin, side = -f * (root / c), (f > 0).astype(np.float64)
     first_step, first = fresnel_tail(begin, side)
@@ -154,11 +158,12 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
     begin, edge = begin[rises], edge[rises]
     step = max(1, _PAIRS // len(edge))
     blocks = [slice(k, k + step) for k in range(0, len(nu), step)]
-    return np.concatenate([_along(begin, edge, q[block], nu[block]) for block in blocks])
+    return np.concatenate([_over_edges(begin, edge, q[block], nu[block]) for block in blocks])
 
 
-def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    cycles = _cycles(begin, edge, q, nu)
+def _over_edges(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
+    """Return the transform of curved waves over the polygon inside the edges, shape (points,)."""
+    cycles = _edge_cycles(begin, edge, q, nu)
     pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
     count = pieces[points, edges]
@@ -166,23 +171,23 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
     number = np.arange(len(points)) - np.repeat(last - pieces.ravel(), pieces.ravel())
     extent = edge[edges] / count[:, None]
     start = begin[edges] + extent * number[:, None]
-    rules = _rules_for(cycles[points, edges] / count)
+    rules = _rule_indices(cycles[points, edges] / count)
     values = np.zeros(len(nu), np.complex128)
     for rule, members in _batches(rules):
         at, weights = gauss_rules()[rule].T[:2]
         step = max(1, _BLOCK // len(at))
         for block in (members[k : k + step] for k in range(0, len(members), step)):
             owners = points[block]
-            values_at_nodes = _at_nodes(start[block], extent[block], at, q[owners], nu[owners])
+            integrand = _integrand(start[block], extent[block], at, q[owners], nu[owners])
             # BLAS would start threads for a matrix product. Starting threads takes longer than the
             # product.
-            total = np.einsum("kn,n->k", values_at_nodes, weights)
+            total = np.einsum("kn,n->k", integrand, weights)
             np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
 
 
-def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return an upper bound on the phase cycles of the integrand, shape (points, edges)."""
+def _edge_cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
+    """Return upper bounds on the cycles of phase along each edge, shape (points, edges)."""
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
@@ -198,13 +203,18 @@ def _cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     return most
 
 
-def _rules_for(cycles: Floats) -> NDArray[np.intp]:
+def _rule_indices(cycles: Floats) -> NDArray[np.intp]:
+    """Return indices in :func:`gauss_rules` of rules for waves with ``cycles`` cycles of phase."""
     needed = 0.5 * math.pi * cycles + 8.0 * np.cbrt(cycles) + 4.0
     sizes = [len(rule) for rule in gauss_rules()[::_STRIDE]]
     return np.asarray(np.searchsorted(sizes, needed) * _STRIDE)
 
 
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield the index of a rule and the indices of the pieces that it integrates.
+
+    Small groups of pieces use the next larger rule of the others.
+    """
     present = np.unique(rules).tolist()
     members = np.zeros(0, np.intp)
     for rule in present:
@@ -214,7 +224,11 @@ def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
             members = members[:0]
 
 
-def _at_nodes(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
+def _integrand(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
+    """Return the integrand at Gauss nodes ``at`` from -1 to 1 on pieces of edges, shape (k, n).
+
+    ``start`` and ``extent`` are the start points and the vectors of the pieces, shape (k, 2).
+    """
     x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
     (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))
     value = chirp_integral(x, q1, nu1)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from polywigner.numerics import Floats
 
@@ -19,7 +20,7 @@ from polywigner.numerics import Floats
 _SPLIT = 134217729.0
 
 
-def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
+def vertices_on_grid(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Return vertices, rounded to multiples of ``step``, without repeated vertices.
 
     The second result is a mask of the vertices that are not repeated.
@@ -27,10 +28,6 @@ def rounded(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[np.bool_]
     points = np.round(polygon / step) * step + 0.0
     distinct = (points != np.roll(points, 1, axis=0)).any(axis=1)
     return points[distinct], distinct
-
-
-# Largest number of (side, vertex) pairs per block. Temporary arrays fit into the cache of a core.
-_BLOCK = 1 << 16
 
 
 def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
@@ -72,31 +69,26 @@ def with_vertices_on_sides(piece: Floats, vertices: Floats) -> Floats:
     """
     ends = np.roll(piece, -1, axis=0)
     # The exact test is slow, so vertices within a wide tolerance are selected first.
-    size = 1e-12 * float(np.abs(vertices).max())
-    step, candidates = max(1, _BLOCK // len(vertices)), []
-    for start in range(0, len(piece), step):
-        rows = slice(start, start + step)
-        side = (ends[rows] - piece[rows])[:, None, :]
-        x, y = np.moveaxis(vertices - piece[rows, None, :], -1, 0)
-        dx, dy = side[..., 0], side[..., 1]
-        along, length = x * dx + y * dy, dx * dx + dy * dy
-        across = np.abs(dx * y - dy * x)
-        near = (along > 0) & (along < length) & (across <= size * np.sqrt(length))
-        candidates += [(start + k, float(along[k, n]), n) for k, n in np.argwhere(near).tolist()]
-    inside = [(k, at, n) for k, at, n in candidates if _on_line(piece[k], ends[k], vertices[n])]
-    inside.sort(key=lambda entry: entry[:2])
-    positions = [k + 1 for k, _, _ in inside]
-    return (
-        np.insert(piece, positions, vertices[[n for _, _, n in inside]], axis=0)
-        if positions
-        else piece
-    )
+    sides = shapely.linestrings(np.stack([piece, ends], axis=1))
+    tree = shapely.STRtree(shapely.points(vertices))
+    side, vertex = tree.query(sides, "dwithin", 1e-12 * float(np.abs(vertices).max()))
+    along = ((vertices[vertex] - piece[side]) * (ends - piece)[side]).sum(axis=1)
+    order = np.lexsort((along, side))
+    inside = [
+        (k, n)
+        for k, n in zip(side[order].tolist(), vertex[order].tolist(), strict=True)
+        if _is_between(piece[k], ends[k], vertices[n])
+    ]
+    if not inside:
+        return piece
+    return np.insert(piece, [k + 1 for k, _ in inside], vertices[[n for _, n in inside]], axis=0)
 
 
-def _on_line(a: Floats, b: Floats, c: Floats) -> bool:
+def _is_between(a: Floats, b: Floats, c: Floats) -> bool:
+    """Return whether c lies exactly on the segment from a to b and differs from both."""
     (ax, ay), (bx, by), (cx, cy) = ([Fraction(v) for v in p.tolist()] for p in (a, b, c))
-    on_line = (bx - ax) * (cy - ay) == (by - ay) * (cx - ax)
-    return on_line and (cx, cy) not in ((ax, ay), (bx, by))
+    dx, dy, x, y = bx - ax, by - ay, cx - ax, cy - ay
+    return dx * y == dy * x and 0 < dx * x + dy * y < dx * dx + dy * dy
 
 
 def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:

@@ -16,7 +16,7 @@ from polywigner.numerics.phases import cos_sin_cycles
 # inaccurate.
 _LEAST = 1e-150
 
-Slopes = tuple[Any, ...]
+Derivatives = tuple[Any, ...]
 
 
 class Jet:
@@ -26,33 +26,34 @@ class Jet:
     Dr.Jit arrays do not accept jets as operands.
     """
 
-    def __init__(self, ops: Any, value: Any, slopes: Slopes = ()) -> None:
-        self.ops, self.value, self.slopes = ops, value, slopes
+    def __init__(self, ops: Any, value: Any, derivatives: Derivatives = ()) -> None:
+        self.ops, self.value, self.derivatives = ops, value, derivatives
 
-    def through(self, value: Any, rate: Any) -> Jet:
-        """Return a function of this jet as a jet, from the function's value and derivative."""
-        return Jet(self.ops, value, tuple(rate * slope for slope in self.slopes))
+    def chained(self, value: Any, derivative: Any) -> Jet:
+        """Return f(x) as a jet from the value and the derivative of f, where x is this jet."""
+        return Jet(self.ops, value, tuple(derivative * d for d in self.derivatives))
 
     def __add__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):
-            return Jet(self.ops, self.value + other, self.slopes)
-        return Jet(self.ops, self.value + other.value, _added(self.slopes, other.slopes))
+            return Jet(self.ops, self.value + other, self.derivatives)
+        return Jet(self.ops, self.value + other.value, _sums(self.derivatives, other.derivatives))
 
     def __mul__(self, other: Any) -> Jet:
         if not isinstance(other, Jet):
-            return self.through(self.value * other, other)
-        by_self, by_other = self.through(0.0, other.value), other.through(0.0, self.value)
-        return Jet(self.ops, self.value * other.value, _added(by_self.slopes, by_other.slopes))
+            return self.chained(self.value * other, other)
+        first, second = self.chained(0.0, other.value), other.chained(0.0, self.value)
+        derivatives = _sums(first.derivatives, second.derivatives)
+        return Jet(self.ops, self.value * other.value, derivatives)
 
     def __truediv__(self, other: Any) -> Jet:
         return self * (1.0 / other)
 
     def __rtruediv__(self, other: Any) -> Jet:
         inverse = 1.0 / self.value
-        return self.through(other * inverse, -other * inverse * inverse)
+        return self.chained(other * inverse, -other * inverse * inverse)
 
     def __neg__(self) -> Jet:
-        return self.through(-self.value, -1.0)
+        return self.chained(-self.value, -1.0)
 
     def __sub__(self, other: Any) -> Jet:
         return self + -other
@@ -62,26 +63,28 @@ class Jet:
 
     def __abs__(self) -> Jet:
         negative = self.value < 0.0
-        slopes = tuple(self.ops.select(negative, -slope, slope) for slope in self.slopes)
-        return Jet(self.ops, abs(self.value), slopes)
+        derivatives = tuple(self.ops.select(negative, -d, d) for d in self.derivatives)
+        return Jet(self.ops, abs(self.value), derivatives)
 
     def __lt__(self, other: Any) -> Mask:
-        return self.value < _value(other)
+        return self.value < _value_of(other)
 
     def __gt__(self, other: Any) -> Mask:
-        return self.value > _value(other)
+        return self.value > _value_of(other)
 
     def __ge__(self, other: Any) -> Mask:
-        return self.value >= _value(other)
+        return self.value >= _value_of(other)
 
     __radd__, __rmul__ = __add__, __mul__
 
 
-def _added(a: Slopes, b: Slopes) -> Slopes:
+def _sums(a: Derivatives, b: Derivatives) -> Derivatives:
+    """Return the sum of two tuples of derivatives. An empty tuple stands for zeros."""
     return tuple(p + q for p, q in zip(a, b, strict=True)) if a and b else a or b
 
 
-def _value(number: Any) -> Number:
+def _value_of(number: Any) -> Number:
+    """Return the value of a jet without its derivatives, or a number that is not a jet."""
     return number.value if isinstance(number, Jet) else number
 
 
@@ -92,7 +95,7 @@ class JetOperations:
         self._ops, self.double = ops, ops.double
 
     def variables(self, values: Sequence[Any]) -> tuple[Jet, ...]:
-        """Return numbers as jets that are the variables of the derivatives."""
+        """Return numbers as jets that are the variables, with the unit vectors as derivatives."""
         count = range(len(values))
         return tuple(
             Jet(self._ops, value, tuple(0.0 * value + float(m == n) for m in count))
@@ -104,12 +107,12 @@ class JetOperations:
         return tuple(Jet(self._ops, value) for value in values)
 
     def select(self, condition: Any, a: Any, b: Any) -> Jet:
-        first, second = (number.slopes if isinstance(number, Jet) else () for number in (a, b))
+        first, second = (number.derivatives if isinstance(number, Jet) else () for number in (a, b))
         if first or second:
             count = len(first or second)
             pairs = zip(first or (0.0,) * count, second or (0.0,) * count, strict=True)
             first = tuple(self._ops.select(condition, p, q) for p, q in pairs)
-        return Jet(self._ops, self._ops.select(condition, _value(a), _value(b)), first)
+        return Jet(self._ops, self._ops.select(condition, _value_of(a), _value_of(b)), first)
 
     def maximum(self, a: Any, b: Any) -> Jet:
         return self.select(a > b, a, b)
@@ -119,31 +122,32 @@ class JetOperations:
 
     def sqrt(self, a: Jet) -> Jet:
         root = self._ops.sqrt(a.value)
-        return a.through(root, 0.5 / self._ops.maximum(root, _LEAST))
+        return a.chained(root, 0.5 / self._ops.maximum(root, _LEAST))
 
     def cos_sin_cycles(self, a: Jet) -> tuple[Jet, Jet]:
         cosine, sine = cos_sin_cycles(self._ops, a.value)
         rate = 2.0 * math.pi
-        return a.through(cosine, -rate * sine), a.through(sine, rate * cosine)
+        return a.chained(cosine, -rate * sine), a.chained(sine, rate * cosine)
 
     def exp(self, a: Jet) -> Jet:
         value = self._ops.exp(a.value)
-        return a.through(value, value)
+        return a.chained(value, value)
 
     def log(self, a: Jet) -> Jet:
-        return a.through(self._ops.log(a.value), 1.0 / a.value)
+        return a.chained(self._ops.log(a.value), 1.0 / a.value)
 
     def atan2(self, y: Jet, x: Jet) -> Jet:
         inverse = 1.0 / self._ops.maximum(y.value * y.value + x.value * x.value, _LEAST)
-        slopes = y.through(0.0, x.value * inverse).slopes, x.through(0.0, -y.value * inverse).slopes
-        return Jet(self._ops, self._ops.atan2(y.value, x.value), _added(*slopes))
+        by_y, by_x = y.chained(0.0, x.value * inverse), x.chained(0.0, -y.value * inverse)
+        derivatives = _sums(by_y.derivatives, by_x.derivatives)
+        return Jet(self._ops, self._ops.atan2(y.value, x.value), derivatives)
 
 
 def flattened(numbers: Iterable[Any]) -> list[Any]:
     """Return the values and derivatives of jets, and numbers that are not jets, as a flat list."""
     parts: list[Any] = []
     for number in numbers:
-        parts += [number.value, *number.slopes] if isinstance(number, Jet) else [number]
+        parts += [number.value, *number.derivatives] if isinstance(number, Jet) else [number]
     return parts
 
 
@@ -151,7 +155,7 @@ def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
     """Return jets and numbers with the structure of ``like``. Inverse of :func:`flattened`."""
     remaining = iter(parts)
     return [
-        Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.slopes))
+        Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.derivatives))
         if isinstance(number, Jet)
         else next(remaining)
         for number in like

@@ -16,13 +16,12 @@ from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from numpy.typing import NDArray
 
 from polywigner.numerics import Floats, Indices, Number
 
-Rules = tuple[npt.NDArray[np.float64], ...]
+Rules = tuple[Floats, ...]
 """Quadrature rules as tables with the columns node, weight, and weights in the last two Legendre
 coefficients."""
 
@@ -54,8 +53,8 @@ def gauss_rules() -> Rules:
     return tuple(gauss_legendre(n) for n in _SIZES)
 
 
-def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
-    """Return the Gauss-Legendre rule with n nodes, as one table of `Rules`.
+def gauss_legendre(n: int) -> Floats:
+    """Return the Gauss-Legendre rule with n nodes on [-1, 1], with the columns of `Rules`.
 
     Newton's method starts from Tricomi's approximation, whose error is proportional to 1/n^4.
     """
@@ -72,23 +71,24 @@ def gauss_legendre(n: int) -> npt.NDArray[np.float64]:
     return np.stack([x, weight, (n - 0.5) * weight * before, (n - 1.5) * weight * second], axis=1)
 
 
-def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
+def _legendre(n: int, x: Floats) -> tuple[Any, Any]:
+    """Return the values of the Legendre polynomials of degree n and n - 1."""
     before, last = np.ones_like(x), x
     for k in range(2, n + 1):
         before, last = last, ((2 * k - 1) * x * last - (k - 1) * before) / k
     return last, before
 
 
-def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tuple[Any, ...]]:
+def nodes_needed(ops: Any, digits: Any, gap: Any, radians: Any) -> tuple[Any, tuple[Any, ...]]:
     """Return the number of quadrature nodes for a relative error of exp(-digits).
 
     Parameters
     ----------
     digits : array
         Minus the natural logarithm of the allowed relative error.
-    clear : array
+    gap : array
         Distance of the singularities from the interval, in half-lengths of the interval.
-    wave : array
+    radians : array
         Phase over half of the interval in radians.
 
     Returns
@@ -96,26 +96,26 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
     needed : array
         Number of nodes, not rounded.
     expected : tuple of array
-        Digits, log(M), and log(c_n), for :func:`missed`.
+        Digits, log(M), and log(c_n), for :func:`error_of`.
     """
-    inside = ops.minimum(clear, 1.0)
-    needed = digits / (2 * _CHORD * inside) + 0.5 * _GROWTH * wave
-    growth = inside * wave
+    inside = ops.minimum(gap, 1.0)
+    needed = digits / (2 * _CHORD * inside) + 0.5 * _GROWTH * radians
+    growth = inside * radians
     for u in _ELLIPSES:
-        grown = math.sinh(u) * wave
+        grown = math.sinh(u) * radians
         nodes = (digits + grown) * (0.5 / u)
-        better = (clear >= math.sinh(u)) & (nodes < needed)
+        better = (gap >= math.sinh(u)) & (nodes < needed)
         needed = ops.select(better, nodes, needed)
         growth = ops.select(better, grown, growth)
-    last = inside * (wave - _CHORD * needed)
+    last = inside * (radians - _CHORD * needed)
     for u in _ELLIPSES:
-        bound = ops.select(clear >= math.sinh(u), math.sinh(u) * wave - u * needed, 0.0)
+        bound = ops.select(gap >= math.sinh(u), math.sinh(u) * radians - u * needed, 0.0)
         last = ops.minimum(last, bound)
     return needed, (digits, growth, last)
 
 
-def rule_of(ops: Any, needed: Any) -> Number:
-    """Return the index of the smallest rule with at least ``needed`` nodes.
+def rule_index(ops: Any, needed: Any) -> Number:
+    """Return the index in :func:`gauss_rules` of the smallest rule with ``needed`` nodes.
 
     If no rule is large enough, the index of the largest rule is returned.
     """
@@ -125,9 +125,11 @@ def rule_of(ops: Any, needed: Any) -> Number:
 
 
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
-    """Return the contributions of a node to the sums from which :func:`missed` estimates the error.
+    """Return the contributions of a quadrature node to an integral and to its error estimate.
 
-    The sums are the integral, the integral of the modulus, and the last two Legendre coefficients.
+    ``real`` and ``imag`` are the integrand at the node, and ``weight``, ``last`` and ``second`` the
+    weights in a row of `Rules`. The contributions are those to the complex integral, the integral
+    of the modulus, and the last two complex Legendre coefficients.
     """
     size = weight * (abs(real) + abs(imag))
     return (
@@ -136,7 +138,7 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
     )  # fmt: skip
 
 
-def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: Any) -> Number:
+def error_of(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: Any) -> Number:
     """Return an error estimate of an integral, including rounding errors.
 
     ``sums`` contains the sums of :func:`node_sums` over all nodes, and ``expected`` the second
@@ -157,56 +159,60 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: A
     return mean * (fraction + ulp * (4.0 + 2.0 * cycles))
 
 
-Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+Rule = tuple[Floats, Floats]
 """Nodes and weights of a quadrature rule, as read-only arrays. The sum of the weights is 1."""
 
 
 @lru_cache(maxsize=64)
-def normal_rule(reach: float, error: float) -> Rule:
-    """Return a quadrature rule for the mean of a function of a standard normal variable."""
+def gaussian_rule(bandwidth: float, error: float) -> Rule:
+    """Return a quadrature rule for the mean of a function of a standard normal variable x.
+
+    The rule has an absolute error of ``error`` for waves exp(i w x) with |w| up to ``bandwidth``.
+    """
     tail = math.sqrt(2 * math.log(2 / error))
-    half = math.ceil(tail * (reach + tail) / (2 * math.pi))
+    half = math.ceil(tail * (bandwidth + tail) / (2 * math.pi))
     nodes: Any
     weights: Any
-    # The Gauss-Hermite rule with n nodes has the error reach^(2n) n!/(2n)!.
+    # The Gauss-Hermite rule with n nodes has the error bandwidth^(2n) n!/(2n)!.
     with np.errstate(over="ignore"):
-        errors = np.cumprod(reach**2 / (4 * np.arange(1, 2 * half + 1) - 2))
+        errors = np.cumprod(bandwidth**2 / (4 * np.arange(1, 2 * half + 1) - 2))
     sufficient = np.flatnonzero(errors <= error)
     if len(sufficient):
         nodes, weights = np.polynomial.hermite_e.hermegauss(int(sufficient[0]) + 1)
     else:
-        nodes = np.arange(-half, half + 1) * (2 * math.pi / (reach + tail))
+        nodes = np.arange(-half, half + 1) * (2 * math.pi / (bandwidth + tail))
         weights = np.exp(-(nodes**2) / 2)
-    return _frozen(nodes, weights)
+    return _normalised_rule(nodes, weights)
 
 
 @lru_cache(maxsize=64)
-def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
+def gaussian_product_rule(bandwidths: tuple[float, ...], error: float) -> Rule:
     """Return a quadrature rule for the mean of a function of independent normal variables.
 
-    ``reaches`` contains the argument of :func:`normal_rule` for each variable. The nodes with the
-    smallest weights are omitted; the sum of their weights is at most a tenth of ``error``.
+    ``bandwidths`` contains the argument of :func:`gaussian_rule` for each variable. The nodes with
+    the smallest weights are omitted; the sum of their weights is at most a tenth of ``error``.
     """
-    rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
+    rules = [gaussian_rule(width, error / (2 * len(bandwidths))) for width in bandwidths]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
     flat = reduce(np.multiply.outer, (weights for _, weights in rules)).ravel()
     order = np.argsort(flat)
     remaining = np.sort(order[np.cumsum(flat[order]) > error / 10])
-    return _frozen(nodes.reshape(-1, len(reaches))[remaining], flat[remaining])
+    return _normalised_rule(nodes.reshape(-1, len(bandwidths))[remaining], flat[remaining])
 
 
 @lru_cache(maxsize=64)
-def flat_rule(reach: float, error: float) -> Rule:
+def uniform_rule(bandwidth: float, error: float) -> Rule:
     """Return a quadrature rule for the mean of a function of t over the interval from -1 to 1.
 
-    The rule has two more nodes than the error bound requires, because the integrand also contains
-    powers of the frequency.
+    The function consists of waves exp(i w t) with |w| up to ``bandwidth``. The rule has two more
+    nodes than the error bound requires, because the integrand also contains powers of the
+    frequency.
     """
-    count = int(counts_for(np.array(reach / math.pi), error)) + 2
-    return _frozen(*np.polynomial.legendre.leggauss(count))
+    count = int(counts_for_cycles(np.array(bandwidth / math.pi), error)) + 2
+    return _normalised_rule(*np.polynomial.legendre.leggauss(count))
 
 
-def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
+def chirp_node_counts(radians: Any, error: float) -> Indices:
     """Return the numbers of Gauss-Legendre nodes for waves with a linear or quadratic phase.
 
     The derivative of the phase on [-1, 1] is at most ``radians``. The error of the rule with n
@@ -220,7 +226,8 @@ def chirp_node_counts(radians: Any, error: float) -> npt.NDArray[np.intp]:
     return np.ceil(np.maximum(linear / 2, bent)).astype(np.intp) + 1
 
 
-def _frozen(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> Rule:
+def _normalised_rule(nodes: Floats, weights: Floats) -> Rule:
+    """Return nodes and weights as read-only arrays. The weights are scaled to a sum of 1."""
     weights = weights / weights.sum()
     for array in (nodes, weights):
         array.setflags(write=False)
@@ -228,7 +235,7 @@ def _frozen(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) ->
 
 
 @lru_cache(maxsize=1024)
-def unit_rule(count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def unit_rule(count: int) -> Rule:
     """Return the nodes and weights of the Gauss-Legendre rule on [0, 1]."""
     nodes, weights = gauss_legendre(count)[:, :2].T / 2
     return nodes + 0.5, weights
@@ -242,8 +249,8 @@ Cells = NDArray[np.float64]
 # Quadrature nodes along a side per phase cycle of the field. W oscillates at twice the frequency of
 # the field, and Gauss rules converge with more than pi/2 nodes per cycle of the integrand.
 NODES_PER_CYCLE = 3.5
-# Largest number of quadrature nodes along a side. :func:`counts_for` returns a larger number if
-# more nodes are necessary.
+# Largest number of quadrature nodes along a side. :func:`counts_for_cycles` returns a larger number
+# if more nodes are necessary.
 LARGEST = 4096
 
 
@@ -254,7 +261,7 @@ def areas(triangles: Triangles) -> Floats:
 
 
 def cells_of(triangles: Triangles) -> Cells:
-    """Return triangles as cells. The corner at u = 0 is opposite the shortest side."""
+    """Return triangles as cells. Both corners at u = 0 coincide, opposite the shortest side."""
     order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
     return np.take_along_axis(triangles, order[:, :, None], axis=1)
 
@@ -282,8 +289,8 @@ def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats,
         yield members, origin + u * lower + v * along_v, np.abs(jacobian) * np.outer(of_u, of_v)
 
 
-def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
-    """Return the nodes and weights of :func:`cell_rules`, and the cell index of each node."""
+def rule_over_cells(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
+    """Return the nodes (n, 2) and weights of a Gauss rule on cells, and the cell of each node."""
     rules = [
         (nodes.reshape(-1, 2), weights.ravel(), np.repeat(members, weights[0].size))
         for members, nodes, weights in cell_rules(cells, counts)
@@ -292,15 +299,15 @@ def rule_of_counts(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indic
     return nodes, weights, owners
 
 
-def counts_for(cycles: Floats, error: float) -> Indices:
+def counts_for_cycles(cycles: Floats, error: float) -> Indices:
     """Return the numbers of nodes that integrate waves with ``cycles`` phase cycles.
 
     A number above ``LARGEST`` means that no rule is sufficient. With n nodes and q cycles, the
     error is at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
     """
     n = np.arange(1.0, LARGEST + 1)
-    reach = 4 * n / (math.pi * math.e) * error ** (0.5 / n)
-    return np.searchsorted(reach, cycles) + 1
+    largest = 4 * n / (math.pi * math.e) * error ** (0.5 / n)
+    return np.searchsorted(largest, cycles) + 1
 
 
 def triangles_of(
@@ -314,42 +321,36 @@ def triangles_of(
     return corners, owner
 
 
-def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats]:
-    """Return the nodes and weights of a Gauss rule on triangles.
+def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats, Floats, Indices]:
+    """Return the nodes and weights of a Gauss rule on triangles, and the triangle of each node.
 
     The integrand has up to ``rate`` phase cycles per metre. Along a side of length s the rule has
     ``extra + 3.5 s rate`` nodes, but at least 1.
     """
-    nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
-    return nodes, weights
-
-
-def rule_by_triangles(
-    triangles: Triangles, rate: float, extra: float
-) -> tuple[Floats, Floats, Indices]:
-    """Return the rule of :func:`gauss_rule`, and the index of the triangle of each node."""
-    counts = _counts(_extents(triangles), rate, extra)
-    return rule_of_counts(cells_of(triangles), counts.astype(np.intp))
+    counts = _side_counts(_extreme_sides(triangles), rate, extra)
+    return rule_over_cells(cells_of(triangles), counts.astype(np.intp))
 
 
 def node_count(triangles: Triangles, rate: float, extra: float) -> float:
     """Estimate the number of nodes of :func:`gauss_rule`."""
-    return float(_counts(_extents(triangles), rate, extra).prod(axis=1).sum())
+    return float(_side_counts(_extreme_sides(triangles), rate, extra).prod(axis=1).sum())
 
 
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
-    """Return the largest distance between adjacent nodes of :func:`gauss_rule` in each triangle."""
-    extents = _extents(triangles)
-    return np.asarray((extents / _counts(extents, rate, extra)).max(axis=1))
+    """Return the largest distance of adjacent nodes of :func:`gauss_rule` in each triangle."""
+    lengths = _extreme_sides(triangles)
+    return np.asarray((lengths / _side_counts(lengths, rate, extra)).max(axis=1))
 
 
-def _extents(triangles: Triangles) -> Floats:
+def _extreme_sides(triangles: Triangles) -> Floats:
+    """Return the lengths of the longest and the shortest side of each triangle, shape (n, 2)."""
     sides = _side_lengths(triangles)
     return np.column_stack([sides.max(axis=1), sides.min(axis=1)])
 
 
-def _counts(extents: Floats, rate: float, extra: float) -> Floats:
-    return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * extents), 1.0))
+def _side_counts(lengths: Floats, rate: float, extra: float) -> Floats:
+    """Return the numbers of nodes of :func:`gauss_rule` along sides, as floats."""
+    return np.asarray(np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * lengths), 1.0))
 
 
 def quartered(triangles: Triangles) -> Triangles:

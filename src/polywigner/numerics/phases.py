@@ -50,6 +50,7 @@ def _sine_over_reduced(ops: Any, r: Any) -> Number:
 
 
 def _sine_of_reduced(ops: Any, r: Any) -> Number:
+    """Return sin(2 pi r) for |r| up to 1/2."""
     if ops.target == "numpy":
         return np.sin(2 * math.pi * r)
     return _sine_over_reduced(ops, r) * r
@@ -136,31 +137,22 @@ def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
         if total is None:
             total, low = product, lost
         else:
-            total, lost_sum = _sum(total, product)
+            total, lost_sum = difference(total, -product)
             low = low + (lost + lost_sum)
     return total, low
 
 
 def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
+    """Return a product of two numbers, floats or `Doubled`, as an unrounded sum of two floats."""
     nu_high, nu_low = nu if isinstance(nu, tuple) else (nu, 0.0)
-    high, low = coordinate if isinstance(coordinate, tuple) else _fitting(ops, coordinate)
+    if not isinstance(coordinate, tuple):
+        coordinate = (coordinate, 0.0) if ops.double else doubled(coordinate, False)
+    high, low = coordinate
     product = nu_high * high
     lost = ops.lost(nu_high, high, product)
     if isinstance(nu, tuple):
         lost = lost + nu_low * high
     return product, lost + nu_high * low
-
-
-def _fitting(ops: Any, constant: float) -> tuple[float, float]:
-    """Return a constant as the sum of two float32 numbers, or as a float64 and 0."""
-    return (constant, 0.0) if ops.double else doubled(constant, False)
-
-
-def _sum(a: Any, b: Any) -> Doubled:
-    """Return the rounded sum a + b and its exact rounding error (Knuth)."""
-    total = a + b
-    virtual = total - a
-    return total, (a - (total - virtual)) + (b - virtual)
 
 
 def difference(a: Any, b: Any) -> Doubled:
@@ -176,18 +168,19 @@ def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
     return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
-def halves(ops: Any, number: Doubled) -> Doubled:
-    """Return a number as two floats. The first is exact in float32 (Veltkamp)."""
+def split(ops: Any, number: Doubled) -> Doubled:
+    """Return a number as the sum of two floats, the first of which is exact in float32."""
     total, low = number
     if not ops.double:
         return number
+    # Veltkamp's method
     scaled = total * _SPLIT
     high = scaled - (scaled - total)
     return high, (total - high) + low
 
 
 def reduced(ops: Any, cycles: Doubled) -> Any:
-    """Return a number of cycles modulo 1."""
+    """Return a number of cycles without its nearest integer, as a float from -1/2 to 1/2."""
     total, low = cycles
     return (total - ops.round(total)) + low
 
@@ -248,6 +241,7 @@ class Pair:
 
 
 def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
+    """Return the complex number ``a`` if the condition is true, otherwise ``b``."""
     return Pair(ops.select(condition, a.real, b.real), ops.select(condition, a.imag, b.imag))
 
 
@@ -272,19 +266,14 @@ _TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
 
 
 def simplex_plane_wave(ops: Any, *corners: Any) -> tuple[Any, Any]:
-    """Return the mean of a plane wave over a triangle or tetrahedron, divided by 2 or 6.
+    """Return the mean of a plane wave over a segment, triangle or tetrahedron.
 
-    One corner has the phase 0, and ``corners`` contains the phases at the other corners in cycles.
-    The results are two real numbers, and the value is cosine - i sine.
+    The mean is divided by 1, 2 or 6, respectively. One corner has the phase 0, and ``corners``
+    contains the phases at the other corners in cycles. The results are two real numbers, and the
+    value is cosine - i sine.
     """
-    value = _conjugate_difference(ops, corners)
-    return value.real, value.imag
-
-
-def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
-    """Return the complex conjugate of the divided difference of :func:`simplex_plane_wave`."""
     if len(corners) == 1:
-        return Pair(*mean_plane_wave(ops, 0.0, corners[0]))
+        return mean_plane_wave(ops, 0.0, corners[0])
     first, last, between, size = _farthest(ops, (0.0, *corners))
     small = size < _SERIES_BELOW
     if len(between) == 1:
@@ -296,12 +285,14 @@ def _conjugate_difference(ops: Any, corners: Sequence[Any]) -> Pair:
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
     # The unused series must not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
-    return select(ops, small, _series(ops, near), quotient)
+    value = select(ops, small, _series(ops, near), quotient)
+    return value.real, value.imag
 
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
+    """Return :func:`simplex_plane_wave` for corners at the phases ``origin`` and ``others``."""
     phase = Pair(*cos_sin_cycles(ops, origin))
-    return phase * _conjugate_difference(ops, [other - origin for other in others])
+    return phase * Pair(*simplex_plane_wave(ops, *(other - origin for other in others)))
 
 
 def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]:
@@ -310,6 +301,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
     largest = abs(last)
 
     def chosen(wins: Any, a: Any, b: Any) -> Any:
+        """Return ``a`` if the current pair of phases is the farthest so far, otherwise ``b``."""
         return a if a is b else ops.select(wins, a, b)
 
     for i, j in list(combinations(range(len(nodes)), 2))[1:]:
@@ -323,7 +315,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return the Taylor series of the conjugate divided difference for phases in radians."""
+    """Return the Taylor series of :func:`simplex_plane_wave` for small phases in radians."""
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:

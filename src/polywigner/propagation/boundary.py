@@ -413,7 +413,7 @@ def boundary_tables(
 ) -> integrals.BoundaryTables:
     """Return all panels of a source as kernel tables.
 
-    ``second_term``: weight of the second boundary term of (B3).
+    ``second_term``: factor m of the second boundary term of (B3).
     """
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))

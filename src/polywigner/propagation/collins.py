@@ -387,7 +387,7 @@ def _stop_rule(
             f"{_MOST_WORK:.0e} are allowed; use fewer points, points on a grid along x and y, or "
             "a smaller source or stop"
         )
-    rules = [gauss_rule(part, rate, extra) for part in triangles]
+    rules = [gauss_rule(part, rate, extra)[:2] for part in triangles]
     fields = [a * _element_field(e, x) for (x, a), e in zip(rules, elements, strict=True)]
     return np.concatenate([x for x, _ in rules]), np.concatenate(fields)
 

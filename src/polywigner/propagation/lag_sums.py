@@ -23,8 +23,8 @@ from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.nodes import (
     Cells,
     chirp_node_counts,
-    normal_product_rule,
-    rule_of_counts,
+    gaussian_product_rule,
+    rule_over_cells,
 )
 from polywigner.optics import FirstOrder
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -63,7 +63,7 @@ def _sum_over_lags(
     """
     previous: Floats | None = None
     for extra in _LEVELS:
-        lags, weights, _ = rule_of_counts(cells, node_counts(cells, rates, _ERROR) + extra)
+        lags, weights, _ = rule_over_cells(cells, node_counts(cells, rates, _ERROR) + extra)
         # Opposite lags contribute equally, and the cells cover half of the lags.
         values = irradiance(lags, 2.0 * weights, extra)
         if previous is not None and abs(values - previous).max() <= error * abs(values).max():
@@ -250,7 +250,7 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
     extent = float(np.linalg.norm(lags, axis=1).max()) / width
-    nodes, weights = normal_product_rule((extent, extent), _MEAN_ERROR)
+    nodes, weights = gaussian_product_rule((extent, extent), _MEAN_ERROR)
     tilts = nodes / (2 * math.pi * width)
     cosines = np.stack(
         [
@@ -276,7 +276,7 @@ def _point_pairs(
     cells, part_of = _trapezoids_in(parts[has_area])
     lag_of_cell = lag_of_part[has_area][part_of]
     counts = node_counts(cells, rates[lag_of_cell], _ERROR) + extra
-    nodes, weights, cell_of = rule_of_counts(cells, counts)
+    nodes, weights, cell_of = rule_over_cells(cells, counts)
     return nodes, weights, lag_of_cell[cell_of]
 
 

@@ -21,7 +21,7 @@ from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.chirps import waves_of_cycles
-from polywigner.numerics.nodes import Cells, cell_rules, normal_product_rule
+from polywigner.numerics.nodes import Cells, cell_rules, gaussian_product_rule
 from polywigner.optics import FirstOrder
 from polywigner.propagation.lag_sums import (
     Channel,
@@ -169,7 +169,7 @@ def _convolution(
         _lattice_axis(along[:, k], float(blur.spreads[k]), float(blur.extents[k]), steps)
         for k in (0, 1)
     )
-    nodes, weights = normal_product_rule(tuple(blur.extents.tolist()), error)
+    nodes, weights = gaussian_product_rule(tuple(blur.extents.tolist()), error)
     count = len(points) * len(weights) if (blur.spreads > 0).all() else math.inf
     step = max(1, _BLOCK // (first.near.shape[1] * second.near.shape[1]))
     blocks = [slice(k, k + step) for k in range(0, len(points), step)]

@@ -195,7 +195,7 @@ def _refined_sums(
     for extra in (1.0, *_LEVELS) if len(triangles) > _MANY_TRIANGLES else _LEVELS:
         if previous is not None and node_count(triangles, rate, extra) > _MOST_NODES:
             break
-        sums = node_sum(gauss_rule(triangles, rate, extra), points[remaining])
+        sums = node_sum(gauss_rule(triangles, rate, extra)[:2], points[remaining])
         values[remaining] = sums
         if previous is None:
             previous = sums

@@ -21,7 +21,7 @@ from polywigner.execution.progress import progress_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, finite_array
 from polywigner.numerics import Floats
-from polywigner.numerics.nodes import flat_rule
+from polywigner.numerics.nodes import uniform_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -64,7 +64,7 @@ def wavelengths_of_band(
             f"require an average over about {spread:.3g} wavelengths; check its unit, or divide "
             "the band"
         )
-    nodes, weights = flat_rule(math.pi * spread, error)
+    nodes, weights = uniform_rule(math.pi * spread, error)
     frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes
     return list(zip((SPEED_OF_LIGHT / frequencies).tolist(), weights.tolist(), strict=True))
 

@@ -28,7 +28,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.chirps import waves_of_cycles
-from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, rule_by_triangles, triangles_of
+from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, gauss_rule, triangles_of
 from polywigner.radiometry.directions import steepest
 from polywigner.source.normal_form import normal_form
 
@@ -87,7 +87,7 @@ class Cells:
         cycles = _NODE_RATIO * (rate + self.highest_frequency)
         cycles += order / (NODES_PER_CYCLE * longest)
         triangles, owners = self._triangles_of(cell)
-        nodes, weights, triangle = rule_by_triangles(triangles, cycles / self.wavelength, extra)
+        nodes, weights, triangle = gauss_rule(triangles, cycles / self.wavelength, extra)
         owners = owners[triangle]
         values = self._source.weights[owners] * (weights / self.wavelength**2)
         for owner in np.unique(owners):

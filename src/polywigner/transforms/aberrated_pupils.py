@@ -28,8 +28,8 @@ from polywigner.numerics.nodes import (
     Indices,
     cell_rules,
     cells_of,
-    counts_for,
-    rule_of_counts,
+    counts_for_cycles,
+    rule_over_cells,
     triangles_of,
 )
 from polywigner.source.normal_form import SourceElement, normal_form, polygons_of
@@ -212,7 +212,7 @@ def _node_counts(
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
     along = np.stack([cycles[:, :2].max(axis=1), cycles[:, 2:].max(axis=1)], axis=1)
     steeper = 1.0 + max(extra - _STEEP, 0) / 12.0
-    counts = counts_for(steeper * along, error) + extra
+    counts = counts_for_cycles(steeper * along, error) + extra
     if counts.prod(axis=1).sum() > _MOST or counts.max(initial=0) > LARGEST:
         raise ArgumentError(
             f"the aberrated pupil has up to {along.max():.1e} cycles of phase along a side of "
@@ -312,7 +312,7 @@ def region_integrals(
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
     for some in _blocks(counts):
-        nodes, weights, cell = rule_of_counts(cells[some], counts[some])
+        nodes, weights, cell = rule_over_cells(cells[some], counts[some])
         region = owner[some][cell]
         rows = weights * integrand(nodes, region)
         total = total + np.array([_summed(region, row, len(polygons)) for row in rows])

@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
     finite_array,
 )
 from polywigner.numerics import Complex, Floats
-from polywigner.numerics.nodes import cells_of, rule_of_counts, triangles_of
+from polywigner.numerics.nodes import cells_of, rule_over_cells, triangles_of
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form, polygons_of
 
@@ -542,7 +542,7 @@ def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))
     # The product of two polynomials has twice their degree, and the map to a triangle adds one.
     counts = np.full((len(triangles), 2), degree + 2, np.intp)
-    nodes, weights, _ = rule_of_counts(cells_of(triangles), counts)
+    nodes, weights, _ = rule_over_cells(cells_of(triangles), counts)
     table = modes.values(*nodes.T) * np.sqrt(weights / weights.sum())
     upper = np.linalg.qr(table.T, mode="r")
     diagonal = np.diagonal(upper)

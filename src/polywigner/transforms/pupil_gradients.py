@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.execution import Differentiable
 from polywigner.numerics import Complex
-from polywigner.numerics.nodes import Floats, Indices, counts_for, unit_rule
+from polywigner.numerics.nodes import Floats, Indices, counts_for_cycles, unit_rule
 from polywigner.transforms.aberrated_pupils import (
     AberratedPupil,
     Slices,
@@ -172,7 +172,7 @@ class Edges:
         samples = begin + np.stack([low, 0.5 * (low + high), high])[..., None] * vector
         cycles = np.abs((slopes(samples) * vector).sum(axis=-1)).max(axis=0)
         cycles = (cycles + np.abs(vector) @ half_band) * length
-        nodes, weights = unit_rule(int(counts_for(cycles.max(), error)) + extra)
+        nodes, weights = unit_rule(int(counts_for_cycles(cycles.max(), error)) + extra)
         t = low[:, None] + length[:, None] * nodes
         fractions = np.stack([1.0 - t, t], axis=-1)
         x = begin[:, None] + t[..., None] * vector[:, None]

@@ -22,7 +22,7 @@ from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
-from polywigner.numerics.nodes import normal_product_rule
+from polywigner.numerics.nodes import gaussian_product_rule
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
 
@@ -146,7 +146,7 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
             f"{source.coherence_width:.3g} m, which would need too many tilts; "
             "polywigner.wigner accepts any width, except for arrays of hundreds of elements"
         )
-    nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
+    nodes, weights = gaussian_product_rule(tuple(reaches.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 

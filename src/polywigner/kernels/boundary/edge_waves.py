@@ -5,14 +5,14 @@ point P to the position Q on the edge. N = R - p.(P - Q) and N' = R - p'.(P - Q)
 differences for the direction p of the wave and its mirror image p'. E is the wave at the edge, and
 e and e' are the waves at the point along p and p'. The integrand times R is
 
-    a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
+    a (E - e)/2N + b' [(1/2 - m) E - e/2]/N'
 
-where ``share`` is the factor m of (B3), and a and b' are constants of the edge, (B2). On the ray of
+where m is the factor of (B3), and a and b' are constants of the edge, (B2). On the ray of
 the wave through the point, E - e and N vanish, so their quotient is computed without cancellation.
 If the point is close to the plane and to the mirrored ray, where E - e' and N' vanish, the wave
 *grazes* the point. The integrand times R is then
 
-    a (E - e)/2N + (1/2 - share) b' (E - e')/N' + b'/N' [(1/2 - share) e' - e/2]
+    a (E - e)/2N + (1/2 - m) b' (E - e')/N' + b'/N' [(1/2 - m) e' - e/2]
 
 and its last term is integrated in closed form, (B4).
 """
@@ -94,7 +94,7 @@ class _Travelling:
         data = (free.real, free.imag, mirrored.real, mirrored.imag, grazing, *moment)
         return data, ops.select(is_grazing, _NONE, tilt), None
 
-    def closed(self, ops: Any, view: PanelView) -> Pair:
+    def closed_form(self, ops: Any, view: PanelView) -> Pair:
         """Return the integral of b'/(N' R) along the panel, (B4)."""
         beta = view.pz * view.b - view.z * view.across
         first, last = (view.first, view.radius_first), (view.last, view.radius_last)
@@ -103,17 +103,19 @@ class _Travelling:
         return Pair(angle, 0.0 * angle)
 
     def integrand(
-        self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
+        self, ops: Any, mirror_factor: float, edge: Pair, t: Any, s: Any, radius: Any,
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand of (B3), times the distance R, at the length t along the panel."""
+        """Return the integrand of the field of an edge, (B3), times R, at the length t of a panel.
+
+        ``mirror_factor`` is 1/2 - m.
+        """
         tiny = 1e-300 if ops.double else 1e-37
-        lean, path = detour(ops, t, s, radius, along, b, z, across, pz, *moment)
+        lean, path = path_difference(ops, t, s, radius, along, b, z, across, pz, *moment)
         mirror = path + 2.0 * (pz * z)
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         first = wave_difference(ops, edge, free, path).scaled(0.5 * lean / ops.maximum(path, tiny))
-        mirror_factor = 0.5 - share
         second = edge.scaled(mirror_factor) - free.scaled(0.5)
         if mirror_factor:
             smooth = wave_difference(ops, edge, mirrored, mirror).scaled(mirror_factor)
@@ -147,7 +149,8 @@ class _Evanescent:
         )  # fmt: skip
         return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
-    def closed(self, ops: Any, view: PanelView) -> Pair:
+    def closed_form(self, ops: Any, view: PanelView) -> Pair:
+        """Return the complex integral of b'/(N' R) along the panel, (B4)."""
         # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
@@ -162,14 +165,15 @@ class _Evanescent:
         return Pair(sign * real, sign * imag)
 
     def integrand(
-        self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
+        self, ops: Any, mirror_factor: float, edge: Pair, t: Any, s: Any, radius: Any,
         along: Any, b: Any, z: Any, across: Any, q: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand of (B3), times the distance R, at the length t along the panel.
+        """Return the integrand of the field of an edge, (B3), times R, at the length t of a panel.
 
-        For evanescent waves, N' is the conjugate of N, and b' is minus the conjugate of a.
+        ``mirror_factor`` is 1/2 - m. For evanescent waves, N' is the conjugate of N, and b' is
+        minus the conjugate of a.
         """
         path = radius + (s * along + b * across)
         height = q * z
@@ -177,7 +181,6 @@ class _Evanescent:
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         factor = Pair(z * across, q * b) * Pair(path, height).scaled(1.0 / norm)
         first = wave_difference(ops, edge, free, path, decay, decayed)
-        mirror_factor = 0.5 - share
         second = edge.scaled(mirror_factor) - free.scaled(0.5)
         if mirror_factor:
             smooth = wave_difference(ops, edge, mirrored, path, growth, -decayed * growth)
@@ -191,7 +194,7 @@ EdgeWave = _Travelling | _Evanescent
 TRAVELLING, EVANESCENT = _Travelling(), _Evanescent()
 
 
-def detour(
+def path_difference(
     ops: Any, t: Any, s: Any, radius: Any, along: Any, b: Any, z: Any, across: Any, pz: Any,
     *moment: Any,
 ) -> tuple[Any, Any]:  # fmt: skip
@@ -258,6 +261,7 @@ def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point)
 
 
 def _across(axis: Point, vector: Point) -> Point:
+    """Return the component of a vector perpendicular to a unit vector ``axis``."""
     along = dot(axis, vector)
     return tuple(v - along * a for v, a in zip(vector, axis, strict=True))
 
@@ -266,7 +270,7 @@ def _across(axis: Point, vector: Point) -> Point:
 class EdgeRule:
     """Quadrature rule for the boundary wave of a straight edge."""
 
-    turns: float
+    cycles: float
     """Largest excess of the path over the shortest path, in wavelengths, for which the wave is
     integrated along the edge."""
     nodes: tuple[tuple[float, float], ...]
@@ -275,14 +279,15 @@ class EdgeRule:
     """Gauss-Laguerre nodes with weights, for the complex path of integration beyond that part."""
 
     @classmethod
-    def of(cls, turns: float, nodes: int, tails: int) -> EdgeRule:
+    def of(cls, cycles: float, nodes: int, tails: int) -> EdgeRule:
         """Return the rule with ``nodes`` nodes along the edge and ``tails`` complex nodes."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
-        return cls(turns, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
+        return cls(cycles, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
 
 
 def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) -> tuple[Any, Any]:
+    """Return ``compute(*arguments)`` for any condition."""
     return compute(*arguments)
 
 
@@ -317,6 +322,7 @@ class _EdgePaths:
         self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Number:
+            """Return the variable v of (SB3) at the position s along the edge."""
             a, b = s - s_first, s - s_last
             rho, radius = ops.sqrt(a * a + h_first * h_first), ops.sqrt(b * b + h_last * h_last)
             lean = a * radius + b * rho
@@ -328,8 +334,12 @@ class _EdgePaths:
         # the shortest detour.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
-    def sheet_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return ``turn`` / sin(angle / 2) at a plate's edge, positive in front of the plate."""
+    def plate_turn(self, ops: Any, in_front: Any) -> Number:
+        """Return 2 h h' cos(angle/2) for a plate that ends at the edge, positive in front of it.
+
+        The angle is that between the directions from the edge to the source and to the point, and h
+        and h' are the distances of source and point from the line of the edge.
+        """
         near = 2.0 * self.distance_product * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
         size = ops.select(self.closing > 1.0, steep, near)
@@ -340,8 +350,11 @@ class _EdgePaths:
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
-        """Return the angle of the edge about the source-point axis, for |v| < ``limit``."""
-        low, high = (_limited(ops, v, limit) for v in (self.low, self.high))
+        """Return the angle that an edge subtends about the axis from the source to the point.
+
+        Only the part of the edge with |v| < ``limit`` is included.
+        """
+        low, high = (_clamped(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
         closing = ops.maximum(self.closing, 1.0)
         steep = ops.sqrt(2.0 / (self.distance_product * self.total * closing))
@@ -350,7 +363,8 @@ class _EdgePaths:
         return ops.select(self._is_hidden(in_front), -angle, angle)
 
 
-def _limited(ops: Any, v: Any, limit: float) -> Number:
+def _clamped(ops: Any, v: Any, limit: float) -> Number:
+    """Return v limited to the range from -``limit`` to ``limit``."""
     return ops.maximum(ops.minimum(v, limit), -limit)
 
 
@@ -364,8 +378,8 @@ def edge_wave(
     The boundary wave is the integral of the wave of a point source along a directed edge of a
     silhouette, (SB3). The square v^2 of the variable of integration is the detour minus the
     shortest detour. The integrand is exp(2 pi i v^2) times a smooth even function, whose poles at
-    the shadow boundary are integrated in closed form. Beyond ``rule.turns`` the path of integration
-    is complex. The result is a tuple of the real and the imaginary part.
+    the shadow boundary are integrated in closed form. Beyond ``rule.cycles`` the path of
+    integration is complex. The result is a tuple of the real and the imaginary part.
 
     Parameters
     ----------
@@ -398,25 +412,26 @@ def edge_wave(
     if is_black:
         turn, half_closing, side = paths.turn, 0.5 * paths.closing, 0.0
     else:
-        turn, half_closing, side = paths.sheet_turn(ops, in_front), 1.0, in_front
+        turn, half_closing, side = paths.plate_turn(ops, in_front), 1.0, in_front
     slant = 0.5 / paths.shortest
     foot = 4.0 * paths.distance_product * slant
     # ``branch`` is |v|^2 at the branch point of the integrand that is nearest to v = 0.
     branch = foot if is_black else 2.0 * paths.shortest
 
     def density(q: Any) -> Number:
+        """Return the smooth factor of the integrand at q = v^2."""
         stretched = 1.0 + slant * q
         growing = q * stretched + foot if is_black else foot
         return slant / ((total_path + q) * ops.sqrt(stretched * growing))
 
-    limit = math.sqrt(rule.turns)
-    low, high = (_limited(ops, v, limit) for v in (paths.low, paths.high))
+    limit = math.sqrt(rule.cycles)
+    low, high = (_clamped(ops, v, limit) for v in (paths.low, paths.high))
     pole = density(ops.select(detour < 0.5 * branch, -detour, 0.0))
     tiny = 1e-300 if ops.double else 1e-37
 
     def near_foot(low: Any, high: Any) -> tuple[Any, Any]:
         """Return the integral from ``low`` to ``high`` of the integrand without its pole."""
-        scale = ops.sqrt(ops.minimum(branch, 4.0 * rule.turns))
+        scale = ops.sqrt(ops.minimum(branch, 4.0 * rule.cycles))
         first, last = (
             inverse_sinh(ops, v, ops.sqrt(v * v + 1.0)) for v in (low / scale, high / scale)
         )
@@ -451,6 +466,7 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
+        """Return the sum of the integrals from the part along the edge to ``start`` and ``end``."""
         rim = beyond(0.0 * start + limit)
         real, imag = 0.0, 0.0
         for sign, v in ((-1.0, start), (1.0, end)):
@@ -485,7 +501,7 @@ def edge_wave_and_rate(
     flags = (None if flag is None else jets.constants((flag,))[0] for flag in (blocked, in_front))
     source_jets = (*jets.constants(source[:2]), height)
     parts = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
-    return Pair(*(part.value for part in parts)), Pair(*(part.slopes[0] for part in parts))
+    return Pair(*(part.value for part in parts)), Pair(*(part.derivatives[0] for part in parts))
 
 
 def path_over(
@@ -534,12 +550,15 @@ def root(ops: Any, z: Pair) -> Pair:
 
 
 def difference(a: Point, b: Point) -> Point:
+    """Return the vector a - b."""
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
 
 def dot(a: Point, b: Point) -> Number:
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Point, b: Point) -> Point:
+    """Return the vector product of two vectors."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

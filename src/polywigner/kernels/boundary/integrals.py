@@ -28,11 +28,11 @@ from polywigner.numerics import Number, phases
 from polywigner.numerics.nodes import (
     SUMS,
     Rules,
+    error_of,
     gauss_rules,
-    missed,
     node_sums,
     nodes_needed,
-    rule_of,
+    rule_index,
 )
 from polywigner.numerics.phases import Doubled, Pair, cos_sin_cycles, unit_wave
 
@@ -104,7 +104,7 @@ class BoundaryTables:
     frame: BoundaryFrame
     edges: tuple[Row, ...]
     rules: Rules
-    share: float
+    m: float
     """Factor m in the second term of (B3): 0 for the Rayleigh-Sommerfeld integral II, 1/2 for
     Kirchhoff's integral, and 1 for the Rayleigh-Sommerfeld integral I."""
 
@@ -118,7 +118,7 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
     numbers = (*point, distance)
-    parts = numbers if frame.double else tuple(phases.halves(ops, n) for n in numbers)
+    parts = numbers if frame.double else tuple(phases.split(ops, n) for n in numbers)
     return (*(part for pair in parts for part in pair), phases.reduced(ops, distance), digits)
 
 
@@ -158,24 +158,26 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
+    """Return the field of a panel and its error estimate, times the amplitude of the wave."""
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
+    mirror_factor = 0.5 - tables.m
 
     def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
-        edge = edge_wave(ops, t, radius, *pair[:5])
-        share, others = tables.share, pair[5:]
-        value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *others).scaled(scale)
+        edge = wave_on_panel(ops, t, radius, *pair[:5])
+        value = wave.integrand(ops, mirror_factor, edge, t, s, radius, pair[3], *pair[5:])
+        value = value.scaled(scale)
         return node_sums(value.real, value.imag, *weights)
 
     sums, expected = sums_over_panel(
         ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
         *phase, view.b, view.z, view.across, view.pz, *shared,
     )  # fmt: skip
-    error = missed(ops, sums, expected, rounded_turns(ops, row, inner))
+    error = error_of(ops, sums, expected, rounded_cycles(ops, row, inner))
     e, mirrored, grazing = Pair(*shared[:2]), Pair(*shared[2:4]), shared[4]
-    amplitude = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
-    closed = (wave.closed(ops, view) * amplitude).scaled(grazing)
-    return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+    amplitude = mirrored.scaled(mirror_factor) - e.scaled(0.5)
+    closed_form = (wave.closed_form(ops, view) * amplitude).scaled(grazing)
+    return weighted(row, sums[0] + closed_form.real, sums[1] + closed_form.imag, error)
 
 
 def seen_from(
@@ -184,7 +186,7 @@ def seen_from(
     """Return a panel in coordinates relative to a point, and the wave at the point.
 
     The results are the panel, the unobstructed wave at the point, the moment (empty for waves along
-    z), and arguments of :func:`edge_wave`.
+    z), and arguments of :func:`wave_on_panel`.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
@@ -248,7 +250,7 @@ def sums_over_panel(
     near_clear, near_swing, midpoint, span = _anglewise(ops, view, sine, depth)
     clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
     needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * swing)
-    rule, foot2 = rule_of(ops, needed), view.b * view.b + view.z * view.z
+    rule, foot2 = rule_index(ops, needed), view.b * view.b + view.z * view.z
 
     def far_node(
         at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
@@ -308,13 +310,13 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
-def rounded_turns(ops: Any, row: Values, inner: Values) -> Number:
+def rounded_cycles(ops: Any, row: Values, inner: Values) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel."""
     size = abs(row[0]) + abs(row[1]) + row[4]
-    return _rounded_turns(ops, size, inner[6] + inner[7], abs(row[5]) + abs(row[7]))
+    return _rounded_cycles(ops, size, inner[6] + inner[7], abs(row[5]) + abs(row[7]))
 
 
-def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
+def _rounded_cycles(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
     The rounding error of the distance is the same for all panels. Far outside the shadow pattern
@@ -341,6 +343,7 @@ def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) 
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
+    """Return the point minus a position (x, y) on the aperture, each coordinate as two floats."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -353,11 +356,11 @@ def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
     offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))
-    turns = phases.reduced(ops, phases.dot(ops, direction, offsets)) + start
-    return cos_sin_cycles(ops, turns)
+    cycles = phases.reduced(ops, phases.dot(ops, direction, offsets)) + start
+    return cos_sin_cycles(ops, cycles)
 
 
-def edge_wave(
+def wave_on_panel(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
@@ -365,8 +368,8 @@ def edge_wave(
 
     The phase is relative to the phase of the distance from the point to the centre of the source.
     """
-    turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
-    return unit_wave(ops, turns)
+    cycles = (constant + t * (slope + t)) / (radius + distance) + along * t + start
+    return unit_wave(ops, cycles)
 
 
 def seen_in_parabolic_waves(
@@ -377,10 +380,10 @@ def seen_in_parabolic_waves(
     ``row`` is a row of panel data, and ``inner`` contains the point as x, y and z, each as two
     floats. A plane wave at oblique incidence requires ``oblique``.
 
-    The results are the panel, the unobstructed wave, arguments of :func:`edge_wave` with the height
-    z as the distance, and the phase, in cycles, whose rounding error contributes to the error of
-    the panel. The origin is the position at which the ray of the wave through the point crosses the
-    plane.
+    The results are the panel, the unobstructed wave, arguments of :func:`wave_on_panel` with the
+    height z as the distance, and the phase, in cycles, whose rounding error contributes to the
+    error of the panel. The origin is the position at which the ray of the wave through the point
+    crosses the plane.
     """
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, offset = inner[4] + inner[5], _offset_of(inner, x, y)
@@ -394,10 +397,10 @@ def seen_in_parabolic_waves(
     view = panel_view(ops, first, length, b, z, (0.0, 0.0, 1.0))
     free = Pair(*_free_wave(ops, cosines, offset, inner, start))
     size, aside = abs(x) + abs(y) + length, abs(inner[0]) + abs(inner[2])
-    turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
+    cycles = _rounded_cycles(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
     along = px[0] * ex + py[0] * ey
     square = _square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
-    return view, free, (*square, z, along, start), turns
+    return view, free, (*square, z, along, start), cycles
 
 
 # STRIPS integrates u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along single panels, for
@@ -419,6 +422,7 @@ class _Strips:
 
 @cache
 def _tables(source: None, double: bool) -> _Strips:
+    """Return tables without panels, because panels are arguments of the kernel."""
     return _Strips(None, ((),), gauss_rules())
 
 
@@ -426,12 +430,13 @@ def _strip(
     ops: Any, tables: _Strips, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
     length: Any, along: Any, start: Any, digits: Any,
 ) -> Values:  # fmt: skip
+    """Return three complex integrals along a panel, as six real numbers."""
     dx, dy = begin_x - x, begin_y - y
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
     view = panel_view(ops, first, length, b, z, (along, 0.0, 0.0))
 
     def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *phase: Any) -> Values:
-        wave = edge_wave(ops, t, radius, *phase).scaled(weights[0] * scale)
+        wave = wave_on_panel(ops, t, radius, *phase).scaled(weights[0] * scale)
         inverse = 1.0 / radius
         rise = wave * Pair(inverse * inverse, -2 * math.pi * inverse)
         parts = (wave, rise, rise.scaled(t))

@@ -19,22 +19,22 @@ import numpy as np
 from polywigner.kernels.boundary.edge_waves import (
     TRAVELLING,
     PanelView,
-    detour,
+    path_difference,
     root,
     swept_angle,
     wave_difference,
 )
 from polywigner.kernels.boundary.integrals import (
     BoundaryTables,
-    edge_wave,
-    rounded_turns,
+    rounded_cycles,
     seen_from,
     seen_in_parabolic_waves,
+    wave_on_panel,
     weighted,
 )
 from polywigner.kernels.kernel import Values
 from polywigner.numerics import Number
-from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+from polywigner.numerics.nodes import SUMS, Rules, error_of, node_sums, nodes_needed, rule_index
 from polywigner.numerics.phases import Pair
 
 # Numbers of Gauss-Laguerre nodes for tails, which are integrals from an end of an edge to infinity.
@@ -54,6 +54,7 @@ _FEW = 2.0
 
 @cache
 def _tail_rules() -> Rules:
+    """Return Gauss-Laguerre rules for integrals of exp(-2 pi y) times a smooth function."""
     rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
     return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
 
@@ -100,11 +101,11 @@ class _Line:
     """Stationary phase c, in cycles."""
     ahead: Any
     """Path difference N of (B2) minus the excess of the phase over the stationary phase."""
-    lean: Any
+    alpha: Any
     """Constant a of (B2)."""
     beta: Any
     """Constant b' of (B2)."""
-    lift: Any
+    excess: Any
     """Difference N' - N of the path differences of (B2)."""
     mirror_factor: float
     """Factor 1/2 - m in the second term of (B3)."""
@@ -112,16 +113,17 @@ class _Line:
     """1 for spherical waves and 0 for parabolic waves."""
 
     @classmethod
-    def spherical(cls, ops: Any, view: PanelView, lean: Any, mirror_factor: float) -> _Line:
+    def spherical(cls, ops: Any, view: PanelView, alpha: Any, mirror_factor: float) -> _Line:
+        """Return the line of an edge for spherical waves."""
         upright = view.across * view.across + view.pz * view.pz
         least = ops.sqrt(upright * (view.b * view.b + view.z * view.z))
         direct = view.pz * view.z - view.b * view.across
         # This form of ``ahead`` is accurate close to the shadow boundary.
-        turned = lean * lean / (least + abs(direct))
-        ahead = ops.select(direct > 0.0, turned, least - direct)
+        bent = alpha * alpha / (least + abs(direct))
+        ahead = ops.select(direct > 0.0, bent, least - direct)
         beta = view.pz * view.b - view.z * view.across
         return cls(
-            view, upright, least, ahead, lean, beta, 2.0 * (view.pz * view.z), mirror_factor, 1.0
+            view, upright, least, ahead, alpha, beta, 2.0 * (view.pz * view.z), mirror_factor, 1.0
         )
 
     @classmethod
@@ -131,6 +133,7 @@ class _Line:
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
     def end(self, ops: Any, t: Any) -> _End:
+        """Return the position at the distance t from the start of the edge."""
         view, s = self.view, self.view.first + t
         foot2 = view.b * view.b + view.z * view.z
         radius = ops.sqrt(s * s + foot2) if self.curved else view.z + 0.0 * s
@@ -159,6 +162,7 @@ class _Line:
         level, height = view.b * view.across, view.pz * view.z
 
         def angle(factor: Any, level: Any, first: _End, last: _End) -> Number:
+            """Return the integral of factor/(M R) between two positions on the edge."""
             ends, length = ((first.s, first.radius), (last.s, last.radius)), last.t - first.t
             if self.curved:
                 swept = swept_angle(ops, view, factor, level, *ends, length)
@@ -166,7 +170,7 @@ class _Line:
                 swept = 2.0 * ops.atan2(factor * length, factor * factor + first.s * last.s)
             return ops.select(last.t > first.t, swept, 0.0)
 
-        outside = (angle(self.lean, level - height, *ends) for ends in ((begin, low), (high, end)))
+        outside = (angle(self.alpha, level - height, *ends) for ends in ((begin, low), (high, end)))
         mirrored = angle(self.beta, level + height, begin, end) if self.curved else 0.0
         return sum(outside), mirrored
 
@@ -174,6 +178,7 @@ class _Line:
         self, ops: Any, rules: Rules, low: _End, high: _End, digits: Any, free: Pair,
         moment: Values, phase: Values,
     ) -> tuple[Values, Values]:  # fmt: skip
+        """Return the sums of :func:`node_sums` over the inner part, and their expected errors."""
         view, mirror_factor, tiny = self.view, self.mirror_factor, 1e-300 if ops.double else 1e-37
         half, foot2 = 0.5 * (high.t - low.t), view.b * view.b + view.z * view.z
         is_curved = bool(self.curved)
@@ -183,29 +188,29 @@ class _Line:
             *data: Any,
         ) -> Values:  # fmt: skip
             """Return the contribution of a node to (B3), without the wave e in the second term."""
-            (*wave, b, z, across, pz, beta, lift, free_r, free_i), moment = data[:13], data[13:]
+            (*wave, b, z, across, pz, beta, excess, free_r, free_i), moment = data[:13], data[13:]
             t = half * (1.0 + at)
             s, t = first + t, begin + t
             radius = ops.sqrt(s * s + foot2) if is_curved else z
-            edge = edge_wave(ops, t, radius, *wave)
-            lean, path = detour(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
-            over = 0.5 * lean / ops.maximum(path, tiny)
+            edge = wave_on_panel(ops, t, radius, *wave)
+            alpha, path = path_difference(ops, t, s, radius, wave[3], b, z, across, pz, *moment)
+            over = 0.5 * alpha / ops.maximum(path, tiny)
             value = wave_difference(ops, edge, Pair(free_r, free_i), path).scaled(over)
             # The rounding errors of E and e do not cancel, so |E - e| is replaced by its upper
             # bound.
             size = abs(over) * ops.minimum(2.0, 2.0 * math.pi * path)
             if mirror_factor:
-                value = value + edge.scaled(mirror_factor * beta / (path + lift))
-                size = size + abs(mirror_factor * beta / (path + lift))
+                value = value + edge.scaled(mirror_factor * beta / (path + excess))
+                size = size + abs(mirror_factor * beta / (path + excess))
             step = half / radius
             real, imag, _, *last = node_sums(step * value.real, step * value.imag, w, v1, v2)
             return real, imag, w * step * size, *last
 
         needed, expected = self._nodes_needed(ops, low, high, half, foot2, digits)
-        rule = ops.select(half > 0.0, rule_of(ops, needed), -1.0)
+        rule = ops.select(half > 0.0, rule_index(ops, needed), -1.0)
         sums = ops.sum_over_rule(
             rule, rules, node, SUMS, half, low.t, low.s, foot2, *phase,
-            view.b, view.z, view.across, view.pz, self.beta, self.lift,
+            view.b, view.z, view.across, view.pz, self.beta, self.excess,
             free.real, free.imag, *moment,
         )  # fmt: skip
         return sums, expected
@@ -213,6 +218,7 @@ class _Line:
     def _nodes_needed(
         self, ops: Any, low: _End, high: _End, half: Any, foot2: Any, digits: Any
     ) -> tuple[Any, tuple[Any, ...]]:
+        """Return the result of :func:`nodes_needed` for the part from ``low`` to ``high``."""
         half = ops.maximum(half, 1e-30)
         rates = low.slope / low.radius, high.slope / high.radius
         outside = ops.maximum(ops.maximum(low.s, -high.s), 0.0)
@@ -246,28 +252,28 @@ class _Line:
         """
         path = at.beyond + self.ahead
         slope2, mirror_factor, curved = at.slope * at.slope, self.mirror_factor, self.curved
-        half, beta = 0.5 * self.lean, mirror_factor * self.beta
+        half, beta = 0.5 * self.alpha, mirror_factor * self.beta
 
         def node(
             y: Any, weight: Any,
-            slope2: Any, phase: Any, path: Any, lift: Any, half: Any, beta: Any,
+            slope2: Any, phase: Any, path: Any, excess: Any, half: Any, beta: Any,
         ) -> Values:  # fmt: skip
             """Return the integrand of (B10), divided by the wave E at the end of the edge."""
             speed = root(ops, Pair(slope2 - curved * (y * y), 2.0 * phase * y))
             value = _quotient(weight * half, Pair(path, y) * speed)
             if mirror_factor:
-                value = value + _quotient(weight * beta, Pair(path + lift, y) * speed)
+                value = value + _quotient(weight * beta, Pair(path + excess, y) * speed)
             return value.real, value.imag
 
         rule = ops.select(sign == 0.0, -1.0, _tail_rule(ops, at.beyond, digits))
         real, imag = ops.sum_over_rule(
             rule, _tail_rules(), node, 2,
-            slope2, at.phase, path, self.lift, half, beta,
+            slope2, at.phase, path, self.excess, half, beta,
         )  # fmt: skip
         total = (wave * Pair(-imag, real)).scaled(sign)
         size = abs(half) / ops.maximum(path, 1e-30)
         if mirror_factor:
-            size = size + abs(beta) / (path + self.lift)
+            size = size + abs(beta) / (path + self.excess)
         slowest = 2.0 * math.pi * ops.maximum(abs(at.slope), 1e-30)
         return total, abs(sign) * size / slowest
 
@@ -282,18 +288,20 @@ def _tail_rule(ops: Any, beyond: Any, digits: Any) -> Number:
 
 
 def _quotient(real: Any, divisor: Pair) -> Pair:
+    """Return a real number divided by a complex number."""
     return divisor.conjugate().scaled(real / divisor.norm())
 
 
 def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
+    """Return the field of an edge and its error estimate, times the amplitude of the wave."""
     if tables.frame.paraxial:
-        view, free, phase, turns = seen_in_parabolic_waves(ops, row, inner, oblique)
+        view, free, phase, cycles = seen_in_parabolic_waves(ops, row, inner, oblique)
         line, moment = _Line.parabolic(view), ()
     else:
         view, free, moment, phase = seen_from(ops, row, inner, TRAVELLING, oblique)
-        lean = moment[0] if moment else view.b
-        line = _Line.spherical(ops, view, lean, 0.5 - tables.share)
-        turns = rounded_turns(ops, row, inner)
+        alpha = moment[0] if moment else view.b
+        line = _Line.spherical(ops, view, alpha, 0.5 - tables.m)
+        cycles = rounded_cycles(ops, row, inner)
     digits = inner[9]
     begin, end = line.end(ops, 0.0 * view.length), line.end(ops, view.length)
     low, high = line.inner_part(ops, begin, end, digits)
@@ -301,14 +309,14 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
     outside, mirrored = line.angles(ops, begin, low, high, end)
     # The wave e of (B2) is constant along the edge, so it is a factor of the integrals.
     total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
-    size, missing = abs(outside) + abs(mirrored), missed(ops, sums, expected, turns)
+    size, missing = abs(outside) + abs(mirrored), error_of(ops, sums, expected, cycles)
     for at, sign in _signed_ends(ops, begin, low, high, end):
-        wave = edge_wave(ops, at.t, at.radius, *phase)
+        wave = wave_on_panel(ops, at.t, at.radius, *phase)
         tail, bound = line.tail(ops, at, sign, digits, wave)
         total, size = total + tail, size + bound
         missing = missing + bound * ops.exp(-digits)
     ulp = 2.0**-52 if ops.double else 2.0**-23
-    missing = missing + size * ulp * (4.0 + 2.0 * turns)
+    missing = missing + size * ulp * (4.0 + 2.0 * cycles)
     return weighted(row, total.real, total.imag, missing)
 
 

@@ -56,6 +56,7 @@ class _Exact:
 
     @staticmethod
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
+        """Return the cross product of two vectors with an exact sign."""
         rough = np.asarray(ax * by - ay * bx)
         # ROUNDED bounds the error only for vectors shorter than 8.
         near = np.abs(rough) < ROUNDED
@@ -73,19 +74,23 @@ class _Cells:
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
+        """Return cells for offsets up to ``reach``, with about ``across`` along the longer side."""
         size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
         nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
         return cls(size, nx, ny)
 
     @property
     def count(self) -> int:
+        """Number of cells."""
         return self.nx * self.ny
 
     @property
     def corner(self) -> Array:
+        """Lower left corner of the cells, shape (2,)."""
         return -0.5 * self.size * np.array([self.nx, self.ny])
 
     def centre(self, cell: Array) -> tuple[Array, Array]:
+        """Return the x and y coordinates of the centres of cells with the indices ``cell``."""
         x, y = self.corner
         return x + self.size * (cell % self.nx + 0.5), y + self.size * (cell // self.nx + 0.5)
 
@@ -96,7 +101,7 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 
     Smaller cells have shorter lists, but the lists take more time to build and more memory.
     """
-    size, outlines = float(_reach(first, second).max()), (first, second)
+    size, outlines = float(_largest_offset(first, second).max()), (first, second)
     perimeters = [float(np.hypot(*(o.edges[:, 2:4] - o.vertices).T).sum()) for o in outlines]
     counts = [len(o.edges) for o in outlines]
     pairs, across = math.prod(counts), 2
@@ -122,7 +127,7 @@ def pair_grid(
     outline twice for the Wigner function, and an outline and its rotated copy for the ambiguity
     function.
     """
-    cells = _Cells.of(_reach(first, second), across)
+    cells = _Cells.of(_largest_offset(first, second), across)
     far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
     leads = _leads(first, far)
     edges, others = np.concatenate([first.edges, leads]), second.edges
@@ -160,7 +165,8 @@ def pair_grid(
     return kind(numbers, ends, rows, edges, others, names, levels, sides)
 
 
-def _reach(first: Outline, second: Outline) -> Array:
+def _largest_offset(first: Outline, second: Outline) -> Array:
+    """Return the largest offset along x and along y at which two outlines overlap."""
     sizes = (np.abs(outline.vertices).max(axis=0) for outline in (first, second))
     return np.asarray(np.maximum(sum(sizes), 1e-300))
 
@@ -216,6 +222,7 @@ def _rows_of_cells(
         shape, key = (size, len(edges)), (at - low) * len(edges) + i
 
         def summed(values: Array, shape: tuple[int, int] = shape, key: Array = key) -> Array:
+            """Return sums of ``values`` over all edge pairs of each cell and edge."""
             return np.bincount(key, values, math.prod(shape)).reshape(shape)
 
         jump = weights.take(j) * (meets * (2.0 * enters - 1.0))
@@ -300,7 +307,7 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return a table of distinct levels, and the index of each level in the table."""
+    """Return the index of each winding number in a table of distinct ones, and the table."""
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
     _, first, number = np.unique(scaled, return_index=True, return_inverse=True)
@@ -310,12 +317,14 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
 
 
 def _table(edge: Array, other: Array | int, kind: Array | int) -> Array:
+    """Return rows of a `PairGrid` with the level index 0."""
     rows = np.zeros((len(edge), 4), np.uint32)
     rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, kind
     return rows
 
 
 def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
+    """Return the start points and vectors of the edges with the indices ``number``."""
     ax, ay, bx, by = (column.take(number) for column in edges.T[:4])
     return ax, ay, bx - ax, by - ay
 

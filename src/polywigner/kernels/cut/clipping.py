@@ -30,8 +30,8 @@ from polywigner.kernels.outline import Tables
 from polywigner.numerics import Floats, Number
 from polywigner.numerics.grid_arithmetic import (
     accurate_cross,
-    rounded,
     signed_convex_pieces,
+    vertices_on_grid,
     with_vertices_on_sides,
 )
 
@@ -112,7 +112,7 @@ def constants_of(tables: Tables) -> Constants:
     for number, (aperture, weight) in enumerate(zip(tables.apertures, tables.weights, strict=True)):
         group, weight = group_of[number], complex(weight)
         for ring in aperture.rings:
-            points, distinct = rounded(frame.vertices(ring), step)
+            points, distinct = vertices_on_grid(frame.vertices(ring), step)
             names = np.arange(first, first + len(ring))[distinct].tolist()
             first += len(ring)
             if len(points) < 3:
@@ -129,7 +129,7 @@ def constants_of(tables: Tables) -> Constants:
                 )
         vertices = np.concatenate(list(aperture.rings))
         joined = (with_vertices_on_sides(piece, vertices) for piece in aperture.convex_cover)
-        on_grid = [rounded(frame.vertices(piece), step)[0] for piece in joined]
+        on_grid = [vertices_on_grid(frame.vertices(piece), step)[0] for piece in joined]
         for piece, sign in signed_convex_pieces(on_grid):
             sides = dict.fromkeys(_line_of(side, lines) for side in _sides(piece))
             pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag, group))
@@ -137,6 +137,7 @@ def constants_of(tables: Tables) -> Constants:
 
 
 def _sides(polygon: Floats) -> list[list[float]]:
+    """Return the start point and the vector of each side of a polygon, as four numbers."""
     return list(np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon]).tolist())
 
 
@@ -257,6 +258,10 @@ class Clipper:
     def _interval(
         self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
     ) -> tuple[Any, Any]:
+        """Return t0 + t1 and t1 - t0 of :meth:`intervals` for one convex piece.
+
+        ``cuts`` caches the intersections of the edge with lines.
+        """
         ops = self.ops
         low: Any = 0.0
         high: Any = 1.0

@@ -83,7 +83,7 @@ class Outline:
 
 @lru_cache(maxsize=128)
 def outline_of(tables: Tables, group: int, double: bool) -> Outline:
-    """Return the elements of a field group, for kernels in float64 or float32."""
+    """Return the edges of the elements with the same field, with vertices on a grid."""
     in_group = tables.names[:, 3] == group
     names = np.zeros((int(in_group.sum()), 4), np.uint32)
     names[:, :3] = tables.names[in_group, :3]
@@ -198,6 +198,7 @@ class HostGrid:
 
 
 def _as_complex(edges: Array) -> Array:
+    """Return edges of a `PairGrid` in the layout of `HostGrid`."""
     vectors = edges[:, 2] + 1j * edges[:, 3]
     falls = (edges[:, 3] < 0.0) | ((edges[:, 3] == 0.0) & (edges[:, 2] < 0.0))
     limits = np.where(falls, -NO_LEVEL, 0.0) + 1j * abs(vectors)
@@ -288,6 +289,7 @@ def cut_edges(
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
+    """Return the weights of edges times conjugate levels."""
     if grid.is_uniform:
         return level
     weights = edge[:, 3] if level.dtype.kind == "c" else edge[:, 3].real
@@ -295,6 +297,7 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
+    """Replace columns of the cross products ``levels`` by values accurate to an ulp."""
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (a, b) in zip(levels, pairs, strict=True):

@@ -45,7 +45,7 @@ _FAR = 1e9
 def pairs_of(
     tables: Tables, key: Pass, double: bool, samples: int = 0, *, is_compiled: bool = True
 ) -> PairGrid:
-    """Return the edge pairs that can cross, from the cache if possible."""
+    """Return the edge pairs that can cross, for a view and two groups; cached if possible."""
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
@@ -103,6 +103,7 @@ class PairClipper(Clipper):
         self._current: tuple[View, Interval] | None = None
 
     def _grid(self, key: Pass) -> PairGrid:
+        """Return the edge pairs with a key, in the memory of the engine."""
         if self.pairs is not None:
             view, group, other = key
             return self.pairs[BEHIND if view is AHEAD else view, group, other]
@@ -116,6 +117,7 @@ class PairClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Level:
+        """Return the sums of ``term(edge)`` over the edges in all views, or NaN at NaN offsets."""
         # Infinite and NaN arguments must give NaN: x - x is NaN for these values, and 0 otherwise.
         totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
         for view in self.views:
@@ -125,6 +127,7 @@ class PairClipper(Clipper):
         return tuple(totals)
 
     def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
+        """Yield the part of the current edge, for which ``sum_over_edges`` calls its term."""
         if self._current is not None and self._current[0] is view:
             yield self._current[1]
 
@@ -136,9 +139,11 @@ class PairClipper(Clipper):
         tx, ty = view.side * self.tx, view.side * self.ty
 
         def level_of(number: Any) -> Level:
+            """Return the weighted winding number with an index."""
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def part(number: Any, edge: Any, ends_sum: Any, extent: Any, level: Level) -> Level:
+            """Return the term of a part of an edge, from t0 + t1 and t1 - t0 of its ends."""
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
@@ -148,16 +153,19 @@ class PairClipper(Clipper):
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:
+            """Return the term of an edge that lies inside the other copy."""
             number, _, _, level = ops.gather(grid.rows, row)
             return part(number, None, 1.0, 1.0, level_of(level))
 
         def of_clipped(row: Any) -> Level:
+            """Return the term of an edge that is clipped by the sides of a convex ring."""
             number, begin, end, level = ops.gather(grid.rows, row)
             edge = ops.gather(grid.first, number)
             low, high = self._clipped(grid, edge, (begin, end), tx, ty, view.side)
             return part(number, edge, low + high, ops.maximum(high - low, 0.0), level_of(level))
 
         def visit(row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
+            """Return the arguments of ``ops.sum_over_rows`` for a pair of edges."""
             number, other, kind, level = ops.gather(grid.rows, row)
             edge, other_edge = ops.gather(grid.first, number), ops.gather(grid.second, other)
             meets, enters, start, end = crossing(ops, edge, other_edge, tx, ty, view.side)
@@ -167,6 +175,7 @@ class PairClipper(Clipper):
             fraction = ops.select(meets, end / ops.select(meets, end - start, 1.0), 1.0)
 
             def of_level(level: Level) -> Level:
+                """Return the term of a row for the winding number before its crossing."""
                 weights = (
                     ops.select(kind == WHOLE, before, ops.select(kind == LEAD, 0.0, by))
                     for before, by in zip(level, jump, strict=True)
@@ -195,6 +204,7 @@ class PairClipper(Clipper):
         ax, ay, ex, ey = edge[:4]
 
         def step(row: Any, low: Any, high: Any) -> tuple[Any, Any]:
+            """Return the part of the edge from ``low`` to ``high``, clipped by another side."""
             (number,) = ops.gather(grid.sides, row)
             cx, cy, fx, fy = ops.gather(grid.second, number)[:4]
             slope = ops.cross(fx, fy, ex, ey)

@@ -8,7 +8,6 @@ and (A1) for all weights. All forms avoid cancellation as nu goes to 0.
 from __future__ import annotations
 
 import math
-from copy import copy
 from typing import Any
 
 from polywigner.numerics import Number
@@ -33,17 +32,17 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     return ops.fma(less_one, sine, sine), cosine
 
 
-def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return a frequency, or a slightly larger frequency if its square would underflow.
+def moved_off_zero(
+    ops: Any, x: Any, y: Any, floors: tuple[float, float] = (1e-140, 1e-13)
+) -> tuple[Any, Any]:
+    """Return a frequency, or a small one if both components are below a floor.
 
-    Terms are of the order of the squared frequency. The rounding errors of the sum of terms, up to
-    6e-8 of the sum, must not underflow either. A limit of 1e-16 would make errors in float32 eight
-    times as large.
+    ``floors`` are the floors in float64 and float32. By default, the square of the frequency does
+    not underflow. Terms are of the order of the squared frequency. The rounding errors of the sum
+    of terms, up to 6e-8 of the sum, must not underflow either. A floor of 1e-16 would make errors
+    in float32 eight times as large.
     """
-    return _off_zero(ops, x, y, 1e-140 if ops.double else 1e-13)
-
-
-def _off_zero(ops: Any, x: Any, y: Any, floor: float) -> tuple[Any, Any]:
+    floor = floors[0] if ops.double else floors[1]
     tiny = (abs(x) < floor) & (abs(y) < floor)
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
@@ -73,16 +72,10 @@ class EdgeTerms:
     by_part = False
     """Whether only :meth:`of_part` is implemented, because parts of an edge share no factors."""
 
-    def taken(self, owner: Any) -> EdgeTerms:
-        """Return the terms at the frequencies with the indices ``owner``."""
-        terms, (nu_x, nu_y) = object.__new__(type(self)), self.nu
-        terms.__dict__.update(self.__dict__, nu=(nu_x.take(owner), nu_y.take(owner)))
-        return terms
-
-    def at_columns(self, rows: Any, columns: slice) -> EdgeTerms:
-        """Return the terms at rows and columns of a table of frequencies. None selects all rows."""
-        terms = copy(self)
-        terms.nu = tuple(c[:, columns] if rows is None else c[rows, columns] for c in self.nu)
+    def at(self, *index: Any) -> EdgeTerms:
+        """Return the terms at some of the frequencies, selected by an array index."""
+        terms, nu = object.__new__(type(self)), tuple(component[index] for component in self.nu)
+        terms.__dict__.update(self.__dict__, nu=nu)
         return terms
 
     def along(self, ux: Any, uy: Any) -> Values:
@@ -143,14 +136,17 @@ class EvenTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
+        """Add the product of sin(pi nu.d), sin(2 pi nu.m) and the weight to the sum."""
         size = scaled(weight[0], sin_cycles(self.ops, half))
         phase = sin_cycles(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        """Return the sum times cross(nu, u)/(nu.u)."""
         return (along[1] * sums[0],)
 
     def total(self, sums: Values) -> Values:
+        """Return the sum divided by pi^2 |nu|^2."""
         nu_x, nu_y = self.nu
         return (sums[0] / (math.pi**2 * self.ops.fma(nu_x, nu_x, nu_y * nu_y)),)
 
@@ -174,6 +170,7 @@ class WaveTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
+        """Add the sine and cosine of :func:`segment_wave`, times the weight, to the sums."""
         ops, (real, imag) = self.ops, weight
         sine, cosine = segment_wave(ops, half, midpoint)
         waves = _with(ops, sums, scaled(real, extent), sine, cosine)
@@ -183,10 +180,12 @@ class WaveTerms(EdgeTerms):
         return ops.fma(-factor, cosine, waves[0]), ops.fma(factor, sine, waves[1])
 
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        """Return the sums times the length of the edge and cross(nu, u)."""
         across = scaled(length, along[1])
         return tuple(across * value for value in sums[: self.values])
 
     def total(self, sums: Values) -> Values:
+        """Return the sums times ``factor``/|nu|^2."""
         nu_x, nu_y = self.nu
         scale = self.factor / self.ops.fma(nu_x, nu_x, nu_y * nu_y)
         return tuple(value * scale for value in sums)
@@ -201,9 +200,11 @@ class AreaTerms(EdgeTerms):
         self.ops, self.nu = ops, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
+        """Return cross(x, d)/2 for the centre x and vector d of a part, times its real weight."""
         return (scaled(real, 0.5 * self.ops.fma(x, dy, y * -dx)),)
 
     def total(self, sums: Values) -> Values:
+        """Return the sum unchanged."""
         return sums
 
 
@@ -214,7 +215,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
     """
     if is_even:
         # W is even in nu, so a small shift of nu from 0 changes W by less than rounding errors.
-        return EvenTerms(ops, _off_zero(ops, nu[0], nu[1], 1e-9 if ops.double else 1e-6))
+        return EvenTerms(ops, moved_off_zero(ops, nu[0], nu[1], (1e-9, 1e-6)))
     return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
 
 
@@ -224,6 +225,7 @@ def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) 
 
 
 def _with(ops: Any, sums: Values | None, factor: Any, *waves: Any) -> Values:
+    """Return the sums plus ``factor`` times each wave. None stands for sums of 0."""
     if sums is None:
         return tuple(scaled(factor, wave) for wave in waves)
     return tuple(ops.fma(factor, wave, total) for wave, total in zip(waves, sums, strict=True))

@@ -10,7 +10,7 @@ by nu and is accurate for narrow polygons. A triangle (a, b, c) of a polyhedron'
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -34,7 +34,7 @@ from polywigner.kernels.outline import (
 )
 from polywigner.numerics import Number, cluster_indices, phases
 from polywigner.numerics.grid_arithmetic import accurate_cross
-from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc, sinc_less_one
+from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc
 
 Values = tuple[Any, ...]
 Array = npt.NDArray[Any]
@@ -80,6 +80,7 @@ class LinearFrame:
     measure: float
 
     def frequency(self, ops: Any, *nu: Any) -> Values:
+        """Return the components of a spatial frequency in the frame."""
         return matrix_times(ops, self.rows, *nu)
 
 
@@ -103,10 +104,12 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
 
 
 def _corners(row: Values, dimension: int) -> list[Values]:
+    """Return the vertices in a row, one vertex fewer than a triangle or tetrahedron has."""
     return [row[k : k + dimension] for k in range(0, dimension**2, dimension)]
 
 
 def _dot(ops: Any, nu: Values, point: Values) -> Number:
+    """Return the scalar product nu.point, rounded."""
     total = nu[-1] * point[-1]
     for component, coordinate in zip(nu[-2::-1], point[-2::-1], strict=True):
         total = ops.fma(component, coordinate, total)
@@ -174,6 +177,10 @@ def _axes(body: Polyhedron) -> tuple[tuple[float, float, float], Matrix]:
 
 
 def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return six times the signed volumes of tetrahedra that contain the origin as a vertex.
+
+    ``corners`` contains the other vertices, shape (n, 3, 3). The products are exact.
+    """
     integers, exponent = whole_numbers(corners)
     exact: Any = determinant(list(np.moveaxis(integers, 0, 2)))
     scale = 1 << abs(3 * exponent)
@@ -189,8 +196,8 @@ _LOSS, _ULP = 5e-15, 2.0**-53
 # Largest slenderness of an outline for (F4): perimeter × largest distance from the centre / area.
 # At this limit, rounding errors of the vertices change F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
-# Below _NEAR, sinc(q) is a series of _TERMS terms, whose first omitted term is 0.31^12/13! = 1e-16.
-_NEAR, _TERMS = 0.1, 5
+# Largest q for which sin(pi q)/q is computed directly. A matrix product of sines would lose digits.
+_NEAR = 0.1
 # Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
 # Largest matrix product [multiplications] that BLAS does not divide among threads, and smallest
@@ -223,7 +230,7 @@ class Family:
 
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
-    """Return the families of parallel edges of equal length.
+    """Group the edges of a polygon into families of parallel edges of equal length.
 
     ``field`` is the field on the element of each edge.
     """
@@ -257,27 +264,12 @@ class GridTables:
     @property
     def scales(self) -> tuple[float, float]:
         """Factors that convert the user's nu_x and nu_y to frequencies in the frame."""
-        assert self.frame.axes is not None
-        row_of = {axis: k for k, axis in enumerate(self.frame.axes)}
-        x, y = (self.frame.inverse_transpose[row_of[axis]][axis] for axis in (0, 1))
-        return x, y
+        return self.frame.rows[0][0], self.frame.rows[1][1]
 
     @property
     def floor(self) -> float:
-        """Smallest frequency in the frame at which (F4) is accurate."""
+        """Smallest frequency in the frame for which the sum over edges on a grid is accurate."""
         return self.perimeter_over_area * _ULP / (2 * math.pi * _LOSS)
-
-
-@dataclass(frozen=True, eq=False)
-class OutlineSum:
-    """Sum over all edges of an outline, with an optional faster method for grids."""
-
-    summed: Callable[..., Values]
-    on_grid: Callable[[Any], GridTables | None]
-    """Function (source) that returns cached GridTables, or None if grids are not supported."""
-
-    def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
-        return self.summed(ops, tables, *inner)
 
 
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
@@ -286,7 +278,7 @@ def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables |
     ``field`` is the field on the element of each edge. The result is None for slender outlines and
     rotated frames.
     """
-    if tables.frame.axes is None:
+    if not tables.frame.is_diagonal:
         return None
     families = families_of(tables.edges, field)
     perimeter = sum(float(np.abs(f.weights).sum()) * math.hypot(f.ex, f.ey) for f in families)
@@ -331,6 +323,7 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
+        """Return the sums of cosines and sines at some nu_x and all nu_y, shape (rows, 2, n)."""
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -342,6 +335,7 @@ class _FamilyTerm:
         return waves
 
     def _waves(self, left: Array) -> Array:
+        """Return the sums of waves over all midpoints, shape (rows, 2, columns)."""
         product = np.empty((len(left), self.right.shape[1]))
         count = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
         stacked = len(left) // count * count if count else 0
@@ -355,14 +349,14 @@ class _FamilyTerm:
         return product.reshape(len(product), 2, -1)
 
     def _sinc(self, q: Array, rows: slice) -> Array:
+        """Return pi sinc(q) for q = nu.e at some nu_x and all nu_y."""
         is_near = np.abs(q) < _NEAR
         if is_near.all():
-            return math.pi * (1.0 + sinc_less_one(self.ops, q, _TERMS))
+            return np.asarray(math.pi * np.sinc(q))
         near = np.flatnonzero(is_near)
         quotient = self.sines[0][rows] @ self.sines[1]
         quotient /= q
-        small = q.ravel()[near]
-        quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, _TERMS))
+        quotient.ravel()[near] = math.pi * np.sinc(q.ravel()[near])
         return quotient
 
 
@@ -377,8 +371,6 @@ def fourier_on_grid(
         (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))
         for nu, scale, centre in zip((nu_x, nu_y), tables.scales, tables.frame.centre, strict=True)
     )
-    if tables.frame.axes != (0, 1):
-        x, y = y, x
     shape = len(x[0]), len(y[0])
     real, imag, below = np.empty(shape), np.empty(shape), np.zeros(shape, bool)
     step = max(1, _BLOCK // shape[1])
@@ -397,12 +389,11 @@ def fourier_on_grid(
         square[below[rows]] = 1.0
         scale = (tables.frame.measure / (2 * math.pi**2)) / square
         real[rows], imag[rows] = sums[rows, 1] * scale, sums[rows, 0] * scale
-    if tables.frame.axes != (0, 1):
-        return real.T, imag.T, below.T
     return real, imag, below
 
 
 def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
+    """Return the terms, with all edges parallel to the axes combined into one term."""
     straight = [term for term in terms if term.is_straight]
     if straight:
         straight[0].left = np.concatenate([term.left for term in straight], axis=1)
@@ -411,6 +402,7 @@ def _joined(terms: list[_FamilyTerm]) -> list[_FamilyTerm]:
 
 
 def _batches(families: Sequence[Family]) -> Iterator[list[Family]]:
+    """Yield families in groups with up to ``_MOST_EDGES`` edges."""
     batch: list[Family] = []
     for family in families:
         if sum(len(f.weights) for f in (*batch, family)) > _MOST_EDGES and batch:

@@ -163,6 +163,7 @@ class _Arc:
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
+    """Return the position p + i r of a node on an arc and the complex step, as four numbers."""
     t, weight, rise, slope = row
     size, centre, half, lift = samples
     x = ops.fma(half, t, centre)
@@ -172,6 +173,7 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
+    """Return the position p + i r of a node on the steepest descent from s, and the step."""
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
@@ -195,6 +197,7 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
+    """Return the Gaussian wave exp(-z^2/2 - 2 pi i nu z) at z = p + i r."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))
@@ -202,4 +205,5 @@ def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
 
 
 def _times(a: Any, b: Any) -> Values:
+    """Return the product of two complex numbers, each as two real numbers."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]

@@ -17,9 +17,9 @@ from typing import Any
 
 from polywigner.geometry import Slits
 from polywigner.kernels.functions.gauss_schell import wave_over_interval
-from polywigner.kernels.functions.plane import enter_both_ends, product_of_both
+from polywigner.kernels.functions.plane import at_both_ends, enter_both_ends, product_of_both
 from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
-from polywigner.kernels.outline import power_of_two
+from polywigner.kernels.outline import Frame, power_of_two
 from polywigner.kernels.wave_pairs import (
     Wave,
     WavePair,
@@ -47,53 +47,17 @@ def _field_between(ops: Any, begin: float, end: float, waves: Waves, x: Any) -> 
 
 
 @dataclass(frozen=True)
-class SlitFrame:
-    """Normalised coordinates on a line.
-
-    A position x has the coordinate (x - centre)/measure, and a frequency nu has the coordinate
-    measure × nu. The unit of length, ``measure``, is a power of two.
-    """
-
-    centre: tuple[float]
-    measure: float
-    carrier: tuple[float] = (0.0,)
-    """Frequency of the carrier, in the user's unit. Stored fields are relative to the carrier."""
-
-    def position(self, ops: Any, x: Any) -> tuple[Any]:
-        total, low = self.exact_position(x)
-        return (total + low,)
-
-    def exact_position(self, x: Any) -> Doubled:
-        """Return the coordinate of a position in the frame as the sum of two floats."""
-        total, low = phases.difference(x, self.centre[0])
-        return total * (1 / self.measure), low * (1 / self.measure)
-
-    def vector(self, ops: Any, xi: Any) -> tuple[Any]:
-        return (xi * (1 / self.measure),)
-
-    def frequency(self, ops: Any, nu: Any) -> tuple[Any]:
-        return (nu * self.measure,)
-
-    def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
-        """Return a spatial frequency minus the carrier frequency, in the frame."""
-        return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
-
-    def exact_frequency(self, nu: float) -> tuple[float]:
-        return (nu * self.measure,)
-
-
-@dataclass(frozen=True)
 class SlitTables:
     """The slits of a source as intervals in their frame."""
 
-    frame: SlitFrame
+    frame: Frame
     edges: tuple[tuple[Any, ...], ...]
     """`Interval` of each slit. For the Fourier transform: start and length of each slit, as two
     floats each."""
 
 
 @dataclass(frozen=True)
-class PairTables:
+class SlitPairs:
     """Pairs of slits and of their plane waves, with one row of numbers for each pair.
 
     A row contains the distance between the centres at x = 0 or xi = 0 as two floats, both
@@ -102,7 +66,7 @@ class PairTables:
     product along 4x or xi.
     """
 
-    frame: SlitFrame
+    frame: Frame
     edges: tuple[tuple[float, ...], ...]
     coherence_width: float = math.inf
 
@@ -114,10 +78,13 @@ class PairTables:
 
 @lru_cache(maxsize=256)
 def _slit_tables(source: Slits | Array) -> SlitTables:
+    """Return the slits and their plane waves as exact intervals in the frame of the source."""
     elements = normal_form(source).elements
     low, high = normal_form(source).bounds
-    (carrier,) = carrier_of((element.illumination for element in elements), 1)
-    frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low), (carrier,))
+    carrier = carrier_of((element.illumination for element in elements), 1)
+    unit, half = power_of_two(high - low), (high - low) / 2
+    matrix, rows = ((1 / unit,),), ((unit,),)
+    frame = Frame((low + half,), matrix, rows, 1.0, unit, (half / unit,), carrier)
     centre, scale = Fraction(frame.centre[0]), Fraction(frame.measure)
     intervals = []
     for element in elements:
@@ -133,7 +100,7 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
 
 
 @lru_cache(maxsize=256)
-def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTables:
+def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> SlitPairs:
     """Return the pairs of slits that contribute to the Wigner or the ambiguity function.
 
     The lag slice (``of_lags``) of the slits I_k and I_l at x is the intersection of 2(I_k - x) and
@@ -142,6 +109,7 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTable
     """
 
     def paired(items: Iterable[Any]) -> Iterable[tuple[Any, Any]]:
+        """Return unordered pairs of items for W, and ordered pairs for A."""
         return combinations_with_replacement(items, 2) if of_lags else product(items, repeat=2)
 
     tables = _slit_tables(source)
@@ -159,13 +127,13 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> PairTable
             (a,), (b,) = v.frequency, w.frequency
             wave = ((a + b) / 2, (a - b) / 4) if of_lags else (a - b, (a + b) / 2)
             rows.append((*row, mutual.real, mutual.imag, *wave))
-    return PairTables(tables.frame, tuple(rows))
+    return SlitPairs(tables.frame, tuple(rows))
 
 
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the length of an overlap, and its centre minus the mean of both interval centres."""
+    """Return the length of the overlap of two intervals, and its centre minus their mean centre."""
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
@@ -175,7 +143,9 @@ def _overlap(
     return ops.maximum(length, 0.0), ops.select(other >= half, offset, -offset)
 
 
-def _sum(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Values:
+def _sum(ops: Any, tables: SlitPairs, shift: Doubled, nu: Doubled) -> Values:
+    """Return the complex sum over pairs of slits at a shift of both copies and a frequency nu."""
+
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
         imag: Any, detuning: Any, rate: Any,
@@ -209,6 +179,7 @@ class LineField:
 
     @property
     def pairs(self) -> int:
+        """Number of pairs of plane waves."""
         return len(self.waves) * (len(self.waves) + 1) // 2
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
@@ -217,10 +188,12 @@ class LineField:
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
+        """Return the ambiguity function A(upsilon, xi) of the field."""
         pairs = difference_pairs(self.waves, self.waves)
         return _over_pairs(ops, pairs, xi, upsilon, _length(ops, 2.0 * self.half - abs(xi), 1.0))
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
+        """Return the Fourier transform F(nu) of the field."""
         length = 2.0 * self.half
         total = Pair(0.0, 0.0)
         for wave in self.waves:
@@ -234,7 +207,7 @@ class LineField:
 
 
 def _length(ops: Any, overlap: Any, scale: float) -> Number:
-    """Return the length of an overlap: at least 0, or NaN for NaN positions."""
+    """Return ``scale`` times the length of an overlap, but at least 0, or NaN for NaN positions."""
     return scale * ops.maximum(overlap, 0.0) + (overlap - overlap)
 
 
@@ -242,7 +215,10 @@ def _over_pairs(
     ops: Any, pairs: Sequence[WavePair], position: Any, frequency: Any, length: Any,
     width: float = math.inf,
 ) -> Pair:  # fmt: skip
-    """Return the sum over pairs of waves, (I4), or (I6) for a finite coherence width."""
+    """Return W or A of a field on an interval as a sum over pairs of waves, (I4) or (I6).
+
+    ``length`` is the length of the slice, and ``width`` the coherence width.
+    """
     total = Pair(0.0, 0.0)
     for pair in pairs:
         nu = frequency - pair.shift[0]
@@ -255,31 +231,30 @@ def _over_pairs(
     return total
 
 
-def _both_ends(ops: Any, tables: SlitTables, cycles: Any, *ends: Any) -> Values:
-    fields = (
-        reduce(
-            Pair.__add__,
-            (_field_between(ops, float(a), float(b), waves, x) for a, b, waves in tables.edges),
-        )
-        for x in ends
-    )
-    return tuple(part for field in fields for part in (field.real, field.imag))
+def _field(ops: Any, tables: SlitTables, x: Any) -> Values:
+    """Return the real and imaginary part of the field at a position, without the carrier."""
+    intervals = ((float(begin), float(end), waves) for begin, end, waves in tables.edges)
+    total = reduce(Pair.__add__, (_field_between(ops, *interval, x) for interval in intervals))
+    return total.real, total.imag
 
 
 @lru_cache(maxsize=256)
 def _segment_tables(source: Slits, double: bool) -> SlitTables:
+    """Return the start and length of each slit as two floats each, for the Fourier transform."""
     tables = _slit_tables(source)
     rows = ((*doubled(a, double), *doubled(b - a, double)) for a, b, _ in tables.edges)
     return SlitTables(tables.frame, tuple(rows))
 
 
-def _enter_fourier(ops: Any, frame: SlitFrame, nu: Any) -> Values:
+def _enter_fourier(ops: Any, frame: Frame, nu: Any) -> Values:
     """Return the phase of the centre, and the frequency in the frame as the sum of two floats."""
     cycles = phases.cycles_to_centre(ops, frame.centre, nu)
-    return (cycles, *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)))
+    return (cycles, *phases.split(ops, (*frame.frequency(ops, nu), 0.0)))
 
 
 def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
+    """Return the real part and minus the imaginary part of the Fourier transform of slits."""
+
     def term(begin: Any, begin_low: Any, length: Any, length_low: Any) -> Values:
         total, low = phases.dot(ops, (nu,), ((length, length_low),))
         wave = phases.mean_plane_wave(ops, 0.0, total + low)
@@ -291,27 +266,31 @@ def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
     return total
 
 
-def _enter_wigner(ops: Any, frame: SlitFrame, x: Any, nu: Any) -> Values:
-    total, low = frame.exact_position(x)
+def _enter_wigner(ops: Any, frame: Frame, x: Any, nu: Any) -> Values:
+    """Return the shift 4x of both copies of a slit, and nu, in the frame as two floats each."""
     # If x changes by dx, the two copies of a slit approach each other by 4 dx.
-    shift = phases.halves(ops, (4.0 * total, 4.0 * low))
-    return (*shift, *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)))
+    scale = 4.0 / frame.measure
+    total, low = phases.difference(x, frame.centre[0])
+    shift = phases.split(ops, (total * scale, low * scale))
+    return (*shift, *phases.split(ops, (*frame.detuned(ops, nu), 0.0)))
 
 
-def _enter_ambiguity(ops: Any, frame: SlitFrame, upsilon: Any, xi: Any) -> Values:
+def _enter_ambiguity(ops: Any, frame: Frame, upsilon: Any, xi: Any) -> Values:
     """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
-    shift = phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0))
-    return (cycles, *shift, *phases.halves(ops, (*frame.vector(ops, xi), 0.0)))
+    shift = phases.split(ops, (*frame.frequency(ops, upsilon), 0.0))
+    return (cycles, *shift, *phases.split(ops, (*frame.vector(ops, xi), 0.0)))
 
 
-def _ambiguity(ops: Any, tables: PairTables, cycles: Any, *inner: Any) -> Values:
+def _ambiguity(ops: Any, tables: SlitPairs, cycles: Any, *inner: Any) -> Values:
+    """Return the real part and minus the imaginary part of the ambiguity function."""
     real, imag = _sum(ops, tables, inner[2:], inner[:2])
     return real, -imag
 
 
-def _wigner(ops: Any, tables: PairTables, x: Any, x_low: Any, *nu: Any) -> Values:
+def _wigner(ops: Any, tables: SlitPairs, x: Any, x_low: Any, *nu: Any) -> Values:
+    """Return the Wigner function of slits, for the results of :func:`_enter_wigner`."""
     return _sum(ops, tables, (x, x_low), nu)[:1]
 
 
@@ -321,7 +300,7 @@ AUTOCORRELATION = Kernel(
     1,
     lambda source, double: _slit_tables(source),
     enter_both_ends,
-    _both_ends,
+    at_both_ends(_field),
     product_of_both,
 )
 WIGNER = Kernel(

@@ -17,7 +17,7 @@ from polywigner.geometry import Wavefront
 from polywigner.kernels.functions import intervals, plane, separable
 from polywigner.kernels.functions.edge_terms import EdgeTerms
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
-from polywigner.kernels.functions.intervals import PairTables
+from polywigner.kernels.functions.intervals import SlitPairs
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
 from polywigner.kernels.functions.slices import WIGNER_SUM
 from polywigner.kernels.kernel import Values
@@ -27,8 +27,9 @@ from polywigner.numerics.phases import Pair
 
 @lru_cache(maxsize=256)
 def _tables_of(source: Wavefront, double: bool) -> Tables:
+    """Return the tables of the flat source, with the coherence width of the wavefront."""
     tables = plane.tables_of(source.source, double)
-    coherence = np.transpose(tables.frame.inverse_transpose) / source.coherence_width
+    coherence = np.transpose(tables.frame.rows) / source.coherence_width
     return replace(tables, coherence=coherence.tolist())
 
 
@@ -41,6 +42,7 @@ class _LagTerms(EdgeTerms):
         self.ops, self.coherence, self.nu = ops, tables.coherence, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
+        """Return the complex integral of (I5) over a part of an edge."""
         ops, nu = self.ops, self.nu
         (xx, xy), (yx, yy) = self.coherence
         size = determinant(self.coherence)
@@ -61,6 +63,7 @@ class _LagTerms(EdgeTerms):
         return term.real, term.imag
 
     def total(self, sums: Values) -> Values:
+        """Return twice the sums, which also include the mirrored edges of the other copy."""
         # The mirrored edges of the other copy contribute the complex conjugate.
         return 2.0 * sums[0], 2.0 * sums[1]
 
@@ -74,7 +77,8 @@ WIGNER = replace(
 
 
 @lru_cache(maxsize=256)
-def _pairs_of(source: Wavefront, double: bool) -> PairTables:
+def _pairs_of(source: Wavefront, double: bool) -> SlitPairs:
+    """Return the pairs of slits of the flat source, with the coherence width of the wavefront."""
     pairs = intervals.pair_tables(source.source, double, of_lags=True)
     return replace(pairs, coherence_width=source.coherence_width / pairs.frame.measure)
 
@@ -86,6 +90,7 @@ WIGNER_OF_SLITS = replace(
 
 @lru_cache(maxsize=256)
 def _product_of(source: Wavefront, double: bool) -> SeparableTables:
+    """Return the fields along both axes of the flat source, with both coherence widths."""
     tables = separable_tables(source.source, double)
     assert tables is not None
     width_x, width_y = (source.coherence_width / math.hypot(*row) for row in tables.frame.rows)

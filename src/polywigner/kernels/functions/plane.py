@@ -13,7 +13,6 @@ from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.kernels.functions.fourier import (
     GridTables,
     LinearFrame,
-    OutlineSum,
     OutlineTables,
     enter_frequency,
     fan_sum,
@@ -30,24 +29,21 @@ from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 
-@lru_cache(maxsize=256)
-def tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return the edges, weights and fields of an aperture or array, from the cache if possible."""
-    return new_tables_of(source, double)
-
-
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """Return uncached tables, because rings of an equal source in the cache may start elsewhere."""
+    """Return the edges, weights and fields of an aperture or array.
+
+    The vertices are in the order of the source. In the cache of :func:`tables_of`, the rings of an
+    equal source may start at other vertices.
+    """
     return build_tables(normal_form(source), double=double)
+
+
+tables_of = lru_cache(maxsize=256)(new_tables_of)
 
 
 @lru_cache(maxsize=256)
 def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
-    return new_outline_of(aperture)
-
-
-def new_outline_of(aperture: Aperture) -> OutlineTables:
-    """Return the edges for the Fourier transform, with vertices in the order of the aperture."""
+    """Return the edges of an aperture for the Fourier transform, for float64 or float32."""
     return outline_tables(aperture.rings)
 
 
@@ -88,6 +84,7 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
 
 @lru_cache(maxsize=256)
 def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
+    """Return the edges of an aperture in the frame of its plane in space."""
     plane = _outline_of(source.aperture, double)
     return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
 
@@ -144,10 +141,10 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return an edge sum that evaluates ``field(ops, tables, x, y)`` at both ends of a lag."""
+    """Return an edge sum that evaluates ``field(ops, tables, *x)`` at both ends of a lag."""
     return lambda ops, tables, cycles, *ends: (
-        *field(ops, tables, *ends[:2]),
-        *field(ops, tables, *ends[2:]),
+        *field(ops, tables, *ends[: len(ends) // 2]),
+        *field(ops, tables, *ends[len(ends) // 2 :]),
     )
 
 
@@ -167,8 +164,9 @@ FOURIER = Kernel(
     2,
     _outline_of,
     enter_frequency,
-    OutlineSum(fan_sum, _grid_tables_of),
+    fan_sum,
     leave_wave,
+    _grid_tables_of,
 )
 FOURIER_PLACED = Kernel("fourier in space", 3, _placed_tables, enter_frequency, fan_sum, leave_wave)
 AMBIGUITY = Kernel("ambiguity", 2, tables_of, _enter_shift, AMBIGUITY_SUM, leave_wave)

@@ -19,11 +19,10 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.rings import signed_area
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.intervals import LineField
-from polywigner.kernels.kernel import Kernel, Values, leave_wave
+from polywigner.kernels.kernel import Kernel, Values, leave_wave, wave_sums
 from polywigner.kernels.outline import Frame, frame_along, power_of_two
 from polywigner.kernels.wave_pairs import Wave, Waves, carrier_of, waves_in_frame
 from polywigner.numerics import Floats, Indices, Number, cluster_indices, phases
-from polywigner.numerics.phases import Pair
 from polywigner.source.lattices import column_and_row
 
 # Deviation of the corners from an exact rectangle below which an outline is treated as a rectangle:
@@ -35,7 +34,7 @@ _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the counter-clockwise corners of a rectangle, longer side first, and their error."""
+    """Return the corners of a rectangle, longer side first, and their largest allowed error."""
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings
@@ -75,6 +74,7 @@ class SeparableTables:
 
     @property
     def clips(self) -> int:
+        """Cost of one sample, in units of the cost of an edge pair."""
         return int(_CLIPS_PER_PAIR * sum(field.pairs for field in self.fields))
 
 
@@ -147,12 +147,14 @@ def _profiles(
 
 
 def _distinct(values: Floats, rounding: float) -> tuple[Floats, Indices]:
+    """Return the distinct values, up to rounding errors, and the index of each value in them."""
     tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     index = cluster_indices(values[:, None], tolerance)
     return np.bincount(index, values) / np.bincount(index), index
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
+    """Return the phase of the centre in cycles, and the frequency relative to the carrier."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 
@@ -168,13 +170,15 @@ def ambiguity(
 ) -> tuple[Any, Any]:
     """Return the real part and minus the imaginary part of the ambiguity function."""
     along_x, along_y = tables.fields
-    return _parts(along_x.ambiguity(ops, upsilon_x, xi_x) * along_y.ambiguity(ops, upsilon_y, xi_y))
+    return wave_sums(
+        along_x.ambiguity(ops, upsilon_x, xi_x) * along_y.ambiguity(ops, upsilon_y, xi_y)
+    )
 
 
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     """Return the real part and minus the imaginary part of the Fourier transform."""
     along_x, along_y = tables.fields
-    return _parts(along_x.fourier(ops, nu_x) * along_y.fourier(ops, nu_y))
+    return wave_sums(along_x.fourier(ops, nu_x) * along_y.fourier(ops, nu_y))
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
@@ -185,10 +189,6 @@ def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
     along_x, along_y = tables.fields
     value = along_x.field(ops, x) * along_y.field(ops, y)
     return value.real, value.imag
-
-
-def _parts(value: Pair) -> tuple[Any, Any]:
-    return value.real, -value.imag
 
 
 WIGNER = replace(

@@ -81,6 +81,7 @@ class SliceSum:
     a slice."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
+        """Return the sums over edges, by the method that suits the operations ``ops``."""
         if ops.target == "numpy":
             position, nu = inner[self.position], inner[self.frequency]
             shape = np.shape(position[0])
@@ -115,9 +116,11 @@ class SliceSum:
         return replace(self, position=position, frequency=frequency, arguments=None)
 
     def _summed(self, clipper: Clipper, inner: Values) -> Values:
+        """Return W or A, without its unit, as sums over the edges that ``clipper`` clips."""
         nu = inner[self.frequency]
 
         def sum_of(views: Views, pair: WavePair, is_even: bool) -> TermSum:
+            """Return the sum over edges for a pair of waves."""
             shifted = pair.detuned(nu)
             terms = self.terms(clipper.ops, clipper.tables, shifted, is_even, pair.is_real)
             return TermSum(clipper, terms, views, pair, self.scale)
@@ -128,11 +131,16 @@ class SliceSum:
         return self._as_waves(totals)
 
     def _as_waves(self, totals: Sequence[Any]) -> Values:
+        """Return a real sum, or the real part and minus the imaginary part of a complex sum."""
         return tuple(totals) if self.values == 1 else (totals[0], -totals[1])
 
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
+        """Yield the sums over edges for all pairs of waves, to be added.
+
+        ``sum_of(views, pair, is_even)`` returns the `TermSum` of a pair of waves.
+        """
         tables, ops, count = clipper.tables, clipper.ops, self.values
         pairings: dict[tuple[int, int], list[tuple[Views, Sequence[WavePair]]]] = {}
         for group, other, views, pairs in self.pairings(tables):
@@ -150,6 +158,7 @@ class SliceSum:
                 yield run.value(sums, position)[:count]
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
+        """Return the sums at arguments that broadcast, computed in blocks of samples."""
         arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
@@ -202,7 +211,7 @@ class SliceSum:
                 if is_shared:
                     sums = _row_sums(terms, owner, part, count, nu[0].shape)
                 else:
-                    for value in terms.taken(owner).of_part(*part):
+                    for value in terms.at(owner).of_part(*part):
                         sums.append(np.bincount(owner, value, count))
                 total = terms.total(tuple(sums))
                 if not pair.is_unit:
@@ -242,6 +251,11 @@ class SliceSum:
             yield pairs, is_even, owner, part
 
     def _lists(self, tables: Tables) -> Iterator[tuple[Any, ...]]:
+        """Yield the edge pairs of each view, as the entries of ``Tables.lists``.
+
+        An entry consists of the pairs of waves, whether the terms are even, the edge pairs, the
+        sign of the offset, and the side of the copy.
+        """
         for group, other, views, pairs in self.pairings(tables):
             is_even = other == group and not tables.phased
             for view, side in views:
@@ -280,6 +294,7 @@ class SliceSum:
         """Return the sum over the rows from :meth:`listed`, at the frequencies ``nu``."""
 
         def terms(shifted: Values) -> EdgeTerms:
+            """Return the terms at a frequency minus the shift of a pair of waves."""
             return self.terms(ops, tables, shifted, is_real, self.values == 1)
 
         return PartSum(terms, nu, columns == 4, is_real, self._as_waves)
@@ -288,19 +303,25 @@ class SliceSum:
 def _row_sums(
     terms: EdgeTerms, owner: Array, part: Sequence[Any], count: int, shape: tuple[int, ...]
 ) -> list[Array]:
+    """Return the sums of terms over the edge parts of each position, for tables of frequencies.
+
+    ``owner`` contains the position of each part in ascending order, ``count`` is the number of
+    positions, and ``shape`` the shape of the table of frequencies.
+    """
     rows, columns = shape
     results = [np.zeros((count, columns)) for _ in range(terms.values)]
     begins, step = np.flatnonzero(np.diff(owner, prepend=-1)), max(1, _SUMMED // (len(owner) or 1))
     numbers = [p[:, None] if np.ndim(p) else p for p in part]
     for k in range(0, columns if len(owner) else 0, step):
         block = slice(k, k + step)
-        at = terms.at_columns(owner if rows > 1 else None, block)
-        for result, value in zip(results, at.of_part(*numbers), strict=True):
+        in_block = terms.at(owner if rows > 1 else slice(None), block)
+        for result, value in zip(results, in_block.of_part(*numbers), strict=True):
             result[owner[begins], block] = np.add.reduceat(value, begins, axis=0)
     return results
 
 
 def _with_amplitude(total: Values, amplitude: tuple[Any, Any]) -> Values:
+    """Return a sum, real or complex, times a complex amplitude."""
     real, imag = amplitude
     if isinstance(imag, float) and imag == 0.0:
         return tuple(scaled(real, value) for value in total)
@@ -317,6 +338,10 @@ def _sum_of_rows(
     position: Values,
     count: int,
 ) -> Values:
+    """Return the sums for many pairs of waves, which a loop reads from memory.
+
+    The arguments are those of :meth:`SliceSum._sums_of_pairings`, for one pair of groups.
+    """
     ops, (group, other) = clipper.ops, groups
     rows = np.zeros((sum(len(pair.terms) for pair in pairs), _ROW))
     rows[:, :6] = rows_of(pairs)
@@ -372,6 +397,7 @@ class TermSum:
         return function.of_edge(along, length, sums)
 
     def _part_terms(self, edge: Edge, cuts: Cuts) -> Values:
+        """Return the contribution of an edge for terms that need each part separately."""
         ops, scale, clipper = self.ops, self.scale, self.clipper
         total: Values = (0.0,) * self.values
         for view, side in self.views:
@@ -389,7 +415,7 @@ class TermSum:
         return total
 
     def value(self, sums: Sequence[Any], position: Values) -> Values:
-        """Return the contribution of the pair of waves from the sums over edges."""
+        """Return the contribution of a pair of waves to W or A from the sums over edges."""
         amplitude = self.pair.amplitude(self.ops, position)
         return _with_amplitude(self.function.total(tuple(sums)), amplitude)
 

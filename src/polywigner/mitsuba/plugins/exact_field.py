@@ -269,7 +269,7 @@ class ExactField:
             wide = ops_for(m.Float64)
             point = tuple((m.Float64(value), 0.0) for value in (x, y, z))
             distance: Sequence[Drjit] = [
-                m.Float(half) for half in phases.halves(wide, distance_of(wide, point))
+                m.Float(half) for half in phases.split(wide, distance_of(wide, point))
             ]
             zero, digits = m.Float(0.0), m.Float(_DIGITS)
         else:

@@ -19,7 +19,7 @@ from polywigner.errors import SceneError
 from polywigner.execution import Drjit, DrjitOperations, Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.convex import trapezoids
-from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_outline_of, new_tables_of
+from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_tables_of, outline_tables
 from polywigner.kernels.kernel import Kernel
 from polywigner.mitsuba.plugins.mixtures import (
     Mixture,
@@ -326,7 +326,7 @@ class TracedSource:
         weights = None if self.weights is None else self._pairs_of_numbers(self.weights)
         total = Pair(0.0, 0.0)
         for number, element in enumerate(flat_source(self._spec.at_origin).elements_in_plane):
-            outline = new_outline_of(element)
+            outline = outline_tables(element.rings)
             vertices = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
             x, y = zip(*vertices, strict=True)
             value = Pair(*kernel_with_derivatives(FOURIER, code, outline, nu, Traced((x, y))))
