@@ -122,12 +122,14 @@ def intensities(shadows: Any, points: np.ndarray) -> np.ndarray:
     return np.array(shadows.intensity(mi.Point3f(*columns)))
 
 
-def error_on_floor(side: float, bodies: dict[str, Any]) -> float:
-    """Return the largest error of |U|^2 relative to its peak without bodies."""
+def error_on_floor(
+    side: float, bodies: dict[str, Any], low: float = -0.098, high: float = 0.099
+) -> float:
+    """Return the largest error of |U|^2, relative to its peak without bodies in this range of x."""
     source = pw.shapes.square(side)
     made = scene(2, bodies, source=source)
-    x = np.linspace(-0.098, 0.099, 30)
-    points = np.stack([*np.meshgrid(x, x), np.full((30, 30), FLOOR)], axis=-1).reshape(-1, 3)
+    x, y = np.meshgrid(np.linspace(low, high, 30), np.linspace(-0.098, 0.099, 30))
+    points = np.stack([x, y, np.full_like(x, FLOOR)], axis=-1).reshape(-1, 3)
     result = intensities(shadows_of(made), points)
     obstacles = Obstacles(
         [
@@ -163,6 +165,20 @@ def test_shadow_lines_on_a_wall_move_with_the_nodes() -> None:
         for name, pose in (("wall", wall), ("post", post))
     }
     assert error_on_floor(4e-3, bodies) < 2e-3
+
+
+@pytest.mark.drjit
+@pytest.mark.llvm
+def test_block_hides_points_in_front_of_one_of_its_faces_from_an_edge() -> None:
+    use("llvm_ad_mono")
+    # The bar is in front of two faces of the block, and its midpoint is behind the plane of one.
+    bar = transform().translate([0.01, 0.0, 0.166]).scale([0.014, 0.004, 0.001])
+    block = transform().translate([0.0, 0.0, 0.2124]).rotate([0, 1, 0], 45).scale(0.03)
+    bodies = {
+        name: {"type": "cube", "to_world": pose, "bsdf": BLACK}
+        for name, pose in (("bar", bar), ("block", block))
+    }
+    assert error_on_floor(1e-3, bodies, -0.14, -0.12) < 2e-4
 
 
 @pytest.mark.slow

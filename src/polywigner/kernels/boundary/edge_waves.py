@@ -467,13 +467,17 @@ def edge_wave(
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
         """Return the sum of the integrals from the part along the edge to ``start`` and ``end``."""
-        rim = beyond(0.0 * start + limit)
-        real, imag = 0.0, 0.0
+        # If v has one sign along the edge, the integrals from the limit to infinity cancel.
+        has_foot = (start < 0.0) & (end >= 0.0)
+        real, imag = when(has_foot, beyond, 0.0 * start + limit)
+        count = ops.select(has_foot, 2.0, 0.0)
+        real, imag = count * real, count * imag
         for sign, v in ((-1.0, start), (1.0, end)):
             off = beyond(ops.maximum(abs(v), limit))
-            size = ops.select(v < 0.0, -sign, sign) * (2.0 * turn * distance * slant)
-            real, imag = real + size * (rim[0] - off[0]), imag + size * (rim[1] - off[1])
-        return real, imag
+            sign = ops.select(v < 0.0, -sign, sign)
+            real, imag = real - sign * off[0], imag - sign * off[1]
+        size = 2.0 * turn * distance * slant
+        return size * real, size * imag
 
     real, imag = when(low < high, near_foot, low, high)
     ends = paths.low, paths.high

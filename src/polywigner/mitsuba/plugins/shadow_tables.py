@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 # for the half size of a source when the phase is computed [wavelengths]. Linear interpolation is
 # accurate to step^2/24.
 _STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
-_NO_PLANE = (0.0, 0.0, 0.0, 1.0)
+_NO_PLANE, _ALL_BEHIND = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, -1.0)
 # Largest gap between edges that count as adjacent, as a fraction of the largest coordinate.
 _GAP = 1e-6
 # Reference direction, chosen so that edges are unlikely to be perpendicular to it.
@@ -52,7 +52,7 @@ class EdgeTables(NamedTuple):
     groups: Floats
     """Rows (g, 13) of the groups.
 
-    Columns 0-2: midpoint of the edges; 3-6: plane of the face behind the edges; 7-8, 9-10 and
+    Columns 0-2: midpoint of the edges; 3-6: plane in front of all hidden points; 7-8, 9-10 and
     11-12: first and end row in ``edges``, ``triangles`` and ``rims``.
     """
     edges: Floats
@@ -132,6 +132,8 @@ def edge_tables(
     for number, blocker in enumerate([None, *blocked.blockers], NO_SURFACE):
         first, end = np.searchsorted(group, [number, number + 1])
         plane = edges[first, 6:10] if first < end else _NO_PLANE
+        if (edges[first:end, 6:9] != plane[:3]).any():
+            plane = _ALL_BEHIND  # A convex body can hide points in front of one of its faces.
         before, origin = list(sizes), np.zeros(3)
         if blocker is not None:
             origin = blocker.origin
