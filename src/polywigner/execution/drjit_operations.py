@@ -47,6 +47,8 @@ class DrjitOperations(RowByRow):
         import drjit
 
         self._dr = drjit
+        self.round, self.exp, self.log = drjit.round, drjit.exp, drjit.log
+        self.atan2, self.sqrt = drjit.atan2, drjit.sqrt
         self.target, self.most_as_code = target, 0 if target == "data" else most_as_code
         self.float_type = self.value_type = float_type
         self.key: Hashable = float_type
@@ -117,33 +119,9 @@ class DrjitOperations(RowByRow):
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
-    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
-    def minimum(self, a: Any, b: Any) -> Drjit:
-        a, b = self._typed(a), self._typed(b)
-        return self._dr.select(a < b, a, b)
-
-    def maximum(self, a: Any, b: Any) -> Drjit:
-        a, b = self._typed(a), self._typed(b)
-        return self._dr.select(a > b, a, b)
-
-    def round(self, a: Any) -> Drjit:
-        return self._dr.round(a)
-
     def snapped(self, a: Any, step: float) -> Drjit:
         """Return ``a``, rounded to a multiple of ``step``, with the derivative of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
-
-    def exp(self, a: Any) -> Drjit:
-        return self._dr.exp(a)
-
-    def log(self, a: Any) -> Drjit:
-        return self._dr.log(a)
-
-    def atan2(self, y: Any, x: Any) -> Drjit:
-        return self._dr.atan2(y, x)
-
-    def sqrt(self, a: Any) -> Drjit:
-        return self._dr.sqrt(a)
 
     def fma(self, a: Any, b: Any, c: Any) -> Drjit:
         return self._dr.fma(self._typed(a), self._typed(b), self._typed(c))

@@ -198,6 +198,13 @@ class RowByRow(Operations):
     and returns the final state. With ``is_sum``, the state consists of sums, which may have
     derivatives."""
 
+    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
+    def minimum(self, a: Any, b: Any) -> Numbers:
+        return self.select(a < b, a, b)
+
+    def maximum(self, a: Any, b: Any) -> Numbers:
+        return self.select(a > b, a, b)
+
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
         """Return the sums of ``term(row)`` without compensation, for a small number of terms."""
 
@@ -271,12 +278,6 @@ class ScalarOperations(_Unfused, RowByRow):
     log = staticmethod(math.log)
     atan2 = staticmethod(math.atan2)
     sqrt = staticmethod(math.sqrt)
-
-    def minimum(self, a: Any, b: Any) -> Numbers:
-        return a if a < b else b
-
-    def maximum(self, a: Any, b: Any) -> Numbers:
-        return a if a > b else b
 
     def round(self, a: Any) -> Numbers:
         return math.floor(a + 0.5)
