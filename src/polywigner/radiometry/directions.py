@@ -17,10 +17,10 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.execution.progress import progress_bar
+from polywigner.execution.progress import slow_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, finite_array
-from polywigner.numerics import Floats
+from polywigner.numerics import Floats, blocks_by_size
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
@@ -130,8 +130,6 @@ def checked_positions(x: Any) -> Floats:
 _MOST_WAVELENGTHS = 1e5
 # Directions per block, which take a few MB.
 _BLOCK = 1 << 17
-# Number of evaluations above which a terminal shows a progress bar; they take a few seconds.
-_LONG = 1 << 25
 
 # Source size [wavelengths] above which the integral over lags is used, because sums over directions
 # would take seconds.
@@ -195,30 +193,22 @@ def check_width(lag: float, wavelength: float) -> None:
         )
 
 
-def directions_and_weights(
-    lag: float, wavelength: float, positions: int = 1
-) -> Iterator[tuple[Floats, Floats]]:
+def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floats, Floats]]:
     """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
     For a source of size ``lag`` in m, the rule integrates W or |F|^2, also multiplied by
     polynomials in the vector components, with an error of 1e-14 of the largest value. It has about
-    15 (lag/wavelength)^2 nodes, at least a hundred. ``positions``: evaluations per direction, for
-    the progress bar. Raises ArgumentError for sources that are too large.
+    15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are too
+    large.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
     theta, weight = _polar(phase)
     counts = _azimuths(phase * np.sin(theta))
-    ends = np.cumsum(counts)
-    first, all_directions = 0, int(ends[-1])
-    show = None if positions * all_directions > _LONG else False
-    with progress_bar("directions", all_directions, show=show) as advance:
-        while first < len(theta):
-            below = int(np.searchsorted(ends, ends[first] - counts[first] + _BLOCK, side="right"))
-            last = max(below, first + 1)
-            yield _rings(theta[first:last], weight[first:last], counts[first:last])
-            advance(int(counts[first:last].sum()))
-            first = last
+    with slow_bar("directions", int(counts.sum())) as advance:
+        for rings in blocks_by_size(counts, _BLOCK):
+            yield _rings(theta[rings], weight[rings], counts[rings])
+            advance(int(counts[rings].sum()))
 
 
 def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Floats, Floats]:

@@ -221,7 +221,7 @@ def flux_vector(
     positions = checked_positions(x)
     rows = positions.reshape(-1, 1, 2)
     total = np.zeros((len(rows), 3))
-    for directions, solid_angle in directions_and_weights(largest_lag(radiator), length, len(rows)):
+    for directions, solid_angle in directions_and_weights(largest_lag(radiator), length):
         weighted = directions * solid_angle[:, None]
         size = max(1, _BLOCK // len(directions))
         for first in range(0, len(rows), size):
