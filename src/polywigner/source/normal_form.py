@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,19 +114,13 @@ class RepeatedElement:
         return lattice_of(self.positions, self.weights)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class WaveGroup:
+class WaveGroup(NamedTuple):
     """Elements with proportional waves."""
 
-    amplitudes: Complex
-    """Amplitudes of the waves of the first element, shape (m,)."""
-    frequencies: Floats
-    """Frequencies of the waves in 1/m, shape (m, d)."""
-    members: NDArray[np.intp]
-    """Indices of the elements, shape (k,)."""
-    factors: Complex
-    """Ratio of the amplitudes of each element to ``amplitudes``, shape (k,)."""
+    members: list[int]
+    """Indices of the elements."""
+    factors: list[complex]
+    """Ratio of the wave amplitudes of each element to those of the first element."""
 
 
 @final
@@ -213,19 +207,19 @@ class Source:
     def groups(self) -> tuple[WaveGroup, ...]:
         """Groups of elements with proportional waves."""
         if self.repeated is not None and self.repeated.element.is_uniform:
-            element, count = self.repeated.element, len(self)
-            return (_group(element, range(count), [1.0] * count),)
-        groups: list[tuple[SourceElement, list[int], list[complex]]] = []
+            return (WaveGroup(list(range(len(self))), [1.0] * len(self)),)
+        groups: list[WaveGroup] = []
         for number, element in enumerate(self.elements):
-            for first, members, factors in groups:
+            for group in groups:
+                first = self.elements[group.members[0]]
                 factor = _common_factor(element, first.frequencies, first.amplitudes)
                 if factor is not None:
-                    members.append(number)
-                    factors.append(factor)
+                    group.members.append(number)
+                    group.factors.append(factor)
                     break
             else:
-                groups.append((element, [number], [1.0]))
-        return tuple(_group(*group) for group in groups)
+                groups.append(WaveGroup([number], [1.0]))
+        return tuple(groups)
 
     @cached_property
     def rings(self) -> tuple[Floats, ...]:
@@ -415,12 +409,3 @@ def _common_factor(
     factor = complex(element.amplitudes[0] / amplitudes[0])
     error = np.abs(element.amplitudes - factor * amplitudes).max()
     return factor if error <= tolerance * np.abs(element.amplitudes).max() else None
-
-
-def _group(first: SourceElement, members: Sequence[int], factors: Sequence[complex]) -> WaveGroup:
-    return WaveGroup(
-        first.amplitudes,
-        first.frequencies,
-        np.array(members, np.intp),
-        np.array(factors, np.complex128),
-    )
