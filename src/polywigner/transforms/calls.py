@@ -114,49 +114,18 @@ def compute(
     *,
     through: FirstOrder | None = None,
     wavelength: float | None = None,
-    shear: execution.Shear | None = None,
-    has_kernel: bool = False,
 ) -> Values:
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    ``has_kernel`` specifies that the source has a kernel and the points are NumPy arrays. ``shear``
-    maps the components of the points, see :func:`polywigner.execution.evaluate`. The Fourier
-    transform of arrays and of sources with several waves is computed by :func:`polywigner.fourier`.
+    The Fourier transform of arrays and of sources with several waves is computed by
+    :func:`polywigner.fourier`.
     """
-    if not has_kernel:
-        is_numpy = not isinstance(source, Differentiable)
-        for value in points.values():
-            is_numpy &= type(value) is np.ndarray or not execution.is_drjit(value)
-        if not is_numpy:
-            call = partial(_before, name, source, through, wavelength, (precision, engine))
-            numbers = source.numbers if isinstance(source, Differentiable) else {}
-            return execution.on_components(call, points, numbers, precision, engine)
-        if through is not None or wavelength is not None or isinstance(source, Wavefront):
-            return _before(name, source, through, wavelength, (precision, engine), points)
-    is_real = TRANSFORMS[name].is_real
-    if TRANSFORMS[name].full is not None:
-        is_real, name, points = _of_full(name, source, points)
-    kernel, components = kernel_of(name, source, precision, engine), []
-    for label, value in points.items():
-        array = checked_points(label, value, kernel.dimension, keep_single=True)
-        components += execution.split(array)
-    try:
-        shape = np.broadcast_shapes(*[c.shape for c in components])
-    except ValueError:
-        broadcast_shape([np.asarray(value) for value in points.values()])
-        raise
-    result, parts = empty_result(shape, precision, 1 if is_real else 2)
-    execution.evaluate(
-        kernel,
-        source,
-        components,
-        double=precision != "single",
-        engine=engine,
-        outputs=len(parts),
-        into=parts,
-        shear=shear,
-    )
-    return result[()]
+    call = partial(_before, name, source, through, wavelength, (precision, engine))
+    is_differentiable = isinstance(source, Differentiable)
+    if is_differentiable or execution.has_drjit(points.values()):
+        numbers = source.numbers if is_differentiable else {}
+        return execution.on_components(call, points, numbers, precision, engine)
+    return call(points)
 
 
 def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
@@ -180,9 +149,7 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
 def _flat(
     name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
 ) -> Values:
-    if not execution.has_drjit(points.values()):
-        return compute(name, source, points, *how, shear=shear, has_kernel=True)
-    is_real = TRANSFORMS[name].is_real
+    is_traced, is_real = execution.has_drjit(points.values()), TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
         # The special kernels of arrays have no derivatives.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
@@ -196,9 +163,27 @@ def _flat(
         if TRANSFORMS[name].full is not None:
             is_real, name, points = _of_full(name, source, points)
         kernel = kernel_of(name, source, *how)
-    return execution.evaluate_traced(
-        kernel, source, points, complex_result=not is_real, shear=shear
+    if is_traced:
+        return execution.evaluate_traced(
+            kernel, source, points, complex_result=not is_real, shear=shear
+        )
+    precision, engine = how
+    arrays = [
+        checked_points(label, value, kernel.dimension, keep_single=True)
+        for label, value in points.items()
+    ]
+    result, parts = empty_result(broadcast_shape(arrays), precision, 1 if is_real else 2)
+    execution.evaluate(
+        kernel,
+        source,
+        [component for array in arrays for component in execution.split(array)],
+        double=precision != "single",
+        engine=engine,
+        outputs=len(parts),
+        into=parts,
+        shear=shear,
     )
+    return result[()]
 
 
 def explain(

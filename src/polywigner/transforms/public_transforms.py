@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
-from polywigner.execution import Differentiable, Drjit, Engine, Precision
+from polywigner.execution import Differentiable, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.geometry.illumination import shift_phases
@@ -18,6 +18,7 @@ from polywigner.numerics import phases
 from polywigner.optics import FirstOrder
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.checked_calls import (
     PhaseSpaceSource,
@@ -101,23 +102,20 @@ def fourier(
     if isinstance(source, Wavefront):
         return compute("fourier", source, {"nu": nu}, precision, engine)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
+
+    def call(points: dict[str, Any]) -> Values:
+        return _fourier(source, points["nu"], how)
+
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
-        call = partial(_on_components, source, how)
         numbers = source.numbers if isinstance(source, Differentiable) else {}
         return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
     with np.errstate(invalid="ignore", over="ignore"):
-        return _fourier(source, nu, how)
+        return call({"nu": nu})
 
 
-def _on_components(
-    source: Source | Differentiable, how: dict[str, Any], points: dict[str, Drjit]
-) -> Drjit:
+def _fourier(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> Values:
     if isinstance(source, Differentiable):
-        return fourier_of(source, in_plane(points["nu"]), partial(fourier, **how))
-    return _fourier(source, points["nu"], how)
-
-
-def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
+        return fourier_of(source, in_plane(nu), partial(fourier, **how))
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
@@ -142,21 +140,19 @@ def _field_of(source: Source) -> Illumination | None:
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     """Return the Fourier transform of a source with an illumination, as a sum over waves, (I1)."""
-    field, uniform = _field_of(source), source
-    assert field is not None
+    (element,) = normal_form(source).elements
+    uniform: Any = element.outline
     total: Values = 0.0
-    d = field.frequencies.shape[1]
+    d = element.frequencies.shape[1]
     rotation, shift = np.eye(d), np.zeros(d)
-    if isinstance(source, PlacedAperture):
-        rotation, shift = source.pose[:3, :2], source.pose[:3, 3]
-        uniform = source.aperture
-    centre = rotation @ np.atleast_1d(uniform.centre) + shift
-    uniform = uniform.with_illumination(None)
-    if isinstance(source, PlacedAperture):
-        uniform = uniform.placed(source.pose)
-    frequencies = field.frequencies @ rotation.T
+    centre = np.atleast_1d(uniform.centre)
+    if element.pose is not None:
+        rotation, shift = element.pose[:3, :2], element.pose[:3, 3]
+        uniform = uniform.placed(element.pose)
+    centre = rotation @ centre + shift
+    frequencies = element.frequencies @ rotation.T
     # Phases of waves are relative to the origin of the placed aperture, not to the world origin.
-    amplitudes = field.amplitudes * shift_phases(frequencies, shift)
+    amplitudes = element.amplitudes * shift_phases(frequencies, shift)
     for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
         shifted, lost = _difference(nu, kappa)
         term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude))

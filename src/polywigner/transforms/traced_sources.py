@@ -15,6 +15,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
 from polywigner.source import Array, Illumination
+from polywigner.source.array import repeated_element
 
 PlainFourier = Callable[[Aperture, Drjit], Drjit]
 """Function (source without Dr.Jit arrays, nu) that returns the Fourier transform of the source."""
@@ -162,8 +163,6 @@ def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex12
     if not isinstance(source, Array):
         raise ArgumentError("expected an Array for weights, got an Aperture")
     if source.repeated is not None:
-        from polywigner.source.array import repeated_element
-
         return repeated_element(*source.repeated, weights)
     return Array(source.elements, weights)
 
