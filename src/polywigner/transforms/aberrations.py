@@ -15,6 +15,7 @@ from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
     DrJitArray,
+    Immutable,
     checked_choice,
     checked_count,
     checked_length,
@@ -221,7 +222,7 @@ class FunctionMode:
 
 
 @final
-class Aberration:
+class Aberration(Immutable):
     """An aberration of a pupil, as a path length W(x, y) in metres.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda). Waves are exp(+i k R) with the
@@ -255,6 +256,12 @@ class Aberration:
     5e-08
     """
 
+    coefficients: Floats
+    """Coefficient of each term in m. The coefficient of a function is dimensionless."""
+    traced: Any
+    """Dr.Jit array of the coefficients, or None if the coefficients are NumPy numbers."""
+    _modes: tuple[Modes, ...]
+
     def __init__(self, path: ArrayLike | Path, radius: float = 1.0) -> None:
         size = checked_length(radius, "radius")
         modes: Modes
@@ -265,26 +272,12 @@ class Aberration:
             table = finite_array(path, expected, (None, None))
             powers = np.argwhere(table)
             modes, coefficients = PowerModes(powers, size), table[tuple(powers.T)]
-        self._set(coefficients, modes)
-
-    def _set(self, coefficients: Floats, *modes: Modes, traced: Any = None) -> None:
-        self._coefficients, self._modes, self._traced = coefficients, modes, traced
-
-    @classmethod
-    def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
-        aberration: Aberration = cls.__new__(cls)
-        aberration._set(coefficients, *modes, traced=traced)
-        return aberration
+        self._set(coefficients=coefficients, _modes=(modes,), traced=None)
 
     @property
-    def coefficients(self) -> Floats:
-        """Coefficient of each term in m. The coefficient of a function is dimensionless."""
-        return self._coefficients
-
-    @property
-    def traced(self) -> Any:
-        """Dr.Jit array of the coefficients, or None if the coefficients are NumPy numbers."""
-        return self._traced
+    def _key(self) -> int:
+        # Path functions cannot be compared, so each aberration equals only itself.
+        return id(self)
 
     def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
         """Return an aberration with the same terms and new coefficients.
@@ -322,7 +315,7 @@ class Aberration:
         values = finite_array(
             given, f"expected coefficients to be finite numbers of shape {shape}", shape
         )
-        return self._of(values, *self._modes, traced=traced)
+        return Aberration._of(coefficients=values, _modes=self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the path length W in m at the positions (x, y) in m."""
@@ -356,12 +349,14 @@ class Aberration:
                 "first, then use with_coefficients"
             )
         coefficients = np.concatenate([self.coefficients, other.coefficients])
-        return self._of(coefficients, *self._modes, *other._modes)
+        modes = self._modes + other._modes
+        return Aberration._of(coefficients=coefficients, _modes=modes, traced=None)
 
     def __mul__(self, factor: float) -> Aberration:
         number = checked_number(factor, "factor", "a finite number")
         traced = None if self.traced is None else self.traced * number
-        return self._of(self.coefficients * number, *self._modes, traced=traced)
+        coefficients = self.coefficients * number
+        return Aberration._of(coefficients=coefficients, _modes=self._modes, traced=traced)
 
     __rmul__ = __mul__
 
@@ -425,7 +420,7 @@ def zernike(
         for index, value in coefficients.items()
     ]
     modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
-    return Aberration._of(np.array(values), modes)
+    return Aberration._of(coefficients=np.array(values), _modes=(modes,), traced=None)
 
 
 class FittedAberration(NamedTuple):
@@ -499,7 +494,8 @@ def fit_zernike(
         )
     residual = float(np.sqrt(np.square(samples[2] - matrix @ values).mean()))
     by_index = dict(zip(indices, values.tolist(), strict=True))
-    return FittedAberration(Aberration._of(values, modes), by_index, residual)
+    fitted = Aberration._of(coefficients=values, _modes=(modes,), traced=None)
+    return FittedAberration(fitted, by_index, residual)
 
 
 def _indexing_of(name: Any) -> Indexing:
