@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
 from polywigner.geometry.convex import trapezoids
+from polywigner.geometry.hidden_parts import polygonal
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex
+from polywigner.numerics import Complex, blocks_by_size
 from polywigner.numerics.nodes import (
     LARGEST,
     Cells,
@@ -223,12 +224,6 @@ def _node_counts(
     return counts
 
 
-def _blocks(counts: Indices) -> list[Indices]:
-    block = np.cumsum(counts.prod(axis=1)) // _BLOCK
-    numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
-    return numbers if len(counts) else []
-
-
 @dataclass(frozen=True, eq=False)
 class Slices:
     """Intersections of elements of two copies of a pupil, which are shifted by -xi/2 and xi/2."""
@@ -302,30 +297,29 @@ def region_integrals(
     of their phase for :func:`_node_counts`. The second argument of both functions is the index of
     the polygon of each point.
     """
-    outer, of_outer = shapely.get_parts(polygons, return_index=True)
-    parts, of_part = shapely.get_parts(outer, return_index=True)
-    plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
-    triangles, part = triangles_of(parts[plane])
-    owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
+    parts, polygon = shapely.get_parts(polygonal(polygons), return_index=True)
+    triangles, part = triangles_of(parts)
+    owner, cells = polygon[part], cells_of(triangles)
     counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
     # An empty array of points gives the number of functions even if all polygons are empty.
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
-    for some in _blocks(counts):
+    for some in blocks_by_size(counts.prod(axis=1), _BLOCK):
         nodes, weights, cell = rule_of_counts(cells[some], counts[some])
         region = owner[some][cell]
         rows = weights * integrand(nodes, region)
-        total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
+        total = total + np.array([sums_by_index(region, row, len(polygons)) for row in rows])
     return np.asarray(total)
 
 
 def by_lag(regions: Slices, integrals: Complex) -> Complex:
     """Return the weighted sums of integrals over all regions that belong to the same lag."""
     rows = regions.weights * integrals
-    return np.array([_summed(regions.row, row, len(regions.lags)) for row in rows])
+    return np.array([sums_by_index(regions.row, row, len(regions.lags)) for row in rows])
 
 
-def _summed(index: Indices, values: Complex, count: int) -> Complex:
+def sums_by_index(index: Indices, values: Complex, count: int) -> Complex:
+    """Return the sums (count,) of complex values (n,) that have the same index."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)
 

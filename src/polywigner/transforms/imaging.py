@@ -9,7 +9,6 @@ transform, of the intersection of three polygons.
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -26,20 +25,26 @@ from polywigner.geometry.arguments import (
     checked_array,
     checked_length,
     checked_wavelength,
+    complex_array,
     finite_array,
     takes_frequency,
 )
+from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
-from polywigner.transforms.aberrated_pupils import checked_aberration, converged, region_integrals
+from polywigner.transforms.aberrated_pupils import (
+    checked_aberration,
+    converged,
+    region_integrals,
+    sums_by_index,
+)
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import broadcast_shape
 from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
-from polywigner.transforms.sections import edges_of
 
 # Largest number of polygon intersections. Computing this number takes some minutes and 2 GB of
 # memory.
@@ -351,16 +356,17 @@ def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
 def _transforms(polygons: Any, frequencies: Any) -> Complex:
     """Return the Fourier transform of each polygon at its own frequency, (F2)."""
     nu = np.asarray(frequencies, np.float64)
-    begin, end, of, origin = edges_of(np.asarray(polygons, object))
-    # A ring may be far smaller than its distance from the origin, so triangles start at a corner of
-    # the ring.
+    shapes = np.asarray(polygons, object)
+    of, begin, end = edges_around(shapes)
+    # A polygon may be far smaller than its distance from the origin, so triangles start at a corner
+    # of its bounding box.
+    origin = shapely.bounds(shapes)[of, :2]
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(), *phases[:2])
     cross = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     terms = cross * (cosine - 1j * sine) * np.exp(-2j * np.pi * phases[2])
-    real, imag = (np.bincount(of, values, len(nu)) for values in (terms.real, terms.imag))
-    return real + 1j * imag
+    return sums_by_index(of, terms, len(nu))
 
 
 def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
@@ -431,7 +437,7 @@ def _amplitudes(
     mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
     inside, around = (
-        _checked_amplitude(name, value)
+        complex(complex_array(value, f"expected {name} to be a finite number", ()))
         for name, value in (("transmission", transmission), ("background", background))
     )
     weights = mask.weights if isinstance(mask, Array) else np.ones(1)
@@ -443,16 +449,6 @@ def _amplitudes(
     amplitudes /= cell
     amplitudes[(orders == 0.0).all(axis=1)] += around
     return amplitudes
-
-
-def _checked_amplitude(name: str, value: complex) -> complex:
-    try:
-        amplitude = complex("nan" if isinstance(value, str) else value)
-    except (TypeError, ValueError):
-        amplitude = complex("nan")
-    if not cmath.isfinite(amplitude):
-        raise ArgumentError(f"expected {name} to be a finite number, got {value!r:.100}")
-    return amplitude
 
 
 def _lags(name: str, values: Any) -> Floats:

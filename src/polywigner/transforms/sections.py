@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
+from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
 from polywigner.numerics import Complex, Floats, Indices, cluster_indices
 from polywigner.numerics.phases import (
@@ -229,7 +230,7 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
     first, second = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
     pieces = shapely.intersection(images[row, first], others[row, second])
     weight = field.weights[first] * np.conj(field.weights[second])
-    begin, end, owner, _ = edges_of(pieces)
+    owner, begin, end = edges_around(pieces)
     return Overlaps(len(images), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
@@ -239,24 +240,6 @@ def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> ND
     scaled = shapely.transform(polygons, lambda points: points * scale)
     copies = shifted(np.tile(scaled, len(shifts)), np.repeat(shifts, len(polygons), axis=0))
     return copies.reshape(len(shifts), len(polygons))
-
-
-def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
-    """Return the edges of all polygons in an array of geometries.
-
-    The results are the start and the end of each edge, the index of its geometry, and the first
-    corner of its ring. Holes run clockwise.
-    """
-    parts, index = shapely.get_parts(geometries, return_index=True)
-    inner, outer = shapely.get_parts(parts, return_index=True)
-    plane = shapely.get_type_id(inner) == shapely.GeometryType.POLYGON
-    polygons, owner = shapely.orient_polygons(inner[plane]), index[outer[plane]]
-    rings, polygon = shapely.get_rings(polygons, return_index=True)
-    points, ring = shapely.get_coordinates(rings, return_index=True)
-    edge = np.flatnonzero(ring[1:] == ring[:-1])
-    ring_of = ring[edge]
-    first = points[np.searchsorted(ring, ring_of)]
-    return points[edge], points[edge + 1], owner[polygon[ring_of]], first
 
 
 def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
