@@ -402,7 +402,7 @@ def evaluate_sums(
     """Return weighted sums of a kernel over positions, at each point.
 
     The sum of weight × kernel(*position, *point, *constants) over all positions has the shape (n,).
-    The kernel must have one real result.
+    The kernel must have one real result. The memory use is proportional to the number of positions.
 
     Parameters
     ----------
@@ -416,21 +416,16 @@ def evaluate_sums(
         Last arguments of the kernel.
     """
     total = np.zeros(len(points))
-    if not len(points) or not len(positions):
-        return total
     terms = terms_of(kernel, kernel.tables_for(source, double))
     actual = resolved(engine, len(positions) * len(points), terms)
     how: Any = {"double": double, "engine": actual, "outputs": 1}
     fixed = [np.array(value) for value in constants]
-    step = min(len(positions), _BLOCK)
-    width = max(1, _BLOCK // step)
-    for start in range(0, len(positions), step):
+    step = max(1, _BLOCK // len(positions))
+    for start in range(0, len(points), step):
         block = slice(start, start + step)
-        for low in range(0, len(points), width):
-            columns = slice(low, low + width)
-            components = [*positions[block].T, *points[columns].T[:, :, None], *fixed]
-            (values,) = evaluate(kernel, source, components, **how)
-            total[columns] += values @ weights[block]
+        components = [*positions.T, *points[block].T[:, :, None], *fixed]
+        (values,) = evaluate(kernel, source, components, **how)
+        total[block] = values @ weights
     return total
 
 

@@ -24,7 +24,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.io.readers import table_rows
-from polywigner.numerics import Floats
+from polywigner.numerics import Floats, cluster_indices
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
@@ -281,15 +281,10 @@ def virtual_array(
     w = checked_weights(receive_weights, len(received))
     positions = (sent[:, None] + received).reshape(-1, sent.shape[1])
     near = _EQUAL_POSITIONS * float(max(np.abs(sent).max(), np.abs(received).max()))
-    order = np.argsort(positions, axis=0, kind="stable")
-    ranks = np.empty_like(order)
-    # Coordinates that are equal up to rounding get equal ranks.
-    for axis, along in enumerate(order.T):
-        steps = np.diff(positions[along, axis]) > near
-        ranks[along, axis] = np.concatenate([[0], np.cumsum(steps)])
-    _, first, which = np.unique(ranks, axis=0, return_index=True, return_inverse=True)
+    cluster = cluster_indices(positions, near)
+    _, first = np.unique(cluster, return_index=True)
     weights = np.zeros(len(first), np.complex128)
-    np.add.at(weights, which.reshape(-1), np.multiply.outer(v, w).ravel())
+    np.add.at(weights, cluster, np.multiply.outer(v, w).ravel())
     return positions[first] + 0.0, weights
 
 
