@@ -21,6 +21,7 @@ from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.operations import Drjit, Numbers
 from polywigner.geometry.arguments import real_numbers
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.phases import cos_sin_cycles
 
 Points = Mapping[str, Any]
@@ -275,7 +276,7 @@ def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list
 def unit_wave(cycles: Numbers) -> Numbers:
     """Return exp(2 pi i cycles) as a complex NumPy array or a ``Complex2f``."""
     if not is_drjit(cycles):
-        return np.exp(2j * np.pi * (cycles - np.round(cycles)))
+        return waves_of_cycles(cycles)
     cosine, sine = cos_sin_cycles(DrjitOperations(type(cycles)), cycles)
     return sibling(type(cycles), "Complex2f")(cosine, sine)
 

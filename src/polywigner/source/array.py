@@ -22,6 +22,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.illumination import Illumination
 from polywigner.geometry.parts import shifted, union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.source.lattices import checked_sites, checked_weights, joint_bounds
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
@@ -129,7 +130,7 @@ def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.f
     """Return an array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
-    return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
+    return Array(elements, array.weights * waves_of_cycles(cycles))
 
 
 def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:

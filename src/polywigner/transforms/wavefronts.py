@@ -21,7 +21,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats
-from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
+from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings, waves_of_cycles
 from polywigner.numerics.nodes import normal_product_rule
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
@@ -93,7 +93,7 @@ def _uniform(
     away = (origin - centre) @ axes
     inner = nu @ axes - q * away
     cycles = ((q * away) @ away) / 2 - nu @ origin
-    phase = np.exp(2j * math.pi * (cycles - np.round(cycles)))
+    phase = waves_of_cycles(cycles)
     values = np.empty(len(nu), np.complex128)
     largest = np.argmax(np.abs(q), axis=1)
     for axis in range(q.shape[1]):
