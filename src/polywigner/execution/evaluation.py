@@ -93,10 +93,10 @@ def plan_for_grid(
     x, y = components
     if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
         return None
-    transposed = not _is_grid(x, y)
+    transposed = not _are_axes_of_grid(x, y)
     if transposed:
         x, y = x.T, y.T
-        if not _is_grid(x, y):
+        if not _are_axes_of_grid(x, y):
             return None
     tables = kernel.edge_sum.on_grid(source)
     if tables is None:
@@ -106,7 +106,7 @@ def plan_for_grid(
     return plan if plan.keeps_digits() else None
 
 
-def _is_grid(x: Array, y: Array) -> bool:
+def _are_axes_of_grid(x: Array, y: Array) -> bool:
     # Comparing the corners quickly excludes most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
@@ -219,7 +219,7 @@ def evaluate(
         exact = kernel.tables_for(source, True)
         grid.fill(results, lambda points: _on_numpy(kernel, exact, points))
     elif plan.strategy == LISTED and rows is not None:
-        store(_shared(kernel, source, double, plan.engine, rows, results, shear), samples)
+        store(_in_row_blocks(kernel, source, double, plan.engine, rows, results, shear), samples)
     elif plan.engine == "numpy":
         tables = kernel.tables_for(source, True)
         store(_in_chunks(kernel, tables, components, results), samples)
@@ -346,7 +346,7 @@ def shared_rows(
     return None
 
 
-def _shared(
+def _in_row_blocks(
     kernel: Kernel,
     source: Any,
     double: bool,

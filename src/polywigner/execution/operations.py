@@ -36,7 +36,7 @@ def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
     """Return the sums of ``term(*row)`` over all rows, computed row by row."""
     totals = term(*rows[0])
     for row in rows[1:]:
-        totals = _added(totals, term(*row))
+        totals = _sums(totals, term(*row))
     return totals
 
 
@@ -47,7 +47,7 @@ def unrolled_steps(count: int, state: Values, step: Term) -> Values:
     return state
 
 
-def _added(a: Sequence[Any], b: Sequence[Any]) -> Values:
+def _sums(a: Sequence[Any], b: Sequence[Any]) -> Values:
     return tuple(p + q for p, q in zip(a, b, strict=True))
 
 
@@ -106,7 +106,7 @@ class NumpyOperations(_Unfused):
         totals: Values = (0.0,) * values
         for start in range(0, len(table), block):
             terms = term(*table[start : start + block].T.reshape(table.shape[1], -1, *axes))
-            totals = _added(totals, [part.sum(axis=0) for part in terms])
+            totals = _sums(totals, [part.sum(axis=0) for part in terms])
         return tuple(np.asarray(total) for total in totals)
 
     select = staticmethod(np.where)
@@ -147,7 +147,7 @@ class NumpyOperations(_Unfused):
         def of(owner: Array) -> list[Array]:
             return [a[owner] if len(a) == count else a for a in flat]
 
-        for owner, row in _listed(begin, stop - begin):
+        for owner, row in _row_blocks(begin, stop - begin):
             (chosen,) = np.nonzero(keep(row, *of(owner)))
             for part in (chosen[k : k + _BLOCK] for k in range(0, len(chosen), _BLOCK)):
                 terms = term(row[part], *of(owner[part]))
@@ -173,13 +173,13 @@ class NumpyOperations(_Unfused):
             block = max(1, _BLOCK // max(1, count))
             for start in range(0, len(table), block):
                 terms = term(*np.moveaxis(table[start : start + block], 1, 0), *flat)
-                sums = _added(sums, [part.sum(axis=0) for part in terms])
+                sums = _sums(sums, [part.sum(axis=0) for part in terms])
             for total, part in zip(totals, sums, strict=True):
                 total[chosen] = part.reshape(total[chosen].shape)
         return totals
 
 
-def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
+def _row_blocks(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -209,7 +209,7 @@ class RowByRow(Operations):
         """Return the sums of ``term(row)`` without compensation, for a small number of terms."""
 
         def step(row: Any, *sums: Any) -> Values:
-            return _added(sums, term(row))
+            return _sums(sums, term(row))
 
         return self.fold(first, end, (0.0,) * values, step, is_sum=True)
 
@@ -245,13 +245,13 @@ class RowByRow(Operations):
             level = tuple(self.select(sets, a, b) for a, b in zip(start, level, strict=True))
             terms = term(level)
             if self.double:
-                return *_added(level, jumps), *_added(sums, terms)
+                return *_sums(level, jumps), *_sums(sums, terms)
             errors = [self._rounded_off(a, b) for a, b in zip(sums, terms, strict=True)]
-            return *_added(level, jumps), *_added(sums, terms), *_added(lost, errors)
+            return *_sums(level, jumps), *_sums(sums, terms), *_sums(lost, errors)
 
         count = levels + (1 if self.double else 2) * values
         sums = self.fold(first, end, (0.0,) * count, step, is_sum=True)[levels:]
-        return sums if self.double else _added(sums[:values], sums[values:])
+        return sums if self.double else _sums(sums[:values], sums[values:])
 
     def _rounded_off(self, a: Any, b: Any) -> Numbers:
         """Return the exact rounding error of the sum a + b (Knuth)."""
@@ -303,5 +303,5 @@ class ScalarOperations(_Unfused, RowByRow):
     ) -> Values:
         totals: Values = (0.0,) * values
         for row in rules[int(rule)].tolist() if rule >= 0 else ():
-            totals = _added(totals, term(*row, *samples))
+            totals = _sums(totals, term(*row, *samples))
         return totals

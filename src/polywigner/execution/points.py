@@ -164,7 +164,7 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
     import drjit
 
     if not is_drjit(value):
-        array = _host_points(name, value)
+        array = _numpy_points(name, value)
         if array.ndim not in (1, 2) or not 0 < array.shape[-1] < 4:
             raise ArgumentError(
                 f"expected {name} of shape (d,) or (n, d), because the other argument has d "
@@ -195,7 +195,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
                 f"{type(value).__name__}; use one kind of array for all points"
             )
         else:
-            array = _host_points(name, value)
+            array = _numpy_points(name, value)
             shapes[name], flat[name] = array.shape, array_of(float_type, array)
         if not shapes[name] or not 0 < shapes[name][-1] < 4:
             raise ArgumentError(
@@ -220,7 +220,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
     return arrays, shape
 
 
-def _host_points(name: str, value: Any) -> NDArray[np.float64]:
+def _numpy_points(name: str, value: Any) -> NDArray[np.float64]:
     try:
         return real_numbers(value)
     except ValueError as error:

@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, finite_array
-from polywigner.numerics import Floats, blocks_by_size
+from polywigner.numerics import Floats, Indices, blocks_by_size
 from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
@@ -120,7 +119,7 @@ def checked_directions(direction: Any) -> Floats:
     return array
 
 
-def checked_positions(x: Any) -> Floats:
+def checked_plane_positions(x: Any) -> Floats:
     check_no_drjit(x=x)
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
@@ -203,15 +202,15 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floa
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
-    theta, weight = _polar(phase)
-    counts = _azimuths(phase * np.sin(theta))
+    theta, weight = _polar_nodes(phase)
+    counts = _azimuth_counts(phase * np.sin(theta))
     with slow_bar("directions", int(counts.sum())) as advance:
         for rings in blocks_by_size(counts, _BLOCK):
-            yield _rings(theta[rings], weight[rings], counts[rings])
+            yield _directions_on_rings(theta[rings], weight[rings], counts[rings])
             advance(int(counts[rings].sum()))
 
 
-def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tuple[Floats, Floats]:
     polar = np.repeat(theta, counts)
     index = np.arange(len(polar)) - np.repeat(np.cumsum(counts) - counts, counts)
     phi = 2 * math.pi * index / np.repeat(counts, counts)
@@ -220,17 +219,17 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
     return directions, np.repeat(2 * math.pi * weight * np.sin(theta) / counts, counts)
 
 
-def _azimuths(phase: Floats) -> NDArray[np.intp]:
+def _azimuth_counts(phase: Floats) -> Indices:
     """Return the number of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
     # The error 2 J_n(phase) is 3e-15. Constants fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
 @lru_cache(maxsize=8)
-def _polar(phase: float) -> tuple[Floats, Floats]:
+def _polar_nodes(phase: float) -> tuple[Floats, Floats]:
     """Return nodes between 0 and pi/2 and their weights, for waves with phases up to ``phase``."""
     # On half a panel, the phase changes by at most pi/4 of its largest value. The constants were
-    # fitted as in `_azimuths`.
+    # fitted as in `_azimuth_counts`.
     panels = max(1, math.ceil(phase / _PANEL))
     along = phase / panels
     count = math.ceil(math.pi / 8 * along + 4.0 * math.cbrt(along) + 7.0)
@@ -251,7 +250,7 @@ def power_by_lags(
     # The obliquity factor is smooth except at the horizon. Long lags contribute only through
     # parallel sides: a fraction (wavelength/width)^(5/2) of the power, or (wavelength/width)^(3/2)
     # with a normal derivative. A smooth cut-off omits these lags.
-    slope = steepest(source, wavelength)
+    slope = largest_transverse_cosine(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
     reach = (_ENDS[-1] + _BEYOND) * soft
     width = largest_lag(source) / wavelength
@@ -272,7 +271,7 @@ def power_by_lags(
     return float(powers[1]) if abs(powers[1] - powers[0]) <= _SAME * abs(powers[1]) else None
 
 
-def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
+def largest_transverse_cosine(source: PlaneSource | Wavefront, wavelength: float) -> float:
     """Return the largest transverse direction cosine of a source's field."""
     flat: Any = flat_source(source)
     highest = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())

@@ -383,11 +383,11 @@ def warn_of_overlaps(array: Array) -> None:
         # Elements with different poses have no common plane.
         except GeometryError:
             return
-        outlines = np.array([_outline(element) for element in elements], object)
+        outlines = np.array([_as_polygons(element) for element in elements], object)
     else:
         element, positions = array.repeated
         shifts = np.pad(positions, ((0, 0), (0, 2 - array.dimension)))
-        outlines = shifted(np.full(len(array), _outline(element), object), shifts)
+        outlines = shifted(np.full(len(array), _as_polygons(element), object), shifts)
     bounds = shapely.bounds(outlines)
     margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
     boxes = shapely.box(*(bounds + margins).T)
@@ -408,7 +408,7 @@ def warn_of_overlaps(array: Array) -> None:
             return
 
 
-def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
+def _as_polygons(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T

@@ -184,7 +184,7 @@ class Source:
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated
         try:
-            return _copies(self.in_plane.elements)
+            return _as_copies(self.in_plane.elements)
         except GeometryError:
             return None
 
@@ -247,7 +247,7 @@ class Source:
         flat = [
             element
             if element.pose is None
-            else _element(
+            else _element_of(
                 aperture_in_plane(k, PlacedAperture(element.shape, element.pose)), element.weight
             )
             for k, element in enumerate(self.elements)
@@ -350,17 +350,17 @@ def _converted(public: PublicSource) -> Source:
             wavelength=public.wavelength,
         )
     if not isinstance(public, Array):
-        return coherent_form([_element(public, 1.0)], 1 if isinstance(public, Slits) else 2)
+        return coherent_form([_element_of(public, 1.0)], 1 if isinstance(public, Slits) else 2)
     dimension = 1 if public.dimension == 1 else 2
     if public.repeated is not None:
         element, positions = public.repeated
-        copies = RepeatedElement(_element(element, 1.0), positions, public.weights)
+        copies = RepeatedElement(_element_of(element, 1.0), positions, public.weights)
         return coherent_form(copies, dimension)
     pairs = zip(public.elements, public.weights.tolist(), strict=True)
-    return coherent_form([_element(e, w) for e, w in pairs], dimension, public.paths)
+    return coherent_form([_element_of(e, w) for e, w in pairs], dimension, public.paths)
 
 
-def _element(public: Any, weight: complex) -> SourceElement:
+def _element_of(public: Any, weight: complex) -> SourceElement:
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
@@ -375,7 +375,7 @@ def _element(public: Any, weight: complex) -> SourceElement:
     return SourceElement(outline, weight, field.amplitudes, field.frequencies, pose)
 
 
-def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
+def _as_copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
     first = elements[0]
     if not isinstance(first.outline, Aperture):
         return None

@@ -80,7 +80,7 @@ class Context(NamedTuple):
         )
 
 
-def _origin(table: Table, *origins: str) -> str:
+def _only_key(table: Table, *origins: str) -> str:
     """Return the only key of ``origins`` in a table; raise FileFormatError if there is not one."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
@@ -119,12 +119,12 @@ class ApertureTable(_Illuminated, tag="aperture"):
     to_world: Coordinates | None = None
 
     def source(self, context: Context) -> Aperture | PlacedAperture:
-        with at_key(_origin(self, "file", "polygons", "shape")):
+        with at_key(_only_key(self, "file", "polygons", "shape")):
             if self.file is not None:
                 path, unit = context.path(self.file), self.unit or "mm"
                 outline: Any = geometry.read_aperture(path, unit, None, self.layer, self.union)
             elif self.polygons is not None:
-                outline = _aperture(self.polygons)
+                outline = _aperture_of_polygons(self.polygons)
             else:
                 outline = called(self.shape)
         aperture: Aperture = self.illuminated(outline, Aperture, context)
@@ -141,13 +141,13 @@ class SlitsTable(_Illuminated, tag="slits"):
     intervals: Coordinates | None = None
 
     def source(self, context: Context) -> Slits:
-        with at_key(_origin(self, "intervals", "shape")):
+        with at_key(_only_key(self, "intervals", "shape")):
             outline = called(self.shape) if self.intervals is None else Slits(self.intervals)
         slits: Slits = self.illuminated(outline, Slits, context)
         return slits
 
 
-def _aperture(polygons: list[list[Any]]) -> Aperture:
+def _aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
     """Return an aperture made of polygons, with unchanged vertices if the polygons are valid."""
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
@@ -374,7 +374,7 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
         return content_of(tables, file.parent, allow_outside)
 
 
-def _suffix_of(suffix: str) -> str:
+def _checked_suffix(suffix: str) -> str:
     if suffix.lower() not in (".toml", ".json"):
         raise FileFormatError(
             "expected a source file with the suffix .toml or .json, got "
@@ -384,7 +384,7 @@ def _suffix_of(suffix: str) -> str:
 
 
 def _parsed(text: str, suffix: str) -> Any:
-    parse = json.loads if _suffix_of(suffix) == ".json" else tomllib.loads
+    parse = json.loads if _checked_suffix(suffix) == ".json" else tomllib.loads
     try:
         return parse(text)
     except (ValueError, RecursionError) as error:
@@ -394,7 +394,7 @@ def _parsed(text: str, suffix: str) -> Any:
 def table_of(source: Any) -> dict[str, Any]:
     """Convert a source to tables, lists, strings and numbers."""
     if not isinstance(source, Wavefront):
-        return {"version": VERSION, **_table(source)}
+        return {"version": VERSION, **_flat_table(source)}
     wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
     if source.wavelength is not None:
         wave["wavelength"] = source.wavelength
@@ -403,11 +403,11 @@ def table_of(source: Any) -> dict[str, Any]:
     return {**table_of(source.source), "wavefront": wave}
 
 
-def _table(source: Any) -> dict[str, Any]:
+def _flat_table(source: Any) -> dict[str, Any]:
     if isinstance(source, PlacedAperture):
-        return {**_table(source.aperture), "to_world": source.pose.tolist()}
+        return {**_flat_table(source.aperture), "to_world": source.pose.tolist()}
     if isinstance(source, Array):
-        return _array(source)
+        return _array_table(source)
     if isinstance(source, Slits):
         table = {"kind": "slits", "intervals": source.intervals.tolist()}
     elif isinstance(source, Aperture):
@@ -419,28 +419,28 @@ def _table(source: Any) -> dict[str, Any]:
             f"{type(source).__name__}"
         )
     if source.illumination is not None:
-        amplitudes = _pairs(source.illumination.amplitudes)
+        amplitudes = _listed_numbers(source.illumination.amplitudes)
         frequencies = source.illumination.frequencies.tolist()
         field = {"kind": "waves", "amplitudes": amplitudes, "frequencies": frequencies}
         table["illumination"] = field
     return table
 
 
-def _array(array: Array) -> dict[str, Any]:
-    weights = {} if (array.weights == 1).all() else {"weights": _pairs(array.weights)}
+def _array_table(array: Array) -> dict[str, Any]:
+    weights = {} if (array.weights == 1).all() else {"weights": _listed_numbers(array.weights)}
     if array.repeated is not None:
         element, positions = array.repeated
         body = {"kind": "phased-array", "positions": positions.tolist(), **weights}
-        return {**body, "element": _table(element)}
+        return {**body, "element": _flat_table(element)}
     table: dict[str, Any] = {"kind": "array", **weights}
     if array.paths is not None:
         paths = array.paths
         cycles, slopes = paths.cycles.tolist(), paths.slopes.tolist()
         table["paths"] = {"wavelength": paths.wavelength, "cycles": cycles, "slopes": slopes}
-    return {**table, "elements": [_table(element) for element in array.elements]}
+    return {**table, "elements": [_flat_table(element) for element in array.elements]}
 
 
-def _pairs(values: NDArray[np.complex128]) -> list[Any]:
+def _listed_numbers(values: NDArray[np.complex128]) -> list[Any]:
     """Return the numbers if all are real, otherwise pairs [real, imaginary]."""
     if not values.imag.any():
         return values.real.tolist()
@@ -509,5 +509,5 @@ def write_source(
         jones = checked_polarisation(polarisation, source)
         table["polarisation"] = jones.view(np.float64).reshape(*jones.shape, 2).tolist()
     with at_key(str(file)):
-        is_json = _suffix_of(file.suffix) == ".json"
+        is_json = _checked_suffix(file.suffix) == ".json"
     write_lines(file, [json.dumps(table) if is_json else _toml(table).rstrip("\n")])

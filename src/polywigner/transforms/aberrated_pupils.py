@@ -46,7 +46,7 @@ _EXTRA = (1, 3, 6, 10, 16, 24, 34)
 _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
-def _bilinear(count_u: int, count_v: int) -> Floats:
+def _bilinear_weights(count_u: int, count_v: int) -> Floats:
     """Return the bilinear weights of a cell's corners at the points of a grid, shape (n, 4)."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
@@ -54,7 +54,7 @@ def _bilinear(count_u: int, count_v: int) -> Floats:
 
 # Points at which the phase gradient is sampled in a cell. Trapezoids need more points, because they
 # may extend across the entire pupil.
-_IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
+_IN_TRIANGLE, _IN_TRAPEZOID = _bilinear_weights(4, 3), _bilinear_weights(5, 9)
 # Number of additional nodes above which a rule also has more nodes per phase cycle, because the
 # phase may be steeper between the sample points.
 _STEEP = 4

@@ -94,8 +94,8 @@ def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
     The largest value of each polynomial on the rim of the disc is 1.
     """
-    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_part(table[n, abs(m)], m) for n, m in orders])
+    table = _complex_polynomials(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_real_or_imaginary(table[n, abs(m)], m) for n, m in orders])
 
 
 def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
@@ -104,40 +104,40 @@ def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
     The complex polynomials satisfy d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1). For the
     derivative with respect to conj(z), the right-hand side is n V_(n-1)^(m+1).
     """
-    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_gradient(table, order) for order in orders])
+    table = _complex_polynomials(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_polynomial_gradient(table, order) for order in orders])
 
 
-def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
+def _complex_polynomials(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
     z = np.asarray(x) + 1j * np.asarray(y)
     table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
     for n in range(1, highest + 1):
         for m in range(n % 2, n + 1, 2):
-            value = z * _at(table, n - 1, m - 1)
+            value = z * _complex_polynomial(table, n - 1, m - 1)
             if m < n:
                 value = value + z.conj() * table[n - 1, m + 1] - table[n - 2, m]
             table[n, m] = value
     return table
 
 
-def _at(table: dict[Order, Complex], n: int, m: int) -> Complex:
+def _complex_polynomial(table: dict[Order, Complex], n: int, m: int) -> Complex:
     """Return the complex Zernike polynomial V_n^m for any m; it is zero if |m| exceeds n."""
     if abs(m) > n:
         return np.zeros_like(table[0, 0])
     return table[n, m] if m >= 0 else table[n, -m].conj()
 
 
-def _part(values: Complex, m: int) -> Floats:
+def _real_or_imaginary(values: Complex, m: int) -> Floats:
     return values.real if m >= 0 else values.imag
 
 
-def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
+def _polynomial_gradient(table: dict[Order, Complex], order: Order) -> Floats:
     n, m = order
     by_z = by_conjugate = np.zeros_like(table[0, 0])
     for k in range(n, 0, -2):
-        by_z = by_z + k * _at(table, k - 1, abs(m) - 1)
-        by_conjugate = by_conjugate + k * _at(table, k - 1, abs(m) + 1)
-    return _part(np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)]), m)
+        by_z = by_z + k * _complex_polynomial(table, k - 1, abs(m) - 1)
+        by_conjugate = by_conjugate + k * _complex_polynomial(table, k - 1, abs(m) + 1)
+    return _real_or_imaginary(np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)]), m)
 
 
 # Step of finite differences for path functions, as a fraction of the pupil's radius.

@@ -120,7 +120,7 @@ def compute(
     The Fourier transform of arrays and of sources with several waves is computed by
     :func:`polywigner.fourier`.
     """
-    call = partial(_before, name, source, through, wavelength, (precision, engine))
+    call = partial(_before_system, name, source, through, wavelength, (precision, engine))
     is_differentiable = isinstance(source, Differentiable)
     if is_differentiable or execution.has_drjit(points.values()):
         numbers = source.numbers if is_differentiable else {}
@@ -128,7 +128,7 @@ def compute(
     return call(points)
 
 
-def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
+def _as_full_transform(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal of a uniform source is real.
@@ -146,7 +146,7 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
     return declared.is_real or is_uniform, declared.full, full
 
 
-def _flat(
+def _of_flat_wave(
     name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
 ) -> Values:
     is_traced, is_real = execution.has_drjit(points.values()), TRANSFORMS[name].is_real
@@ -161,7 +161,7 @@ def _flat(
         kernel = kernels_of_all[name]
     else:
         if TRANSFORMS[name].full is not None:
-            is_real, name, points = _of_full(name, source, points)
+            is_real, name, points = _as_full_transform(name, source, points)
         kernel = kernel_of(name, source, *how)
     if is_traced:
         return execution.evaluate_traced(
@@ -260,7 +260,7 @@ def explain(
     return plan
 
 
-def _before(
+def _before_system(
     name: str,
     source: Any,
     through: FirstOrder | None,
@@ -269,16 +269,16 @@ def _before(
     points: Points,
 ) -> Values:
     if through is not None or wavelength is not None:
-        points = _mapped(name, source, through, wavelength, points)
+        points = _mapped_points(name, source, through, wavelength, points)
         if not isinstance(source, Differentiable):
             source = source.at_wavelength(wavelength)
     if isinstance(source, Wavefront):
-        transform = _curved if source.is_coherent else _partly_coherent
+        transform = _of_curved_wave if source.is_coherent else _of_partly_coherent_wave
         return transform(name, source, points, how)
-    return _flat(name, source, points, how)
+    return _of_flat_wave(name, source, points, how)
 
 
-def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
+def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
     if through is None:
         raise ArgumentError(
             f"wavelength={wavelength!r} requires an optical system (through=), got none; omit the "
@@ -295,7 +295,7 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
     dimension = kernels.kernel_for(name, flat).dimension
     a, b, c, d = _blocks_for(through, dimension)
     position, frequency = TRANSFORMS[name].plane
-    checked = _checked(points, dimension)
+    checked = _checked_components(points, dimension)
     if not execution.has_drjit(checked.values()):
         broadcast_shape(list(checked.values()))
     components = [*execution.split(checked[position]), *execution.split(checked[frequency])]
@@ -319,7 +319,7 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
     return tuple(block[:1, :1] for block in blocks)
 
 
-def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
     if name == "fourier":
         raise IlluminationError(
             f"expected a coherent source for {name}, got one with a coherence width of "
@@ -334,13 +334,13 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
             f"expected {traced[0]} to be a NumPy array for a partially coherent source, got a "
             f"Dr.Jit array; use {traced[0]}.numpy()"
         )
-    points, coherent = _checked(points, wave.dimension), coherent_source(wave)
+    points, coherent = _checked_components(points, wave.dimension), coherent_source(wave)
     if takes_degree:
         values = compute(name, coherent, points, *how)
         degree = degree_of_coherence(wave, list(points.values())[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
     if TRANSFORMS[name].full is not None:
-        _, name, points = _of_full(name, wave, points)
+        _, name, points = _as_full_transform(name, wave, points)
     x, nu = points.values()
     if traced:
         double = type(execution.split(points[traced[0]])[0]).__name__.endswith("64")
@@ -348,18 +348,18 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
         double = execution.checked_precision(how[0]) != "single"
 
     def of_coherent(x: Values, nu: Values) -> Values:
-        return _before("wigner", coherent, None, None, how, {"x": x, "nu": nu})
+        return _before_system("wigner", coherent, None, None, how, {"x": x, "nu": nu})
 
     if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
 
     def closed_form(limited: Wavefront, x: Values, nu: Values) -> Values:
-        return _curved("wigner", limited, {"x": x, "nu": nu}, how)
+        return _of_curved_wave("wigner", limited, {"x": x, "nu": nu}, how)
 
     return within_widths(closed_form, of_coherent, wave, x, nu, double)
 
 
-def _checked(points: Points, dimension: int) -> dict[str, Values]:
+def _checked_components(points: Points, dimension: int) -> dict[str, Values]:
     return {
         label: execution.joined(execution.components_of(label, value, dimension))
         if execution.is_drjit(value)
@@ -368,13 +368,13 @@ def _checked(points: Points, dimension: int) -> dict[str, Values]:
     }
 
 
-def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+def _of_curved_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature
     if TRANSFORMS[name].full is not None:
-        _, name, points = _of_full(name, wave, points)
-    points, flat = _checked(points, wave.dimension), wave.source
+        _, name, points = _as_full_transform(name, wave, points)
+    points, flat = _checked_components(points, wave.dimension), wave.source
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
 
@@ -384,7 +384,7 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
 
     centre = wave.centre.tolist()
     if name == "autocorrelation":
-        value = _flat(name, flat, points, how)
+        value = _of_flat_wave(name, flat, points, how)
         x, xi = (execution.split(p) for p in points.values())
         return _with_phase(value, zip(slopes(x, centre), xi, strict=True))
     first, second = TRANSFORMS[name].plane == ("x", "nu"), slice(d, 2 * d)
@@ -396,7 +396,7 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
         moved = [n - s for n, s in zip(frequency, slopes(position, about), strict=True)]
         return [*position, *moved] if first else [*moved, *position]
 
-    value = _flat(name, flat, points, how, shear)
+    value = _of_flat_wave(name, flat, points, how, shear)
     slope = (q @ wave.centre).tolist()
     if first or not any(slope):
         return value

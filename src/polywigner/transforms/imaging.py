@@ -127,7 +127,7 @@ def transmission_cross_coefficient(
     (0.5+0j)
     """
     system = _System.of(pupil, condenser, defocus, pupil_radius)
-    both = [_lags(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
+    both = [_plane_points(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
     shape = broadcast_shape(both)
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
     if len(pairs[0]) * system.size > _MOST:
@@ -228,12 +228,12 @@ def partially_coherent_image(
     lattice = _checked_lattice(period)
     cell = abs(np.linalg.det(lattice))
     _check_overlaps(mask, lattice)
-    orders = _orders_within_reach(system, lattice, scale)
-    amplitudes = _amplitudes(mask, orders, cell, transmission, background)
+    orders = _frequencies_within_reach(system, lattice, scale)
+    amplitudes = _order_amplitudes(mask, orders, cell, transmission, background)
     used = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
-    used[used] = _passing(system, scale * orders[used])
+    used[used] = _passes(system, scale * orders[used])
     orders, amplitudes = orders[used], amplitudes[used]
-    image_points = _lags("points", points)
+    image_points = _plane_points("points", points)
     if not len(orders):
         return np.zeros(image_points.shape[:-1])[()]
     matrix = amplitudes[:, None] * amplitudes.conj() * system.matrix(scale * orders)
@@ -271,14 +271,14 @@ class _System:
         checked_energy(pupil)
         light = [
             _Term(a.polygon, a.weight * b.weight.conjugate(), a.kappa - b.kappa)
-            for element in _elements(condenser)
+            for element in _waves_of_elements(condenser)
             for a in element
             for b in element
         ]
-        power = sum(_transforms([t.polygon], [-t.kappa])[0] * t.weight for t in light).real
+        power = sum(_polygon_transforms([t.polygon], [-t.kappa])[0] * t.weight for t in light).real
         if not power > 0.0:
             raise ArgumentError("expected a condenser that emits light, got weights of zero")
-        waves = [term for element in _elements(pupil) for term in element]
+        waves = [term for element in _waves_of_elements(pupil) for term in element]
         return cls(waves, light, checked_waves(defocus) / radius / radius, float(power))
 
     @property
@@ -289,7 +289,7 @@ class _System:
         total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
-            regions = [_overlap(light.polygon, term.polygon, lags) for term in self.pupil]
+            regions = [_passing_parts(light.polygon, term.polygon, lags) for term in self.pupil]
             for a, one in zip(self.pupil, regions, strict=True):
                 for b, other in zip(self.pupil, regions, strict=True):
                     both = shapely.intersection(one[first], other[second])
@@ -308,7 +308,7 @@ class _System:
         """
         path = self.aberration
         if path is None:
-            return _transforms(polygons, nu)
+            return _polygon_transforms(polygons, nu)
 
         def slopes(x: Floats, region: Indices) -> Floats:
             first, second = x + ahead[region, None], x + behind[region, None]
@@ -339,7 +339,7 @@ class _System:
         return above + np.triu(above, 1).conj().T
 
 
-def _elements(source: Aperture | Array) -> list[list[_Term]]:
+def _waves_of_elements(source: Aperture | Array) -> list[list[_Term]]:
     elements = []
     for element in normal_form(source).in_plane.elements:
         polygon, weight = element.shape.polygons, element.weight
@@ -348,12 +348,12 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
     return elements
 
 
-def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
+def _passing_parts(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
     """Return the part of the condenser whose light passes through the pupil, for each lag."""
     return shapely.intersection(shifted(np.full(len(lags), pupil, object), -lags), light)
 
 
-def _transforms(polygons: Any, frequencies: Any) -> Complex:
+def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
     """Return the Fourier transform of each polygon at its own frequency, (F2)."""
     nu = np.asarray(frequencies, np.float64)
     shapes = np.asarray(polygons, object)
@@ -369,7 +369,7 @@ def _transforms(polygons: Any, frequencies: Any) -> Complex:
     return sums_by_index(of, terms, len(nu))
 
 
-def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
+def _frequencies_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
     """Return the lattice frequencies at which light from the condenser can pass the pupil."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
@@ -387,13 +387,13 @@ def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floa
     return np.asarray(np.stack([g.ravel() for g in grid], axis=-1) @ reciprocal)
 
 
-def _passing(system: _System, lags: Floats) -> NDArray[np.bool_]:
+def _passes(system: _System, lags: Floats) -> NDArray[np.bool_]:
     """Return whether light from any point of the condenser passes the pupil, for each lag."""
     passes = np.zeros(len(lags), bool)
     for term in system.condenser:
         for pupil in system.pupil:
             others = np.flatnonzero(~passes)
-            common = _overlap(term.polygon, pupil.polygon, lags[others])
+            common = _passing_parts(term.polygon, pupil.polygon, lags[others])
             passes[others] = shapely.area(common) > 0.0
     return passes
 
@@ -433,7 +433,7 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
         )
 
 
-def _amplitudes(
+def _order_amplitudes(
     mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
     inside, around = (
@@ -451,7 +451,7 @@ def _amplitudes(
     return amplitudes
 
 
-def _lags(name: str, values: Any) -> Floats:
+def _plane_points(name: str, values: Any) -> Floats:
     return finite_array(
         values, f"expected {name} to be finite numbers of shape (..., 2) in m", (..., 2)
     )

@@ -157,8 +157,8 @@ def projections(
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)
     available = _tiles_of(dimension, kind)
-    names = _requested(available, tiles)
-    axes = _axes(source, available, samples, coordinates)
+    names = _requested_tiles(available, tiles)
+    axes = _coordinate_values(source, available, samples, coordinates)
     amplitude, side = _largest_amplitude(source), max(sides_of(source.bounds).tolist())
     arrays, used = {}, set()
     for name in names:
@@ -185,7 +185,7 @@ def _is_frequency(name: str) -> bool:
     return name.startswith(("nu", "upsilon"))
 
 
-def _requested(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
+def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
     if not isinstance(names, Iterable | None):
         raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
@@ -201,7 +201,7 @@ def _check_names(names: Iterable[object], known: Iterable[str], what: str) -> No
             )
 
 
-def _axes(
+def _coordinate_values(
     source: PhaseSpaceSource,
     tiles: Mapping[str, Tile],
     samples: int,
@@ -225,14 +225,14 @@ def _axes(
         if name in ("x", "y"):
             centre, reach = low[axis] + width / 2, reach / 2
         axes[name] = (
-            _numbers(name, requested[name])
+            _checked_values(name, requested[name])
             if name in requested
             else np.linspace(centre - reach, centre + reach, count)
         )
     return axes
 
 
-def _numbers(name: str, values: ArrayLike) -> Floats:
+def _checked_values(name: str, values: ArrayLike) -> Floats:
     array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
@@ -294,7 +294,7 @@ def _of_slits(function: Callable[..., Array]) -> Compute:
     return values
 
 
-def _along_x(values: Floats, y: float = 0.0) -> Floats:
+def _points_on_row(values: Floats, y: float = 0.0) -> Floats:
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
@@ -314,12 +314,12 @@ def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
         behind = np.column_stack([np.full(len(xi_y), 2 * at), xi_y])
         regions = overlaps(field, unmoved, ((-1.0, 1.0), behind))
         points = behind * (0.5, 1.0)
-        spectra = mutual_spectra(field, regions, np.zeros(1), points, _of_columns)
+        spectra = mutual_spectra(field, regions, np.zeros(1), points, _pairing_of_columns)
         values[row] = 2 * spectra[:, 0]
     return values
 
 
-def _of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def _pairing_of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return the frequency shifts and phase rates of pairs of waves for formula (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
@@ -336,13 +336,13 @@ def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -
 def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
     x = x - field.centre[0]
     # The field on the overlap is Hermitian, so its Fourier transform is real.
-    ahead: Image = (2.0, 1.0), _along_x(-2 * x)
-    behind: Image = (-2.0, 1.0), _along_x(2 * x)
+    ahead: Image = (2.0, 1.0), _points_on_row(-2 * x)
+    behind: Image = (-2.0, 1.0), _points_on_row(2 * x)
     regions = overlaps(field, ahead, behind)
-    return mutual_spectra(field, regions, nu_x, x[:, None], _of_one_row).real
+    return mutual_spectra(field, regions, nu_x, x[:, None], _pairing_of_row).real
 
 
-def _of_one_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def _pairing_of_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return the frequency shifts and phase rates of pairs of waves for formula (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
@@ -367,15 +367,15 @@ def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine)
 
 def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Array:
     x, y = field.centre.tolist()
-    ahead: Image = (1.0, 1.0), _along_x(-xi_x / 2, y)
-    behind: Image = (1.0, -1.0), _along_x(xi_x / 2, -y)
+    ahead: Image = (1.0, 1.0), _points_on_row(-xi_x / 2, y)
+    behind: Image = (1.0, -1.0), _points_on_row(xi_x / 2, -y)
     regions = overlaps(field, ahead, behind)
     points = np.column_stack([xi_x, np.full(len(xi_x), y)])
-    spectra = mutual_spectra(field, regions, upsilon_x, points, _of_opposite_rows)
+    spectra = mutual_spectra(field, regions, upsilon_x, points, _pairing_of_opposite_rows)
     return 2 * (spectra * phase(x, upsilon_x)).T
 
 
-def _of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def _pairing_of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return the frequency shifts and phase rates of pairs of waves for formula (P12)."""
     shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
     return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import execution, kernels
 from polywigner.execution import Differentiable, Engine, Precision
@@ -14,7 +14,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.geometry.illumination import shift_phases
 from polywigner.kernels import is_separable
-from polywigner.numerics import phases
+from polywigner.numerics import Floats, phases
 from polywigner.optics import FirstOrder
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
@@ -104,7 +104,7 @@ def fourier(
     how: dict[str, Any] = {"precision": precision, "engine": engine}
 
     def call(points: dict[str, Any]) -> Values:
-        return _fourier(source, points["nu"], how)
+        return _fourier_of_flat(source, points["nu"], how)
 
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
         numbers = source.numbers if isinstance(source, Differentiable) else {}
@@ -113,13 +113,13 @@ def fourier(
         return call({"nu": nu})
 
 
-def _fourier(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> Values:
+def _fourier_of_flat(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> Values:
     if isinstance(source, Differentiable):
         return fourier_of(source, in_plane(nu), partial(fourier, **how))
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
-        is_uniform = all(_field_of(element) is None for element in source.elements)
+        is_uniform = all(_illumination_of(element) is None for element in source.elements)
         if source.repeated is None and is_uniform:
             value = array_on_grid(source, nu, point_by_point=by_elements, **how)
         return by_elements(nu) if value is None else value
@@ -127,12 +127,12 @@ def _fourier(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> V
         nu = in_plane(nu)
         if is_separable(source):
             return compute("fourier of waves", source, {"nu": nu}, **how)
-    if _field_of(source) is not None:
+    if _illumination_of(source) is not None:
         return in_blocks(lambda block: _sum_of_waves(source, block, how), nu)
     return compute("fourier", source, {"nu": nu}, **how)
 
 
-def _field_of(source: Source) -> Illumination | None:
+def _illumination_of(source: Source) -> Illumination | None:
     outline = source.aperture if isinstance(source, PlacedAperture) else source
     field: Illumination | None = getattr(outline, "illumination", None)
     return field
@@ -154,7 +154,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     # Phases of waves are relative to the origin of the placed aperture, not to the world origin.
     amplitudes = element.amplitudes * shift_phases(frequencies, shift)
     for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
-        shifted, lost = _difference(nu, kappa)
+        shifted, lost = _frequency_difference(nu, kappa)
         term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude))
         if lost is not None:
             term = term * np.exp(-2j * np.pi * (lost @ centre)).astype(term.dtype)
@@ -162,7 +162,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     return total
 
 
-def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np.float64] | None]:
+def _frequency_difference(nu: Any, kappa: Floats) -> tuple[Values, Floats | None]:
     """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None

@@ -487,7 +487,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
                 weights.append((areas * np.abs(amplitude * pupil.field(k, x)) ** 2).ravel())
-                lengths.append((pupil.cycles(x) + _path_of(paths, k, x)).ravel())
+                lengths.append((pupil.cycles(x) + _path_lengths(paths, k, x)).ravel())
         return np.concatenate(lengths), np.concatenate(weights)
 
     def evaluate(extra: int) -> Any:
@@ -499,7 +499,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     return float(converged(evaluate, _PRECISE * largest, "the wavefront error").values)
 
 
-def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
+def _path_lengths(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
     if paths is None:
         return 0.0
     return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

@@ -211,13 +211,13 @@ def autocorrelation_jets(
     finite = np.isfinite(lags).all(axis=1, keepdims=True)
     lags = np.where(finite, lags, 0.0)
     jets = [
-        _autocorrelation_jets(pupil, lags[start : start + _LAGS], numbers, tolerance)
+        _jets_of_block(pupil, lags[start : start + _LAGS], numbers, tolerance)
         for start in range(0, max(len(lags), 1), _LAGS)
     ]
     return np.where(finite, np.concatenate(jets), np.nan)
 
 
-def _autocorrelation_jets(
+def _jets_of_block(
     pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
     regions = slices_of(pupil, lags)
@@ -226,11 +226,11 @@ def _autocorrelation_jets(
         return by_lag(regions, slice_integrals(pupil, regions, extra, tolerance))[0]
 
     values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
-    return numbers.joined(values, _OfSlices(pupil, regions, tolerance))
+    return numbers.joined(values, _AutocorrelationDerivatives(pupil, regions, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSlices:
+class _AutocorrelationDerivatives:
     pupil: AberratedPupil
     regions: Slices
     error: float
@@ -256,7 +256,7 @@ class _OfSlices:
         """
         pupil, moving = self.pupil, edges[one]
         near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())
-        parts, inside = _pieces(moving, edges[other], shift, pupil.polygons[other], near)
+        parts, inside = _parts_inside(moving, edges[other], shift, pupil.polygons[other], near)
         if not len(inside):
             return np.zeros(moving.begin.shape, np.complex128)
         band = np.ptp(np.concatenate([e.frequencies for e in pupil.elements]), axis=0)
@@ -286,12 +286,12 @@ class _OfSlices:
         return by_lag(regions, integrals).T * (2j * np.pi / pupil.wavelength)
 
 
-def _pieces(
+def _parts_inside(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
 ) -> tuple[Parts, Floats]:
     """Return the parts of edges inside a shifted polygon (factor 1) or on its edges (1/2)."""
     begin, vector = edges.begin + shift, edges.vector
-    edge, cut = _cuts(begin, vector, others, near)
+    edge, cut = _edge_cuts(begin, vector, others, near)
     is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
     edge, low, high = edge[:-1][is_part], cut[:-1][is_part], cut[1:][is_part]
     midpoint = begin[edge] + 0.5 * (low + high)[:, None] * vector[edge]
@@ -303,7 +303,7 @@ def _pieces(
     return (edge[used], low[used], high[used]), inside[used]
 
 
-def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
+def _edge_cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
     """Return the sorted edge indices and fractions at which edges end or cross another polygon."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]

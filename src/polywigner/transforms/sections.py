@@ -99,7 +99,7 @@ class Sections:
 
 
 @dataclass(frozen=True)
-class _Upright:
+class _EdgesFromLeft:
     """All edges of a field that are not vertical, directed from left to right."""
 
     left: Floats
@@ -109,7 +109,7 @@ class _Upright:
     element: Indices
 
 
-def _upright(field: PlaneField) -> _Upright:
+def _edges_from_left(field: PlaneField) -> _EdgesFromLeft:
     rings = [(k, ring) for k, element in enumerate(field.elements) for ring in element.rings]
     start = np.concatenate([ring for _, ring in rings])
     end = np.concatenate([np.roll(ring, -1, axis=0) for _, ring in rings])
@@ -119,10 +119,10 @@ def _upright(field: PlaneField) -> _Upright:
     start, end, element, run = start[used], end[used], element[used], run[used]
     forward = run[:, None] > 0
     left, right = np.where(forward, start, end), np.where(forward, end, start)
-    return _Upright(left, right, np.sign(run) * field.weights[element], element)
+    return _EdgesFromLeft(left, right, np.sign(run) * field.weights[element], element)
 
 
-def _height(left: Floats, right: Floats, x: Floats) -> Floats:
+def _y_on_line(left: Floats, right: Floats, x: Floats) -> Floats:
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
@@ -132,9 +132,9 @@ def sections(field: PlaneField, x: Floats) -> Sections:
 
     At a vertical edge, the intervals are those to the right of the edge.
     """
-    edges = _upright(field)
+    edges = _edges_from_left(field)
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
-    height = _height(edges.left[edge], edges.right[edge], x[row])
+    height = _y_on_line(edges.left[edge], edges.right[edge], x[row])
     order = np.lexsort((height, edges.element[edge], row))
     # With increasing y, edges alternately enter and leave an outline.
     below, above = order[0::2], order[1::2]
@@ -221,7 +221,7 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
     The weight of an intersection is the weight of its first element times the conjugate of the
     weight of its second element.
     """
-    images, others = _images(field, *ahead), _images(field, *behind)
+    images, others = _image_polygons(field, *ahead), _image_polygons(field, *behind)
     pairs = [
         np.nonzero(((a[:, None, :2] < b[:, 2:]) & (b[:, :2] < a[:, None, 2:])).all(axis=-1))
         for a, b in zip(shapely.bounds(images), shapely.bounds(others), strict=True)
@@ -234,7 +234,7 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
     return Overlaps(len(images), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
-def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
+def _image_polygons(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
     scaled = shapely.transform(polygons, lambda points: points * scale)
@@ -266,19 +266,19 @@ def mutual_spectra(
     if field.is_uniform:
         return _overlap_spectra(regions, nu)
     total = np.zeros((regions.count, len(nu)), np.complex128)
-    for mutual, first, second in _by_pair(regions, len(field.elements)):
+    for mutual, first, second in _overlaps_by_pair(regions, len(field.elements)):
         ahead, behind = field.elements[first], field.elements[second]
         i, j = (k.ravel() for k in np.indices((len(ahead.amplitudes), len(behind.amplitudes))))
         shifts, rates = pairing(ahead.frequencies[i], behind.frequencies[j])
         amplitudes = ahead.amplitudes[i] * behind.amplitudes[j].conj()
-        for shift, members in _groups(shifts):
+        for shift, members in _distinct_shifts(shifts):
             envelope = np.exp(2j * np.pi * (points @ rates[members].T)) @ amplitudes[members]
             weighted = replace(mutual, weight=mutual.weight * envelope[mutual.row])
             total += _overlap_spectra(weighted, nu - shift[0], -shift[1])
     return total
 
 
-def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
+def _overlaps_by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
     pair = regions.first * elements + regions.second
     for number in np.unique(pair).tolist():
         members = np.flatnonzero(pair == number)
@@ -289,7 +289,7 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
         yield replace(regions, **arrays), first, second
 
 
-def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
+def _distinct_shifts(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
     number = cluster_indices(shifts, _EQUAL * float(np.abs(shifts).max()))
     for k in range(number.max() + 1):
         members = np.flatnonzero(number == k)
@@ -302,7 +302,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
     The image is reflected about the vertical line at x, moved up by the lag, and conjugated, (P5).
     The result has one row for each x and one column for each lag.
     """
-    edges = _upright(field)
+    edges = _edges_from_left(field)
     left, right = edges.left, edges.right
     values = np.zeros((len(x), len(lag)), edges.step.dtype)
     for row, abscissa in enumerate(x):
@@ -312,7 +312,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
         i, j = np.nonzero(low < high)
         begin, end = low[i, j], high[i, j]
         rise = [
-            _height(left[i], right[i], at) - _height(left[j], right[j], 2 * abscissa - at)
+            _y_on_line(left[i], right[i], at) - _y_on_line(left[j], right[j], 2 * abscissa - at)
             for at in (begin, end)
         ]
         weight = -edges.step[i] * np.conj(edges.step[j]) * (end - begin)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, GeometryError
@@ -14,6 +13,7 @@ from polywigner.execution import Differentiable, Drjit, is_drjit
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
+from polywigner.numerics import Complex, Floats
 from polywigner.source import Array, Illumination
 from polywigner.source.array import repeated_element
 
@@ -117,7 +117,7 @@ def _with_vertices(
                 execution.entries(vertices, np.arange(len(points))[::-1]),
                 points[::-1],
             )
-        return _of_rings([[points]], None), vertices
+        return _aperture_of_rings([[points]], None), vertices
     elements = source.elements_in_plane
     ends = np.cumsum([sum(len(ring) for ring in element.rings) for element in elements])
     if len(points) != ends[-1]:
@@ -125,24 +125,22 @@ def _with_vertices(
             f"expected {ends[-1]} vertices, the number of vertices of the source, got {len(points)}"
         )
     corners = np.split(points, ends[:-1])
-    moved = [_moved(element, part) for element, part in zip(elements, corners, strict=True)]
+    moved = [_with_points(element, part) for element, part in zip(elements, corners, strict=True)]
     if isinstance(source, Aperture):
         return moved[0], vertices
     return Array(moved, source.weights), vertices
 
 
-def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
+def _with_points(aperture: Aperture, points: Floats) -> Aperture:
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])
     holes = iter(rings[len(parts) :])
     regrouped = [[rings[k], *(next(holes) for _ in part[1:])] for k, part in enumerate(parts)]
-    return _of_rings(regrouped, aperture.illumination)
+    return _aperture_of_rings(regrouped, aperture.illumination)
 
 
-def _of_rings(
-    parts: list[list[NDArray[np.float64]]], illumination: Illumination | None
-) -> Aperture:
+def _aperture_of_rings(parts: list[list[Floats]], illumination: Illumination | None) -> Aperture:
     """Return an aperture that keeps all vertices. Raises GeometryError if it is invalid."""
     for part in parts:
         for number, ring in enumerate(part):
@@ -159,7 +157,7 @@ def _of_rings(
     return result.with_illumination(illumination)
 
 
-def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex128]) -> Array:
+def _with_weights(source: Aperture | Array | None, weights: Complex) -> Array:
     if not isinstance(source, Array):
         raise ArgumentError("expected an Array for weights, got an Aperture")
     if source.repeated is not None:
@@ -184,7 +182,7 @@ def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
         if corners is not None and is_array:
             corners = execution.entries(corners, np.arange(start, end))
         start = end
-        value = _of_waves(Differentiable(element, corners), nu)
+        value = _fourier_of_element(Differentiable(element, corners), nu)
         if source.weights is not None:
             value = value * execution.entries(source.weights, np.array([number]))
         elif is_array:
@@ -193,7 +191,7 @@ def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
     return total
 
 
-def _of_waves(element: Differentiable, nu: Drjit) -> Drjit:
+def _fourier_of_element(element: Differentiable, nu: Drjit) -> Drjit:
     field = element.source.illumination or Illumination([1.0], [(0.0, 0.0)])
     uniform = Differentiable(element.source.with_illumination(None), element.vertices)
     total = 0.0

@@ -81,12 +81,12 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
         for element in normal_form(source).in_plane.elements:
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
             for amplitude, kappa in waves:
-                value = _uniform(element.outline, curvatures, axes, centre, nu - kappa)
+                value = _chirp_of_outline(element.outline, curvatures, axes, centre, nu - kappa)
                 total += (element.weight * amplitude) * value
     return total
 
 
-def _uniform(
+def _chirp_of_outline(
     element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
 ) -> Complex:
     origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
@@ -99,11 +99,11 @@ def _uniform(
     for axis in range(q.shape[1]):
         rows = np.flatnonzero(largest == axis)
         if len(rows):
-            values[rows] = _bent(element, origin, axes, axis, q[rows], inner[rows])
+            values[rows] = _centred_chirp(element, origin, axes, axis, q[rows], inner[rows])
     return np.asarray(phase * values)
 
 
-def _bent(
+def _centred_chirp(
     element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
     if isinstance(element, Slits):

@@ -142,7 +142,7 @@ def _labelled(
             f"expected {' and '.join(points)} to be NumPy or Dr.Jit arrays for a differentiable "
             "source, got an xarray.DataArray; use its attribute .values"
         )
-    prepared = [_prepared(name, value, xarray.DataArray) for name, value in points.items()]
+    prepared = [_with_dimension(name, value, xarray.DataArray) for name, value in points.items()]
     labelled = [value for value in prepared if isinstance(value, xarray.DataArray)]
     try:
         xarray.align(*labelled, join="exact", copy=False)
@@ -167,7 +167,7 @@ def _labelled(
     values = xarray.apply_ufunc(
         call,
         *prepared,
-        input_core_dims=[[_dimension(name)] for name in points],
+        input_core_dims=[[_component_dimension(name)] for name in points],
         output_core_dims=[list(components)] * len(names),
         # Coordinates keep their attributes. The attributes of results are replaced below.
         keep_attrs="override",
@@ -184,11 +184,11 @@ def _labelled(
     return tuple(results) if len(results) > 1 else results[0]
 
 
-def _dimension(name: str) -> str:
+def _component_dimension(name: str) -> str:
     return f"components of {name}"
 
 
-def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
+def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
@@ -210,8 +210,8 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
         )
     last = data.dims[-1]
     plain = data.drop_vars([c for c in data.coords if last in data.coords[c].dims])
-    plain = plain.rename({last: _dimension(name)})
-    return plain if plain.chunks is None else plain.chunk({_dimension(name): -1})
+    plain = plain.rename({last: _component_dimension(name)})
+    return plain if plain.chunks is None else plain.chunk({_component_dimension(name): -1})
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
