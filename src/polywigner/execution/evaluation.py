@@ -51,7 +51,7 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Number of families of parallel edges. Edges parallel to the axes form one family."""
+        """Number of families of parallel edges, where edges parallel to the axes count as one."""
         oblique = sum(not family.is_straight for family in self.tables.families)
         return oblique + (oblique < len(self.tables.families))
 
@@ -107,6 +107,7 @@ def plan_for_grid(
 
 
 def _are_axes_of_grid(x: Array, y: Array) -> bool:
+    """Return whether x varies only along the first axis of an array, and y along the second."""
     # Comparing the corners quickly excludes most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
@@ -259,6 +260,7 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
+    """Return the flat results of a kernel at points that broadcast, computed by NumPy."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -275,6 +277,7 @@ def _on_numpy(
 def _in_chunks(
     kernel: Kernel, tables: Any, components: Sequence[Array], results: Sequence[Array]
 ) -> Launched:
+    """Yield the results of chunks of samples, computed by NumPy."""
     for arguments, targets in parts_of_results(components, results, _CHUNK):
         yield targets, ..., ready(_on_numpy(kernel, tables, arguments)[: len(results)])
 
@@ -355,6 +358,7 @@ def _in_row_blocks(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
+    """Yield the results of blocks of rows. The samples of a row share a slice."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None

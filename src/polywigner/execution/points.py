@@ -42,6 +42,7 @@ def has_drjit(values: Iterable[object]) -> bool:
 
 
 def _is_tensor(value: Any) -> bool:
+    """Return whether a value is a Dr.Jit tensor."""
     return is_drjit(value) and bool(sys.modules["drjit"].is_tensor_v(value))
 
 
@@ -161,6 +162,7 @@ def on_components(
 
 
 def _component_array(name: str, value: Any, float_type: type) -> Drjit:
+    """Return points as a component array, or raise ArgumentError."""
     import drjit
 
     if not is_drjit(value):
@@ -182,6 +184,7 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
+    """Return points in tensors as flat component arrays, and their broadcast shape."""
     import drjit
 
     flat: dict[str, Drjit] = {}
@@ -221,6 +224,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
 
 
 def _numpy_points(name: str, value: Any) -> NDArray[np.float64]:
+    """Return points as a float64 NumPy array, or raise ArgumentError."""
     try:
         return real_numbers(value)
     except ValueError as error:

@@ -74,6 +74,7 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
     with ExitStack() as stack:
 
         def advance(parts: int = 1) -> None:
+            """Count finished parts, and draw the bar if the task is slow."""
             nonlocal done, draw
             done += parts
             is_slow = done < total and time.monotonic() - start > _PATIENCE
@@ -93,6 +94,7 @@ def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]
     """
 
     def iterate() -> Iterator[Part]:
+        """Yield the parts, and count each part when the next one is requested."""
         for part in parts:
             yield part
             advance()

@@ -99,6 +99,10 @@ class _Accumulator:
         self.known: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
+        """Return the change due to displacements of both vertices of an edge along its normal.
+
+        ``begin`` and ``end`` are indices of vertices, and ``at`` contains the gradient at each one.
+        """
         total = Pair(0.0, 0.0)
         for number, gradient in zip((begin, end), at, strict=True):
             x, y = self._looked_up(self.vertices, number)
@@ -106,10 +110,12 @@ class _Accumulator:
         return total
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
+        """Return the change due to changes of a weight and of its complex conjugate."""
         x, y = self._looked_up(self.weights, number)
         return gradient * Pair(x, y) + of_conjugate * Pair(x, -y)
 
     def _looked_up(self, pair: Any, number: Any) -> tuple[Any, Any]:
+        """Return the two numbers of a vertex or weight with an index."""
         import drjit as dr
 
         if isinstance(pair[0], tuple):
@@ -279,6 +285,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
     columns = [array_of(ops.float_type, column) for column in positions.T] + list(weights)
 
     def term(row: Drjit) -> tuple[Drjit, Drjit]:
+        """Return the real and the imaginary part of the term of one position."""
         x, y, a, b = (dr.gather(ops.float_type, column, row) for column in columns)
         cosine, sine = cos_sin_cycles(ops, dr.fma(nu_x, x, nu_y * y))
         return a * cosine + b * sine, b * cosine - a * sine

@@ -108,6 +108,7 @@ def checked_source(source: Any) -> PlaneSource:
 
 
 def checked_directions(direction: Any) -> Floats:
+    """Return unit vectors (..., 3) with z >= 0, or raise ArgumentError."""
     check_no_drjit(direction=direction)
     array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
@@ -120,6 +121,7 @@ def checked_directions(direction: Any) -> Floats:
 
 
 def checked_plane_positions(x: Any) -> Floats:
+    """Return finite positions (..., 2) in m, or raise ArgumentError."""
     check_no_drjit(x=x)
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
@@ -184,6 +186,7 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
 
 
 def check_width(lag: float, wavelength: float) -> None:
+    """Raise ArgumentError if a source of size ``lag`` is wider than 100,000 wavelengths."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
             f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
@@ -211,6 +214,10 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floa
 
 
 def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tuple[Floats, Floats]:
+    """Return unit vectors (n, 3) and solid angles (n,) for the polar angles theta.
+
+    ``counts`` contains the number of azimuths for each polar angle.
+    """
     polar = np.repeat(theta, counts)
     index = np.arange(len(polar)) - np.repeat(np.cumsum(counts) - counts, counts)
     phi = 2 * math.pi * index / np.repeat(counts, counts)
@@ -220,7 +227,7 @@ def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tupl
 
 
 def _azimuth_counts(phase: Floats) -> Indices:
-    """Return the number of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
+    """Return the numbers of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
     # The error 2 J_n(phase) is 3e-15. Constants fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
@@ -272,7 +279,7 @@ def power_by_lags(
 
 
 def largest_transverse_cosine(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the largest transverse direction cosine of a source's field."""
+    """Return the largest transverse direction cosine of the local waves of a source."""
     flat: Any = flat_source(source)
     highest = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
@@ -311,7 +318,7 @@ _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return both powers in W; raise IlluminationError if the source does not radiate."""
+    """Return the radiated power and the energy; raise an error if hardly any power is radiated."""
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"the source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check "

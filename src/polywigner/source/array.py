@@ -34,6 +34,7 @@ _IN_PLANE = 1e-12
 
 
 def _checked_elements(elements: Any) -> tuple[Element, ...]:
+    """Return elements as a tuple; raise ArgumentError for invalid types or mixed dimensions."""
     expected = "expected a sequence of elements (Aperture, placed aperture, Polyhedron, Slits)"
     items = tuple(elements) if isinstance(elements, Iterable) else ()
     if not items:
@@ -285,6 +286,7 @@ class Array(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
+        """Values by which arrays are compared: elements, weights and positions."""
         if self.repeated is None:
             design = None if self.paths is None else self.paths.wavelength
             return self.elements, self.weights.tobytes(), design
@@ -409,6 +411,7 @@ def warn_of_overlaps(array: Array) -> None:
 
 
 def _as_polygons(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
+    """Return the polygons of an aperture, or of slits as rectangles of unit height."""
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T

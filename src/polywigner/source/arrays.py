@@ -106,7 +106,10 @@ def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None
 def _lattice_positions(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
 ) -> Floats:
-    """Return the rows of a lattice; `stretch`: default pitch_y as a multiple of pitch_x."""
+    """Return the positions (nx ny, 2) in m of a rectangular lattice, or of one with staggered rows.
+
+    ``stretch``: default of ``pitch_y``, as a multiple of ``pitch_x``.
+    """
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
     _check_element_count(columns * rows)
     across = checked_length(pitch_x, "pitch_x")
@@ -212,16 +215,18 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
 
 
 def _as_list(values: Any) -> list[Any]:
+    """Return a list of the values, or of the only value."""
     return list(values) if np.iterable(values) else [values]
 
 
 def _check_element_count(elements: int) -> None:
+    """Raise ArgumentError for more than 2^20 elements."""
     if elements > MOST_ELEMENTS:
         raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {elements}")
 
 
 def _centred_steps(count: int) -> NDArray[np.int64]:
-    """Return -(n - 1), -(n - 3), ..., n - 1."""
+    """Return the positions -(n - 1), -(n - 3), ..., n - 1 of n elements, in half pitches."""
     return 2 * np.arange(count) - (count - 1)
 
 
@@ -425,6 +430,7 @@ def window_weights(
 
 
 def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:
+    """Return the amplitudes (count,) of a window, with the sidelobe suppression ``sll`` in dB."""
     checked_choice(name, "window", WINDOWS)
     if name == "uniform" or count == 1:
         return np.ones(count)
@@ -515,7 +521,7 @@ def read_elements(
 
 
 def _table_columns(text: str) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a table by name; by default, the names are x and y."""
+    """Return the columns of a text table by name. Without a line of names, these are x and y."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)

@@ -78,6 +78,7 @@ def lattice_of(positions: Floats, weights: Complex) -> Lattice | None:
 
 
 def _basis_vectors(positions: Floats, extent: float) -> Floats | None:
+    """Return two basis vectors of the lattice of positions (n, 2) as rows, shape (2, 2)."""
     first = _shortest_difference(positions, extent, None)
     if first is None:
         return None
@@ -88,7 +89,10 @@ def _basis_vectors(positions: Floats, extent: float) -> Floats | None:
 
 
 def _shortest_difference(positions: Floats, extent: float, other: Floats | None) -> Floats | None:
-    """Return the shortest vector between positions, not parallel to ``other``, towards +x or +y."""
+    """Return the shortest difference of two positions that is not parallel to ``other``.
+
+    The x component of the vector is positive, or zero with a positive y component.
+    """
     best, length = None, np.inf
     # Equally spaced indices, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
@@ -110,6 +114,7 @@ def _shortest_difference(positions: Floats, extent: float, other: Floats | None)
 
 
 def _fitted_basis(basis: Floats, positions: Floats) -> Floats:
+    """Improve approximate basis vectors (2, 2) by a least-squares fit to all positions (n, 2)."""
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -143,6 +148,7 @@ class Profile:
 
     @property
     def is_uniform(self) -> bool:
+        """Whether all amplitudes are 1."""
         return all(amplitude == 1.0 for amplitude in self.amplitudes)
 
 
@@ -162,6 +168,7 @@ def column_and_row(weights: Complex, tolerance: float = _EQUAL) -> tuple[Complex
 
 
 def _profile_of(values: Complex) -> Profile:
+    """Return weights (n,) along one direction as a profile: amplitudes, linear phase and factor."""
     size = np.abs(values)
     active = np.flatnonzero(size > _EQUAL * size.max())
     cycles = _linear_phase(values, active)
@@ -177,7 +184,10 @@ def _profile_of(values: Complex) -> Profile:
 
 
 def _linear_phase(values: Complex, active: Indices) -> float:
-    """Return the slope of the phase in cycles per element, for values of either sign."""
+    """Return the slope in cycles per element of the phase of values, which may change sign.
+
+    ``active`` contains the indices of the values that are not zero.
+    """
     neighbours = active[:-1][np.diff(active) == 1]
     if not len(neighbours):
         return 0.0
@@ -202,10 +212,12 @@ class Sites(Immutable):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
+        """Values by which sites are compared."""
         return self.positions.shape, self.positions.tobytes(), self.weights.tobytes()
 
     @property
     def dimension(self) -> int:
+        """Number of components of a position."""
         return int(self.positions.shape[1])
 
     @cached_property
@@ -217,7 +229,10 @@ class Sites(Immutable):
 def joint_bounds(
     boxes: Sequence[tuple[float, ...]], positions: Floats | None = None
 ) -> tuple[float, ...]:
-    """Return the bounds of boxes (lower, upper corner), or of their copies at positions (n, d)."""
+    """Return the common bounds (lower corner, upper corner) of boxes given in the same form.
+
+    If ``positions`` (n, d) are specified, the boxes are copied to each position.
+    """
     low, high = np.split(np.array(boxes), 2, axis=1)
     shifts = np.zeros((1, low.shape[1])) if positions is None else positions
     lower, upper = low.min(axis=0) + shifts.min(axis=0), high.max(axis=0) + shifts.max(axis=0)
@@ -236,7 +251,7 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> Floats:
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[Floats, Complex]:
-    """Return read-only positions (n, d) and weights (n,); by default, d is at most 3."""
+    """Return read-only positions (n, d) and weights (n,). ``dimension`` is d, by default any."""
     positions = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     positions.setflags(write=False)
     return positions, checked_weights(weights, len(positions))

@@ -144,7 +144,7 @@ class Source:
     """Phases of the elements that are due to path lengths; None if there are none."""
 
     def with_elements(self, elements: Sequence[SourceElement], **changes: Any) -> Source:
-        """Return a source with other elements."""
+        """Return a source with other elements, and with ``changes`` of its other fields."""
         return replace(self, content=tuple(elements), **changes)
 
     @property
@@ -341,6 +341,7 @@ def normal_form(public: PublicSource | Source) -> Source:
 
 
 def _converted(public: PublicSource) -> Source:
+    """Return the normal form of a public source without reading or writing the cache."""
     if isinstance(public, Wavefront):
         return replace(
             normal_form(public.source),
@@ -361,6 +362,7 @@ def _converted(public: PublicSource) -> Source:
 
 
 def _element_of(public: Any, weight: complex) -> SourceElement:
+    """Convert a public aperture, placed aperture or slits to an element with a weight."""
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
@@ -376,6 +378,7 @@ def _element_of(public: Any, weight: complex) -> SourceElement:
 
 
 def _as_copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
+    """Return elements as shifted copies of the first one; None if they are not copies."""
     first = elements[0]
     if not isinstance(first.outline, Aperture):
         return None
@@ -403,7 +406,10 @@ def _common_factor(
     amplitudes: Complex,
     tolerance: float = _PROPORTIONAL,
 ) -> complex | None:
-    """Return the factor between two sets of waves; None if they are not proportional."""
+    """Return the ratio of the amplitudes of an element's waves to ``amplitudes``.
+
+    The result is None if the frequencies differ, or the amplitudes are not proportional.
+    """
     if not np.array_equal(element.frequencies, frequencies):
         return None
     factor = complex(element.amplitudes[0] / amplitudes[0])

@@ -52,6 +52,7 @@ def times_direction_cosine(
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
     def scaled(element: SourceElement) -> SourceElement:
+        """Return an element with the amplitude of each wave multiplied by p_m + constant."""
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
         # Scaling the weight keeps a uniform element uniform, so that faster kernels are used.
@@ -106,7 +107,7 @@ class Forms(NamedTuple):
         )
 
     def at_lags(self, q: Floats) -> Floats:
-        """Return the transform of h over the hemisphere, at lags q/(2 pi) in wavelengths."""
+        """Return the integral of g exp(i q s_x) over the directions s of a hemisphere, (n,)."""
         total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
             count = int(np.ceil(q.max())) + 40
@@ -145,7 +146,10 @@ class Obliquity:
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
-        """Return the field's factor at a cosine to the normal, for waves of direction cosine p."""
+        """Return the factor of the field at a cosine of the angle to the normal.
+
+        ``p`` is the direction cosine of the wave in the aperture, (D1).
+        """
         if not self.is_boundary_condition:
             return np.sqrt(cosine)
         return self.field * cosine + self.slope * p

@@ -97,6 +97,7 @@ def _element_count(source: Any) -> int:
 
 
 def _vector_of_text(text: str) -> Complex:
+    """Return the Jones vector (2,) of a name such as "x", or of a slant such as "45 deg"."""
     name = text.strip().lower()
     if name in _NAMED:
         return np.array(_NAMED[name], np.complex128)
@@ -108,11 +109,13 @@ def _vector_of_text(text: str) -> Complex:
 
 
 def _expected_text(count: int) -> str:
+    """Return the description of valid polarisations for error messages."""
     elements = f", or a list with one of these for each of the {count} elements" if count else ""
     return f"{_EXPECTED}{elements}"
 
 
 def _error(value: Any, count: int) -> ArgumentError:
+    """Return the error for an invalid polarisation of a source with ``count`` elements."""
     return ArgumentError(f"{_expected_text(count)}, got {value_text(value)}")
 
 
@@ -249,7 +252,7 @@ def polarisation_of_text(text: str, source: Any) -> Complex:
 
 
 def _complex_numbers(text: str) -> str | list[complex]:
-    """Split text at commas into complex numbers; other text is unchanged."""
+    """Split text such as "1, 0.5j" into complex numbers; return other text unchanged."""
     if "," not in text:
         return text
     try:

@@ -81,7 +81,7 @@ class Context(NamedTuple):
 
 
 def _only_key(table: Table, *origins: str) -> str:
-    """Return the only key of ``origins`` in a table; raise FileFormatError if there is not one."""
+    """Return the one key of ``origins`` that a table contains, or raise FileFormatError."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
@@ -99,6 +99,7 @@ class _Illuminated(Kind):
     illumination: FieldTable | NonEmpty[FieldTable] | None = None  # type: ignore[valid-type]
 
     def illuminated(self, outline: Any, kind: type, context: Context) -> Any:
+        """Return an outline of type ``kind`` with the field of this table, or raise an error."""
         got = type(outline).__name__
         if got != kind.__name__:
             raise FileFormatError(f"shape: expected a shape of type {kind.__name__}, got {got}")
@@ -119,6 +120,7 @@ class ApertureTable(_Illuminated, tag="aperture"):
     to_world: Coordinates | None = None
 
     def source(self, context: Context) -> Aperture | PlacedAperture:
+        """Return the aperture of the table, with its field and its pose."""
         with at_key(_only_key(self, "file", "polygons", "shape")):
             if self.file is not None:
                 path, unit = context.path(self.file), self.unit or "mm"
@@ -141,6 +143,7 @@ class SlitsTable(_Illuminated, tag="slits"):
     intervals: Coordinates | None = None
 
     def source(self, context: Context) -> Slits:
+        """Return the slits of the table, with their field."""
         with at_key(_only_key(self, "intervals", "shape")):
             outline = called(self.shape) if self.intervals is None else Slits(self.intervals)
         slits: Slits = self.illuminated(outline, Slits, context)
@@ -174,6 +177,7 @@ class ArrayTable(Kind, tag="array"):
     paths: Paths | None = None
 
     def source(self, context: Context) -> Array:
+        """Return the array of the table."""
         elements: list[Any] = []
         for k, table in enumerate(self.elements):
             with at_key(f"elements[{k}]"):
@@ -191,6 +195,7 @@ class PhasedArrayTable(Kind, tag="phased-array"):
     weights: dict[str, Any] | NonEmpty[Any] | None = None
 
     def source(self, context: Context) -> Array:
+        """Return the array of equal elements of the table."""
         with at_key("element"):
             element: Any = self.element.source(context)
         positions: Any = self.positions
@@ -375,6 +380,7 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
 
 
 def _checked_suffix(suffix: str) -> str:
+    """Return the suffix .toml or .json in lower case; raise FileFormatError for other suffixes."""
     if suffix.lower() not in (".toml", ".json"):
         raise FileFormatError(
             "expected a source file with the suffix .toml or .json, got "
@@ -384,6 +390,7 @@ def _checked_suffix(suffix: str) -> str:
 
 
 def _parsed(text: str, suffix: str) -> Any:
+    """Return the content of a TOML or JSON text; raise FileFormatError if the text is invalid."""
     parse = json.loads if _checked_suffix(suffix) == ".json" else tomllib.loads
     try:
         return parse(text)
@@ -392,7 +399,7 @@ def _parsed(text: str, suffix: str) -> Any:
 
 
 def table_of(source: Any) -> dict[str, Any]:
-    """Convert a source to tables, lists, strings and numbers."""
+    """Return the content of a source file for a source, made of dictionaries, lists and numbers."""
     if not isinstance(source, Wavefront):
         return {"version": VERSION, **_flat_table(source)}
     wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
@@ -404,6 +411,7 @@ def table_of(source: Any) -> dict[str, Any]:
 
 
 def _flat_table(source: Any) -> dict[str, Any]:
+    """Return the content of a source file for a source without a wavefront."""
     if isinstance(source, PlacedAperture):
         return {**_flat_table(source.aperture), "to_world": source.pose.tolist()}
     if isinstance(source, Array):
@@ -427,6 +435,7 @@ def _flat_table(source: Any) -> dict[str, Any]:
 
 
 def _array_table(array: Array) -> dict[str, Any]:
+    """Return the content of a source file for an array."""
     weights = {} if (array.weights == 1).all() else {"weights": _listed_numbers(array.weights)}
     if array.repeated is not None:
         element, positions = array.repeated
@@ -441,7 +450,7 @@ def _array_table(array: Array) -> dict[str, Any]:
 
 
 def _listed_numbers(values: NDArray[np.complex128]) -> list[Any]:
-    """Return the numbers if all are real, otherwise pairs [real, imaginary]."""
+    """Return a list of real numbers, or of pairs [real, imaginary] if any number is complex."""
     if not values.imag.any():
         return values.real.tolist()
     return values.view(np.float64).reshape(*values.shape, 2).tolist()

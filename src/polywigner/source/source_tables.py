@@ -59,6 +59,7 @@ class Complex(complex):
 
 
 def _in_metres(values: Any) -> Any:
+    """Return numbers, or strings such as "2 mm", in metres. Lists may be nested."""
     if isinstance(values, list):
         return [_in_metres(value) for value in values]
     is_number = type(values) is float and math.isfinite(values)
@@ -66,6 +67,7 @@ def _in_metres(values: Any) -> Any:
 
 
 def _as_list(value: Any) -> list[Any]:
+    """Return a list unchanged, and any other value as a list with one entry."""
     return value if isinstance(value, list) else [value]
 
 
@@ -142,7 +144,7 @@ _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union of table types for functions; the keys are the functions' parameters."""
+    """Return the union of table types for functions; the keys of a table are the parameters."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -162,6 +164,7 @@ def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) ->
 
 
 def _row_positions(count: int, pitch: float) -> NDArray[np.float64]:
+    """Return the positions (count, 1) in m of slits in a row."""
     return arrays.grid_positions(count, 1, pitch)[:, :1]
 
 
@@ -235,6 +238,7 @@ _EXPECTED = {
 
 
 def _table_of_text(name: str, text: str) -> dict[str, Any]:
+    """Return the table that is equivalent to a short string of the kind ``name``."""
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":
@@ -249,6 +253,7 @@ def _table_of_text(name: str, text: str) -> dict[str, Any]:
 
 
 def _split_at_commas(text: str) -> list[Any]:
+    """Return the parts of a text between commas, without surrounding blanks."""
     return [part.strip() for part in text.split(",")]
 
 
@@ -267,6 +272,7 @@ def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None)
 
 
 def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: float | None) -> Any:
+    """Return a source to which the short string ``texts[name]`` is applied."""
     text, got = texts[name], type(source).__name__
     if name in ("curved", "coherence"):
         if not hasattr(source, "curved"):
@@ -302,6 +308,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
+    """Return an aperture with the taper of a table, which spans its bounding box."""
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -314,6 +321,7 @@ def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
 
 
 def _with_factor(aperture: Aperture, field: Illumination) -> Aperture:
+    """Return an aperture whose field is multiplied by another field."""
     other: Any = aperture.illumination
     return aperture.with_illumination(field if other is None else other * field)
 

@@ -331,6 +331,7 @@ def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
 def _taper_along_axes(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
+    """Return the product of tapers along x and y. ``taper`` returns the waves for a length in m."""
     if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
         raise ArgumentError(
             f"expected height=None for a taper of slits (dimension=1), got {value_text(height)}"
@@ -349,13 +350,14 @@ _CONSTANT: _Waves = (np.ones(1), np.zeros(1))
 
 
 def _product_of_waves(along_x: _Waves, along_y: _Waves) -> Illumination:
+    """Return the field that is the product of a sum of waves along x and one along y."""
     amplitudes = np.multiply.outer(along_x[0], along_y[0])
     frequencies = np.stack(np.meshgrid(along_x[1], along_y[1], indexing="ij"), axis=-1)
     return Illumination(amplitudes.ravel(), frequencies.reshape(-1, 2))
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
+    """Return sin or cos of number pi (x/size + 1/2) as a sum of waves along x."""
     if number == 0:
         return _CONSTANT
     phase = complex((1, 1j, -1, -1j)[number % 4])
@@ -365,7 +367,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 
 def _taylor_coefficients(decibels: float, nbar: int) -> Floats:
-    """Return F_1 ... F_(nbar - 1) of :func:`taylor_taper`."""
+    """Return the coefficients F_1 to F_(nbar - 1) of :func:`taylor_taper`."""
     # arccosh(10^(sll/20))/pi, without cancellation for small sll
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
@@ -485,6 +487,7 @@ def fit_illumination(
 
 
 def _checked_samples(points: Any, values: Any) -> tuple[Floats, Complex]:
+    """Return the positions (n, d) and complex values (n,) of a sampled field as arrays."""
     expected = "expected points of shape (n, 2), or (n, 1) for slits"
     positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
         len(points), -1
@@ -497,6 +500,7 @@ def _checked_samples(points: Any, values: Any) -> tuple[Floats, Complex]:
 
 
 def _distinct_frequencies(frequencies: Any, dimension: int) -> Floats:
+    """Return frequencies (m, dimension) without duplicates, or raise IlluminationError."""
     count = len(frequencies) if hasattr(frequencies, "__len__") else 1
     kappa = Illumination(np.ones(count), frequencies).frequencies
     if kappa.shape[1] != dimension:
@@ -507,7 +511,10 @@ def _distinct_frequencies(frequencies: Any, dimension: int) -> Floats:
 
 
 def _default_frequencies(extent: Floats, order: int, samples: int) -> Floats:
-    """Return frequencies (m, d) with a whole number of periods in twice the sampled extent."""
+    """Return frequencies (m, d) of waves whose period is a fraction of twice the sampled extent.
+
+    ``order`` is the largest number of periods, which is reduced if there are few samples.
+    """
     axes = int(np.count_nonzero(extent))
     highest = order
     while highest and (2 * highest + 1) ** axes > samples:

@@ -47,7 +47,7 @@ _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
 def _bilinear_weights(count_u: int, count_v: int) -> Floats:
-    """Return the bilinear weights of a cell's corners at the points of a grid, shape (n, 4)."""
+    """Return weights (n, 4) of the corners of a cell at a grid of points, count_u x count_v."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
@@ -110,7 +110,7 @@ class AberratedPupil:
     def of(
         cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
     ) -> AberratedPupil:
-        """Return the pupil for a coherent source at a wavelength."""
+        """Return the pupil of a coherent source with an aberration and a defocus."""
         form = normal_form(source)
         if form.dimension != 2:
             raise ArgumentError(
@@ -162,7 +162,10 @@ class AberratedPupil:
         return np.asarray(total)
 
     def waves(self, numbers: Indices, x: Floats) -> Complex:
-        """Return the field at points on the specified elements, without weights and aberration."""
+        """Return the plane waves of elements at points (n, 2), without weights and aberration.
+
+        ``numbers`` contains the index of the element of each point.
+        """
         values = np.ones(len(x), np.complex128)
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
@@ -179,6 +182,7 @@ class AberratedPupil:
 
     @cached_property
     def _cells(self) -> list[tuple[Cells, Floats]]:
+        """Trapezoids (n, 4, 2) that form each element, and phase gradients at points in them."""
         cells = [trapezoids(element.rings).corners for element in self.elements]
         return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
 
@@ -269,10 +273,12 @@ def slice_integrals(
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
 
     def slopes(x: Floats, region: Indices) -> Floats:
+        """Return the phase gradient of the integrand at points in regions, in cycles per metre."""
         lag = half[region, None]
         return pupil.slopes(x + lag) - pupil.slopes(x - lag)
 
     def integrand(x: Floats, region: Indices) -> Complex:
+        """Return the integrand times each factor at points in regions."""
         ahead, behind = x + half[region], x - half[region]
         values = np.exp(2j * np.pi * (pupil.cycles(ahead) - pupil.cycles(behind)))
         values *= pupil.waves(regions.first[region], ahead)

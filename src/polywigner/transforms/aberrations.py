@@ -109,6 +109,7 @@ def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
 
 def _complex_polynomials(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
+    """Return the complex Zernike polynomials V_n^m at points for m >= 0 and n up to ``highest``."""
     z = np.asarray(x) + 1j * np.asarray(y)
     table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
     for n in range(1, highest + 1):
@@ -128,10 +129,12 @@ def _complex_polynomial(table: dict[Order, Complex], n: int, m: int) -> Complex:
 
 
 def _real_or_imaginary(values: Complex, m: int) -> Floats:
+    """Return the cosine part (m >= 0) or the sine part of complex Zernike polynomials."""
     return values.real if m >= 0 else values.imag
 
 
 def _polynomial_gradient(table: dict[Order, Complex], order: Order) -> Floats:
+    """Return the derivatives of a real Zernike polynomial along x and y, shape (2, ...)."""
     n, m = order
     by_z = by_conjugate = np.zeros_like(table[0, 0])
     for k in range(n, 0, -2):
@@ -170,10 +173,12 @@ class ZernikeModes:
     """Coefficients of the Zernike polynomials, one row for each sum."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
+        """Return the values of the sums at positions in m, one row for each sum."""
         table = zernike_values(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix, table))
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
+        """Return the derivatives of the sums along x and y in 1/m, shape (k, 2, ...)."""
         table = zernike_gradients(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, table))
 
@@ -187,9 +192,11 @@ class PowerModes:
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
+        """Return the values of the products at positions in m, one row for each product."""
         return np.array([(x / self.radius) ** i * (y / self.radius) ** j for i, j in self.powers])
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
+        """Return the derivatives of the products along x and y in 1/m, shape (k, 2, ...)."""
         u, v = x / self.radius, y / self.radius
         derivatives = [
             (i * u ** max(i - 1, 0) * v**j, j * u**i * v ** max(j - 1, 0)) for i, j in self.powers
@@ -205,6 +212,7 @@ class FunctionMode:
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
+        """Return the values of the path function in m at positions in m, as a single row."""
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
             raise ArgumentError(
@@ -215,6 +223,7 @@ class FunctionMode:
         return np.broadcast_to(path, np.shape(x))[None]
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
+        """Return central differences of the path function along x and y, shape (1, 2, ...)."""
         step = _STEP * self.radius
         by_x = self.values(x + step, y) - self.values(x - step, y)
         by_y = self.values(x, y + step) - self.values(x, y - step)
@@ -276,6 +285,7 @@ class Aberration(Immutable):
 
     @property
     def _key(self) -> int:
+        """Value by which aberrations are compared: only equal for the same object."""
         # Path functions cannot be compared, so each aberration equals only itself.
         return id(self)
 
@@ -499,10 +509,12 @@ def fit_zernike(
 
 
 def _indexing_of(name: Any) -> Indexing:
+    """Return the numbering with a given name, or raise ArgumentError."""
     return INDEXINGS[checked_choice(name, "indexing", INDEXINGS)]
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
+    """Return indices of Zernike polynomials as integers; raise ArgumentError for invalid ones."""
     order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
@@ -521,6 +533,7 @@ def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
 def _zernike_modes(
     indices: list[int], radius: float, indexing: str, orthogonal_on: Aperture | Array | None
 ) -> ZernikeModes:
+    """Return the Zernike polynomials with given indices, which may be orthogonal on a pupil."""
     order, first, is_normalised = _indexing_of(indexing)
     is_plain = orthogonal_on is None
     orders = tuple(map(order, indices if is_plain else range(first, max(indices) + 1)))

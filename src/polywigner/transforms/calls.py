@@ -129,6 +129,11 @@ def compute(
 
 
 def _as_full_transform(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
+    """Replace a marginal by the transform that equals it if one argument is zero.
+
+    Returns whether the values are real, the name of the transform, and its points. The lag
+    marginal of a uniform aperture is not replaced at NumPy points.
+    """
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal of a uniform source is real.
@@ -149,6 +154,7 @@ def _as_full_transform(name: str, source: Any, points: Points) -> tuple[bool, st
 def _of_flat_wave(
     name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
 ) -> Values:
+    """Return a transform of a source with a flat wave. ``shear`` maps the components of points."""
     is_traced, is_real = execution.has_drjit(points.values()), TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
         # The special kernels of arrays have no derivatives.
@@ -268,6 +274,7 @@ def _before_system(
     how: Options,
     points: Points,
 ) -> Values:
+    """Return a transform. Points behind an optical system are mapped to points in front of it."""
     if through is not None or wavelength is not None:
         points = _mapped_points(name, source, through, wavelength, points)
         if not isinstance(source, Differentiable):
@@ -279,6 +286,7 @@ def _before_system(
 
 
 def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
+    """Map points behind an optical system to points in front of it, (O2), (O3)."""
     if through is None:
         raise ArgumentError(
             f"wavelength={wavelength!r} requires an optical system (through=), got none; omit the "
@@ -320,6 +328,7 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
 
 
 def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+    """Return a transform of a source with a finite coherence width, (PC2), (PC3), (I5)."""
     if name == "fourier":
         raise IlluminationError(
             f"expected a coherent source for {name}, got one with a coherence width of "
@@ -348,18 +357,21 @@ def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Op
         double = execution.checked_precision(how[0]) != "single"
 
     def of_coherent(x: Values, nu: Values) -> Values:
+        """Return the Wigner function of the coherent source."""
         return _before_system("wigner", coherent, None, None, how, {"x": x, "nu": nu})
 
     if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
 
     def closed_form(limited: Wavefront, x: Values, nu: Values) -> Values:
+        """Return the Wigner function of a source for which the closed form is accurate."""
         return _of_curved_wave("wigner", limited, {"x": x, "nu": nu}, how)
 
     return within_widths(closed_form, of_coherent, wave, x, nu, double)
 
 
 def _checked_components(points: Points, dimension: int) -> dict[str, Values]:
+    """Return points as float64 arrays, or as Dr.Jit arrays with ``dimension`` components."""
     return {
         label: execution.joined(execution.components_of(label, value, dimension))
         if execution.is_drjit(value)
@@ -369,6 +381,7 @@ def _checked_components(points: Points, dimension: int) -> dict[str, Values]:
 
 
 def _of_curved_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+    """Return a transform of a curved wave, from the flat wave at sheared points, (Q1) to (Q5)."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature
@@ -391,6 +404,7 @@ def _of_curved_wave(name: str, wave: Wavefront, points: Points, how: Options) ->
     about = centre if first else [0.0] * d
 
     def shear(components: Sequence[Any]) -> Sequence[Any]:
+        """Return the components of the points at which the flat wave is evaluated."""
         groups = list(components[:d]), list(components[second])
         position, frequency = groups if first else groups[::-1]
         moved = [n - s for n, s in zip(frequency, slopes(position, about), strict=True)]
@@ -413,6 +427,7 @@ def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
 
 
 def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.complexfloating[Any]]:
+    """Return the Fourier transform of a curved wave at frequencies as Fresnel integrals."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     check_no_drjit(nu=nu)
     execution.checked_engine(how[1])

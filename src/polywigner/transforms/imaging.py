@@ -261,6 +261,7 @@ class _System:
 
     @classmethod
     def of(cls, pupil: Any, condenser: Any, defocus: Any, pupil_radius: Any) -> _System:
+        """Return an imaging system with checked arguments. The defocus is in waves."""
         for name, source in (("pupil", pupil), ("condenser", condenser)):
             if not isinstance(source, Aperture | Array) or getattr(source, "dimension", 2) == 1:
                 raise ArgumentError(
@@ -283,9 +284,14 @@ class _System:
 
     @property
     def size(self) -> int:
+        """Number of intersections of polygons for each pair of lags."""
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
+        """Return the transmission cross coefficient of each pair of lags.
+
+        ``first`` and ``second`` contain the indices of both lags of a pair.
+        """
         total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
@@ -311,6 +317,7 @@ class _System:
             return _polygon_transforms(polygons, nu)
 
         def slopes(x: Floats, region: Indices) -> Floats:
+            """Return the phase gradient of the integrand at points, in cycles per metre."""
             first, second = x + ahead[region, None], x + behind[region, None]
             bend = path.slopes(*np.moveaxis(first, -1, 0)) - path.slopes(
                 *np.moveaxis(second, -1, 0)
@@ -318,16 +325,19 @@ class _System:
             return np.asarray(bend - nu[region, None])
 
         def integrand(x: Floats, region: Indices) -> Complex:
+            """Return the values of the integrand at points, shape (1, n)."""
             cycles = path(*(x + ahead[region]).T) - path(*(x + behind[region]).T)
             cycles -= np.einsum("ij,ij->i", nu[region], x)
             return np.exp(2j * np.pi * cycles)[None]
 
         def evaluate(extra: int) -> Complex:
+            """Return the integrals for a number of additional nodes."""
             return region_integrals(polygons, slopes, integrand, np.zeros(2), extra, _PRECISE)[0]
 
         return converged(evaluate, _PRECISE * self.power, "the image").values
 
     def matrix(self, lags: Floats) -> Complex:
+        """Return the transmission cross coefficients (n, n) of all pairs of n lags."""
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
@@ -340,6 +350,7 @@ class _System:
 
 
 def _waves_of_elements(source: Aperture | Array) -> list[list[_Term]]:
+    """Return a list of plane waves on polygons for each element of a source."""
     elements = []
     for element in normal_form(source).in_plane.elements:
         polygon, weight = element.shape.polygons, element.weight
@@ -349,7 +360,7 @@ def _waves_of_elements(source: Aperture | Array) -> list[list[_Term]]:
 
 
 def _passing_parts(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
-    """Return the part of the condenser whose light passes through the pupil, for each lag."""
+    """Return the part of a condenser polygon whose light passes a pupil polygon, for each lag."""
     return shapely.intersection(shifted(np.full(len(lags), pupil, object), -lags), light)
 
 
@@ -370,7 +381,7 @@ def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
 
 
 def _frequencies_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Return the lattice frequencies at which light from the condenser can pass the pupil."""
+    """Return the frequencies of the diffraction orders that may pass the pupil, in 1/m."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
@@ -410,6 +421,7 @@ def _check_orders(count: float, size: int) -> None:
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
+    """Raise GeometryError if elements of a periodic mask overlap, also those of other periods."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask to be an Aperture, or an Array of apertures, got {type(mask).__name__}"
@@ -436,6 +448,10 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
 def _order_amplitudes(
     mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
+    """Return the amplitudes (n,) of diffraction orders of a mask with frequencies (n, 2) in 1/m.
+
+    ``cell`` is the area of a period.
+    """
     inside, around = (
         complex(complex_array(value, f"expected {name} to be a finite number", ()))
         for name, value in (("transmission", transmission), ("background", background))
@@ -452,12 +468,14 @@ def _order_amplitudes(
 
 
 def _plane_points(name: str, values: Any) -> Floats:
+    """Return finite points or lags of shape (..., 2) in m, or raise ArgumentError."""
     return finite_array(
         values, f"expected {name} to be finite numbers of shape (..., 2) in m", (..., 2)
     )
 
 
 def _checked_lattice(period: Any) -> Floats:
+    """Return the lattice vectors of a mask as rows, shape (2, 2), in m."""
     sizes = checked_array(period, "period", np.ndim(period) or 1)
     lattice = np.diag(sizes) if sizes.shape == (2,) else sizes
     flat = lattice.shape != (2, 2) or not np.isfinite(lattice).all()

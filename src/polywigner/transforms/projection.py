@@ -182,10 +182,12 @@ def projections(
 
 
 def _is_frequency(name: str) -> bool:
+    """Return whether the name of a coordinate denotes a spatial frequency."""
     return name.startswith(("nu", "upsilon"))
 
 
 def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
+    """Return the names of the tiles to compute, by default all available tiles."""
     if not isinstance(names, Iterable | None):
         raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
@@ -194,6 +196,7 @@ def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None)
 
 
 def _check_names(names: Iterable[object], known: Iterable[str], what: str) -> None:
+    """Raise ArgumentError if a name is unknown. ``what`` is the plural noun for the message."""
     for name in names:
         if not isinstance(name, str) or name not in known:
             raise ArgumentError(
@@ -207,6 +210,7 @@ def _coordinate_values(
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Floats]:
+    """Return the values of each coordinate: specified by the caller, or evenly spaced."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
@@ -233,6 +237,7 @@ def _coordinate_values(
 
 
 def _checked_values(name: str, values: ArrayLike) -> Floats:
+    """Return the values of a coordinate as an array (n,) with up to 4096 entries."""
     array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
@@ -243,6 +248,7 @@ def _checked_values(name: str, values: ArrayLike) -> Floats:
 
 
 def _largest_amplitude(source: PhaseSpaceSource) -> float:
+    """Return an upper bound on |u|, where the fields of elements that may overlap are added."""
     elements = normal_form(source).in_plane.elements
     moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements])
     low, high = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in elements]).swapaxes(0, 1)
@@ -270,7 +276,10 @@ class Tile(NamedTuple):
 
 
 def _on_grid(function: Callable[..., Array]) -> Compute:
+    """Return a tile function that evaluates a function of points at all pairs of coordinates."""
+
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
+        """Return the values at all pairs of coordinates, one row for each first coordinate."""
         grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
         return np.asarray(function(source, grid, engine=engine))
 
@@ -278,7 +287,10 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 
 
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
+    """Return a tile function from a function of a field and the two coordinates of the tile."""
+
     def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
+        """Return the tile of a source, one row for each first coordinate."""
         field = field_of(source)
         return function(field.transposed() if is_transposed else field, first, second)
 
@@ -286,7 +298,10 @@ def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
 
 
 def _of_slits(function: Callable[..., Array]) -> Compute:
+    """Return a tile function that evaluates a phase-space function of slits."""
+
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
+        """Return the phase-space function, one row for each first coordinate."""
         result = function(source, first[:, None, None], second[None, :, None], engine=engine)
         is_uniform = isinstance(source, Slits) and source.illumination is None
         return np.asarray(result.real if is_uniform and function is autocorrelation else result)
@@ -295,16 +310,19 @@ def _of_slits(function: Callable[..., Array]) -> Compute:
 
 
 def _points_on_row(values: Floats, y: float = 0.0) -> Floats:
+    """Return points (n, 2) with the specified x coordinates and a common y coordinate."""
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
 def _shadow_product(field: PlaneField, x: Floats, xi_x: Floats) -> Array:
+    """Return the autocorrelation at (x, xi_x), integrated over y and xi_y, (P4)."""
     at = (x - field.centre[0])[:, None]
     ahead, behind = (column_integrals(field, (at + half).ravel()) for half in (xi_x / 2, -xi_x / 2))
     return (ahead * np.conj(behind)).reshape(len(x), len(xi_x))
 
 
 def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
+    """Return the autocorrelation at (x, xi_y), integrated over y and xi_x, (P5)."""
     x = x - field.centre[0]
     if field.is_uniform:
         return mirrored_correlation(field, x, xi_y)
@@ -326,14 +344,17 @@ def _pairing_of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
 
 
 def _intensity(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return |u|^2 at positions, which is W integrated over the frequencies, (P6)."""
     return np.asarray(autocorrelation(source, grid, np.zeros(2), engine=engine).real)
 
 
 def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return |F|^2 at frequencies, which is W integrated over the positions, (P7)."""
     return _squared(fourier(source, grid, engine=engine))
 
 
 def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
+    """Return the Wigner function at (x, nu_x), integrated over y and nu_y, (P8)."""
     x = x - field.centre[0]
     # The field on the overlap is Hermitian, so its Fourier transform is real.
     ahead: Image = (2.0, 1.0), _points_on_row(-2 * x)
@@ -349,23 +370,28 @@ def _pairing_of_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
 
 
 def _column_powers(field: PlaneField, x: Floats, nu_y: Floats) -> Array:
+    """Return the Wigner function at (x, nu_y), integrated over y and nu_x, (P9)."""
     return _squared(column_spectra(field, x - field.centre[0], nu_y))
 
 
 def _squared(values: Array) -> Array:
+    """Return the squared moduli of complex values."""
     return np.asarray(values.real**2 + values.imag**2)
 
 
 def _at_opposite_points(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return R(0, xi) at lags, which is A integrated over the frequency shifts, (P10)."""
     return np.asarray(autocorrelation(source, np.zeros(2), grid, engine=engine))
 
 
 def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return F(upsilon/2) F*(-upsilon/2), which is A integrated over the lags, (P11)."""
     ahead = fourier(source, grid / 2, engine=engine)
     return np.asarray(ahead * np.conj(fourier(source, -grid / 2, engine=engine)))
 
 
 def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Array:
+    """Return the ambiguity function at (upsilon_x, xi_x), integrated over the others, (P12)."""
     x, y = field.centre.tolist()
     ahead: Image = (1.0, 1.0), _points_on_row(-xi_x / 2, y)
     behind: Image = (1.0, -1.0), _points_on_row(xi_x / 2, -y)
@@ -382,6 +408,7 @@ def _pairing_of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Fl
 
 
 def _opposite_columns(field: PlaneField, upsilon_y: Floats, xi_x: Floats) -> Array:
+    """Return the ambiguity function at (upsilon_y, xi_x), integrated over the others, (P13)."""
     x, y = field.centre.tolist()
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)
@@ -431,6 +458,7 @@ _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
 
 
 def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
+    """Return the tiles of a phase-space function, with their names as keys."""
     letter = _LETTERS[kind]
     if dimension == 1:
         first, second, units, function = _SLITS[kind]

@@ -104,6 +104,7 @@ def fourier(
     how: dict[str, Any] = {"precision": precision, "engine": engine}
 
     def call(points: dict[str, Any]) -> Values:
+        """Return the transform at the points of one kind of array."""
         return _fourier_of_flat(source, points["nu"], how)
 
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
@@ -114,6 +115,7 @@ def fourier(
 
 
 def _fourier_of_flat(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> Values:
+    """Return the Fourier transform of a source with a flat wave. ``how``: precision and engine."""
     if isinstance(source, Differentiable):
         return fourier_of(source, in_plane(nu), partial(fourier, **how))
     if isinstance(source, Array):
@@ -133,6 +135,7 @@ def _fourier_of_flat(source: Source | Differentiable, nu: Any, how: dict[str, An
 
 
 def _illumination_of(source: Source) -> Illumination | None:
+    """Return the plane waves of an aperture or slits; None for other sources and uniform fields."""
     outline = source.aperture if isinstance(source, PlacedAperture) else source
     field: Illumination | None = getattr(outline, "illumination", None)
     return field
@@ -239,6 +242,7 @@ def array_factor(
     inner = None if rounded else precision
 
     def factor(nu: Any) -> Values:
+        """Return the array factor at a block of frequencies."""
         values = compute("array factor", sites, {"nu": nu}, inner, engine)
         return values.astype(np.complex64) if rounded else values
 

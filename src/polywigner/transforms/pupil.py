@@ -275,6 +275,7 @@ def mtf(
 
 
 def _checked_pupil(source: Any) -> PhaseSpaceSource:
+    """Return the source; raise IlluminationError if it is partially coherent."""
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
@@ -432,7 +433,10 @@ def strehl(
 
 
 def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
+    """Return the Strehl ratio of a pupil at one wavelength."""
+
     def evaluate(extra: int) -> NDArray[np.complex128]:
+        """Return the integrals of u and of |u|, for a number of additional nodes."""
         total = np.zeros(2, np.complex128)
         for k, weight in enumerate(pupil.weights):
             for x, weights in pupil.rules(k, _NO_BAND, extra, tolerance):
@@ -483,6 +487,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     paths = normal_form(source).paths
 
     def moments(extra: int) -> tuple[Floats, Floats]:
+        """Return the path lengths at quadrature nodes, and the weights of the nodes times |u|^2."""
         lengths, weights = [], []
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
@@ -491,6 +496,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
         return np.concatenate(lengths), np.concatenate(weights)
 
     def evaluate(extra: int) -> Any:
+        """Return the weighted standard deviation of the path length in m."""
         lengths, weights = moments(extra)
         mean = weights @ lengths / weights.sum()
         return np.sqrt(weights @ np.square(lengths - mean) / weights.sum())
@@ -500,6 +506,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
 
 
 def _path_lengths(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
+    """Return path lengths in m due to piston and tilt at points (..., 2) on one element."""
     if paths is None:
         return 0.0
     return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

@@ -179,7 +179,10 @@ class Edges:
         return x, fractions * np.outer(length, weights)[..., None]
 
     def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
-        """Return the sum of the end terms, times normals, of the edges that meet at each vertex."""
+        """Return for each vertex the sum of terms of the adjacent edges, times their normals.
+
+        ``terms`` contains two values for each edge, for its first and its second vertex.
+        """
         total = np.zeros((len(self.begin), 2, *terms.shape[:-2]), np.complex128)
         moments = terms[..., None] * self.normals[edge][:, None]
         np.add.at(total, self.ends[edge], np.moveaxis(moments, (-3, -2, -1), (0, 1, 2)))
@@ -220,9 +223,11 @@ def autocorrelation_jets(
 def _jets_of_block(
     pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
+    """Return the autocorrelation integral at a block of finite lags, with derivatives."""
     regions = slices_of(pupil, lags)
 
     def evaluate(extra: int) -> Complex:
+        """Return the integrals at all lags, for a number of additional nodes."""
         return by_lag(regions, slice_integrals(pupil, regions, extra, tolerance))[0]
 
     values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
@@ -236,6 +241,7 @@ class _AutocorrelationDerivatives:
     error: float
 
     def vertices(self) -> Complex:
+        """Return the derivatives with respect to the vertices, shape (lags, vertices, 2)."""
         regions, edges = self.regions, edges_of(self.pupil)
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
         pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
@@ -267,6 +273,7 @@ class _AutocorrelationDerivatives:
         return moving.at_vertices(parts[0], np.einsum("km,kme->ke", values, weights))
 
     def weights(self) -> tuple[Complex, Complex]:
+        """Return the derivatives with respect to weights and to their complex conjugates."""
         regions, weights = self.regions, self.pupil.weights
         (integrals,) = slice_integrals(self.pupil, regions, _EXTRA, self.error)
         both = np.zeros((2, len(regions.lags), len(weights)), np.complex128)
@@ -276,10 +283,12 @@ class _AutocorrelationDerivatives:
         return both[0], both[1]
 
     def coefficients(self) -> Complex:
+        """Return the derivatives with respect to the aberration coefficients."""
         pupil, regions, path = self.pupil, self.regions, self.pupil.aberration
         assert path is not None
 
         def factors(ahead: Floats, behind: Floats) -> Floats:
+            """Return the difference of each aberration term between two points."""
             return path.modes(*ahead.T) - path.modes(*behind.T)
 
         integrals = slice_integrals(pupil, regions, _EXTRA, self.error, factors)
@@ -289,7 +298,10 @@ class _AutocorrelationDerivatives:
 def _parts_inside(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
 ) -> tuple[Parts, Floats]:
-    """Return the parts of edges inside a shifted polygon (factor 1) or on its edges (1/2)."""
+    """Return the parts of shifted edges inside a polygon (factor 1) or on its boundary (1/2).
+
+    ``others`` are the edges of the polygon.
+    """
     begin, vector = edges.begin + shift, edges.vector
     edge, cut = _edge_cuts(begin, vector, others, near)
     is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
@@ -304,7 +316,7 @@ def _parts_inside(
 
 
 def _edge_cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
-    """Return the sorted edge indices and fractions at which edges end or cross another polygon."""
+    """Return where edges start, end, or cross other edges: edge indices and fractions, sorted."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]

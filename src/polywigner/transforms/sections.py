@@ -110,6 +110,7 @@ class _EdgesFromLeft:
 
 
 def _edges_from_left(field: PlaneField) -> _EdgesFromLeft:
+    """Return the edges of a field that are not vertical, directed from left to right."""
     rings = [(k, ring) for k, element in enumerate(field.elements) for ring in element.rings]
     start = np.concatenate([ring for _, ring in rings])
     end = np.concatenate([np.roll(ring, -1, axis=0) for _, ring in rings])
@@ -123,6 +124,7 @@ def _edges_from_left(field: PlaneField) -> _EdgesFromLeft:
 
 
 def _y_on_line(left: Floats, right: Floats, x: Floats) -> Floats:
+    """Return the y coordinate at ``x`` of the line through the points ``left`` and ``right``."""
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
@@ -144,7 +146,10 @@ def sections(field: PlaneField, x: Floats) -> Sections:
 
 
 def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
+    """Return the Fourier transforms of weighted intervals, one row for each position x."""
+
     def term(chosen: Indices) -> tuple[Floats, Floats]:
+        """Return the real part and the negative imaginary part for the chosen intervals."""
         low, high = intervals.low[chosen, None], intervals.high[chosen, None]
         cosine, sine = mean_plane_wave(_OPS, nu * low, nu * high)
         factor = intervals.weight[chosen, None] * (high - low)
@@ -156,7 +161,11 @@ def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
 def _row_sums(
     row: Indices, count: int, columns: int, term: Callable[[Indices], tuple[Floats, Floats]]
 ) -> Complex:
-    """Return sums of cosine - i sine over the entries of each row; ``row`` must be ascending."""
+    """Return sums of cosine - i sine over all entries of a row, shape (count, columns).
+
+    ``row`` contains the ascending row of each entry. ``term`` returns cosine and sine for the
+    indices of entries.
+    """
     total = np.zeros((count, columns), np.complex128)
     rank = np.arange(len(row)) - np.searchsorted(row, row)
     for k in range(rank.max(initial=-1) + 1):
@@ -192,7 +201,7 @@ def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
 
 
 def phase(centre: float, nu: Floats) -> Complex:
-    """Return exp(-2 pi i nu centre), computed from error-free products."""
+    """Return exp(-2 pi i nu centre) for frequencies (n,), from error-free products."""
     cosine, sine = cos_sin_cycles(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)
 
@@ -235,6 +244,7 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
 
 
 def _image_polygons(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
+    """Return the polygons of elements, scaled and then shifted, shape (shifts, elements)."""
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
     scaled = shapely.transform(polygons, lambda points: points * scale)
@@ -248,6 +258,7 @@ def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Comple
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
+        """Return the real part and the negative imaginary part for the chosen edges."""
         cycles = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (begin, end)]
         cosine, sine = simplex_plane_wave(_OPS, *cycles)
         return cosine * factor[chosen, None], sine * factor[chosen, None]
@@ -279,6 +290,7 @@ def mutual_spectra(
 
 
 def _overlaps_by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
+    """Yield the overlaps of each pair of elements, and the indices of both elements."""
     pair = regions.first * elements + regions.second
     for number in np.unique(pair).tolist():
         members = np.flatnonzero(pair == number)
@@ -290,6 +302,7 @@ def _overlaps_by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overla
 
 
 def _distinct_shifts(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
+    """Yield each distinct frequency shift, and the indices of the pairs of waves that have it."""
     number = cluster_indices(shifts, _EQUAL * float(np.abs(shifts).max()))
     for k in range(number.max() + 1):
         members = np.flatnonzero(number == k)

@@ -110,6 +110,10 @@ def differentiable(
 def _with_vertices(
     source: Aperture | Array | None, vertices: Drjit
 ) -> tuple[Aperture | Array, Drjit]:
+    """Return a source with the values of Dr.Jit vertices, and the vertices.
+
+    Without a source, the vertices form a ring. They are reversed if the ring is clockwise.
+    """
     points = execution.columns_of(vertices)
     if source is None:
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
@@ -132,6 +136,7 @@ def _with_vertices(
 
 
 def _with_points(aperture: Aperture, points: Floats) -> Aperture:
+    """Return an aperture with other vertices (n, 2), in the order of its rings."""
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])
@@ -158,6 +163,7 @@ def _aperture_of_rings(parts: list[list[Floats]], illumination: Illumination | N
 
 
 def _with_weights(source: Aperture | Array | None, weights: Complex) -> Array:
+    """Return an array with other weights; raise ArgumentError for an aperture."""
     if not isinstance(source, Array):
         raise ArgumentError("expected an Array for weights, got an Aperture")
     if source.repeated is not None:
@@ -166,7 +172,7 @@ def _with_weights(source: Aperture | Array | None, weights: Complex) -> Array:
 
 
 def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
-    """Return the Fourier transform of a source with Dr.Jit arrays.
+    """Return the Fourier transform of a source with Dr.Jit vertices or weights.
 
     The transform is a sum over all plane waves on all elements, (C1) and (I1).
     """
@@ -192,6 +198,7 @@ def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
 
 
 def _fourier_of_element(element: Differentiable, nu: Drjit) -> Drjit:
+    """Return the Fourier transform of an element with Dr.Jit vertices, summed over its waves."""
     field = element.source.illumination or Illumination([1.0], [(0.0, 0.0)])
     uniform = Differentiable(element.source.with_illumination(None), element.vertices)
     total = 0.0

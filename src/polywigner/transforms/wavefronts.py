@@ -89,6 +89,7 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
 def _chirp_of_outline(
     element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
 ) -> Complex:
+    """Return the :func:`chirp_transform` of one uniform outline. ``q`` has the shape of ``nu``."""
     origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
     away = (origin - centre) @ axes
     inner = nu @ axes - q * away
@@ -106,6 +107,10 @@ def _chirp_of_outline(
 def _centred_chirp(
     element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
+    """Return the chirp transform of an outline whose coordinates are relative to ``origin``.
+
+    ``axis`` is the index of the principal axis with the largest curvature.
+    """
     if isinstance(element, Slits):
         return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
     order = [axis, 1 - axis]
@@ -158,7 +163,11 @@ def within_widths(
     nu: Any,
     double: bool,
 ) -> Values:
-    """Return W for any coherence width; ``closed_form(source, x, nu)`` has a largest width."""
+    """Return the Wigner function of a source with any coherence width.
+
+    ``closed_form(source, x, nu)`` is accurate up to a largest width. Beyond this width, the result
+    is extrapolated from the value at this width and from ``of_coherent(x, nu)``.
+    """
     most, width = _WIDEST[double] * math.hypot(*sides_of(wave.bounds)), wave.coherence_width
     values = closed_form(wave._with(coherence_width=min(width, most)), x, nu)
     if width <= most:
@@ -180,6 +189,7 @@ def mean_over_tilts(
     shape = broadcast_shape(arrays)
 
     def mean(*parts: Any) -> Values:
+        """Return the mean for points that fit into memory with all tilts."""
         *positions, frequency = parts
         spread = [points[..., None, :] for points in positions]
         values = evaluate(*spread, frequency[..., None, :] - tilts)

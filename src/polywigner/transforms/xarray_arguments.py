@@ -27,7 +27,7 @@ from polywigner.source import Array
 def labelled_array(
     values: ArrayLike, dims: Sequence[str], attrs: Mapping[str, Any] | None = None
 ) -> xarray.Variable:
-    """Return a DataArray with named axes and attributes, such as the unit."""
+    """Return an xarray variable with named axes and attributes, such as the unit."""
     import xarray
 
     return xarray.Variable(tuple(dims), values, dict(attrs or {}))
@@ -90,8 +90,11 @@ def takes_xarray(
     """
 
     def decorate(function: F) -> F:
+        """Return a function that also accepts DataArrays."""
+
         @wraps(function)
         def wrapper(*args: Any, **kwargs: Any) -> object:
+            """Call the function, and return DataArrays if any point is a DataArray."""
             kind = getattr(sys.modules.get("xarray"), "DataArray", None)
             if kind is None or not any(isinstance(v, kind) for v in (*args, *kwargs.values())):
                 return function(*args, **kwargs)
@@ -135,6 +138,11 @@ def _labelled(
     names: Mapping[str, str],
     components: Mapping[str, Sequence[str]],
 ) -> xarray.DataArray | tuple[xarray.DataArray, ...]:
+    """Call a function with DataArrays as points, and return DataArrays.
+
+    ``fixed`` contains the module and the name of the function, the names of its points, and its
+    other arguments. ``names`` contains the long names of the results.
+    """
     xarray = sys.modules["xarray"]
     others = fixed[-1]
     if isinstance(others.get("source"), Differentiable):
@@ -185,10 +193,12 @@ def _labelled(
 
 
 def _component_dimension(name: str) -> str:
+    """Return the name of the dimension that contains the components of an argument."""
     return f"components of {name}"
 
 
 def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
+    """Return a DataArray whose last dimension is renamed, or one point as a NumPy array."""
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
@@ -215,6 +225,7 @@ def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDA
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
+    """Return the data types of the results of a function, which is called without points."""
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
