@@ -229,7 +229,10 @@ def row_sums(
     outputs: int,
     engine: str,
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return the sums of :func:`evaluate_rows`, computed by a compiled loop over the table."""
+    """Return the sums of ``term`` over the rows of a table for each sample, by a compiled loop.
+
+    The samples are the columns of ``columns``, and ``constants`` are arguments of ``term``.
+    """
     import drjit as dr
 
     kind = drjit_float(engine, True)

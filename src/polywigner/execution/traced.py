@@ -222,7 +222,7 @@ def _order(
     components: Sequence[Drjit],
     numbers: Sequence[Any],
 ) -> NDArray[np.intp] | None:
-    """Return the indices of :func:`order_by_cell`, or None if sorting saves no time."""
+    """Return indices that sort samples by the cell of their offset; None if that saves no time."""
     import drjit
 
     slices, count = kernel.slices, max(map(drjit.width, components))

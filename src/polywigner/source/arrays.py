@@ -24,7 +24,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.io.readers import table_rows
-from polywigner.numerics import Floats, cluster_indices
+from polywigner.numerics import Complex, Floats, cluster_indices
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
@@ -239,7 +239,7 @@ def virtual_array(
     receive: ArrayLike,
     transmit_weights: ArrayLike | None = None,
     receive_weights: ArrayLike | None = None,
-) -> tuple[Floats, NDArray[np.complex128]]:
+) -> tuple[Floats, Complex]:
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
     Far from a radar, the path from transmitting element j to receiving element k is equivalent to
@@ -298,9 +298,7 @@ WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
 
 
 @takes_frequency
-def steering_weights(
-    positions: ArrayLike, direction: ArrayLike, wavelength: float
-) -> NDArray[np.complex128]:
+def steering_weights(positions: ArrayLike, direction: ArrayLike, wavelength: float) -> Complex:
     """Return weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
 
     The array factor peaks towards `direction`. The fields of the elements do not change; see
@@ -338,9 +336,7 @@ def steering_weights(
 
 
 @takes_frequency
-def focusing_weights(
-    positions: ArrayLike, point: ArrayLike, wavelength: float
-) -> NDArray[np.complex128]:
+def focusing_weights(positions: ArrayLike, point: ArrayLike, wavelength: float) -> Complex:
     """Return weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
 
     R_k and R are the distances of the point from element k and from the origin. The waves
@@ -382,7 +378,7 @@ def focusing_weights(
 
 def window_weights(
     shape: int | Sequence[int], window: str | Sequence[str], sll: float = 30.0, nbar: int = 4
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return real amplitudes of a taper over a row or a grid of elements, with a maximum of 1.
 
     Parameters
@@ -429,7 +425,7 @@ def window_weights(
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
-def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:
+def _window(count: int, name: str, sll: float, nbar: int) -> Floats:
     """Return the amplitudes (count,) of a window, with the sidelobe suppression ``sll`` in dB."""
     checked_choice(name, "window", WINDOWS)
     if name == "uniform" or count == 1:
@@ -520,7 +516,7 @@ def read_elements(
     return array
 
 
-def _table_columns(text: str) -> dict[str, NDArray[np.float64]]:
+def _table_columns(text: str) -> dict[str, Floats]:
     """Return the columns of a text table by name. Without a line of names, these are x and y."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []

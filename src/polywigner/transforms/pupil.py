@@ -338,7 +338,7 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     sine = checked_number(numerical_aperture, "numerical_aperture", "a number from 0 to 1")
     if not 0.0 < sine <= 1.0:
         raise ArgumentError(
-            f"numerical_aperture must be above 0 and at most 1, got {sine:g}; in a medium "
+            f"expected numerical_aperture above 0 and up to 1, got {sine:g}; in a medium "
             "divide it and the wavelength by the refractive index"
         )
     return radius / sine

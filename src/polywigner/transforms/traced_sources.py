@@ -26,7 +26,7 @@ def check_no_drjit(**arguments: object) -> None:
     for name, value in arguments.items():
         if isinstance(value, Differentiable) or is_drjit(value):
             raise ArgumentError(
-                f"{name} must be made of NumPy arrays, got a Dr.Jit {type(value).__name__}; "
+                f"expected {name} to be made of NumPy arrays, got a Dr.Jit {type(value).__name__}; "
                 "convert it (.numpy()), and see docs/gradients.md for functions with "
                 "derivatives"
             )
