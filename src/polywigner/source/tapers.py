@@ -463,9 +463,8 @@ def fit_illumination(
     True
     """
     positions, field = _checked_samples(points, values)
-    least = checked_number(cut_off, "cut_off", "a fraction from 1e-15 to 1")
-    if not 1e-15 <= least < 1:
-        raise ArgumentError(f"expected cut_off of at least 1e-15 and below 1, got {cut_off!r}")
+    meaning = "a fraction of at least 1e-15 and below 1"
+    least = checked_number(cut_off, "cut_off", meaning, lambda x: 1e-15 <= x < 1)
     low, high = positions.min(axis=0), positions.max(axis=0)
     centre = low / 2 + high / 2
     if frequencies is None:

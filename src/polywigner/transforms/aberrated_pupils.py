@@ -355,7 +355,5 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
 def checked_tolerance(tolerance: Any) -> float:
     """Return the tolerance. Raises ArgumentError if it is invalid."""
-    number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
-    if not 1e-13 <= number <= 0.1:
-        raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")
-    return number
+    meaning = "a fraction from 1e-13 to 0.1"
+    return checked_number(tolerance, "tolerance", meaning, lambda x: 1e-13 <= x <= 0.1)

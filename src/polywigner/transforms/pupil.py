@@ -19,7 +19,6 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.numerics import Floats
 from polywigner.source import Array
-from polywigner.source.array import PathLengths
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.aberrated_pupils import (
     TOLERANCE,
@@ -492,7 +491,10 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
                 weights.append((areas * np.abs(amplitude * pupil.field(k, x)) ** 2).ravel())
-                lengths.append((pupil.cycles(x) + _path_lengths(paths, k, x)).ravel())
+                length = pupil.cycles(x)
+                if paths is not None:
+                    length = length + paths.wavelength * (paths.cycles[k] + x @ paths.slopes[k])
+                lengths.append(length.ravel())
         return np.concatenate(lengths), np.concatenate(weights)
 
     def evaluate(extra: int) -> Any:
@@ -503,10 +505,3 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
 
     largest = float(np.abs(moments(0)[0]).max()) or 1.0
     return float(converged(evaluate, _PRECISE * largest, "the wavefront error").values)
-
-
-def _path_lengths(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
-    """Return path lengths in m due to piston and tilt at points (..., 2) on one element."""
-    if paths is None:
-        return 0.0
-    return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

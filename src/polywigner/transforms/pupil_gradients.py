@@ -194,12 +194,12 @@ def edges_of(pupil: AberratedPupil) -> list[Edges]:
     result, start = [], 0
     for element in pupil.elements:
         begin = np.concatenate(element.rings)
-        end = np.concatenate([np.roll(ring, -1, axis=0) for ring in element.rings])
         first = np.arange(len(begin))
         sizes = np.cumsum([len(ring) for ring in element.rings])
         second = np.concatenate([np.roll(part, -1) for part in np.split(first, sizes[:-1])])
         vertices = slice(start, start + len(begin))
-        result.append(Edges(begin, end - begin, np.stack([first, second], axis=1), vertices))
+        ends = np.stack([first, second], axis=1)
+        result.append(Edges(begin, begin[second] - begin, ends, vertices))
         start += len(begin)
     return result
 
