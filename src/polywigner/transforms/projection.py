@@ -191,17 +191,7 @@ def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None)
     if not isinstance(names, Iterable | None):
         raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
-    _check_names(requested, available, "tiles")
-    return requested
-
-
-def _check_names(names: Iterable[object], known: Iterable[str], what: str) -> None:
-    """Raise ArgumentError if a name is unknown. ``what`` is the plural noun for the message."""
-    for name in names:
-        if not isinstance(name, str) or name not in known:
-            raise ArgumentError(
-                f"expected each of the {what} to be one of {', '.join(known)}, got {name!r}"
-            )
+    return [checked_choice(name, "each of the tiles", available) for name in requested]
 
 
 def _coordinate_values(
@@ -219,7 +209,8 @@ def _coordinate_values(
             "expected coordinates to be a mapping from names of coordinates to values, got "
             f"{type(requested).__name__}"
         )
-    _check_names(requested, names, "coordinates")
+    for name in requested:
+        checked_choice(name, "each of the coordinates", names)
     low, widths = np.reshape(source.bounds, (2, -1))[0], sides_of(source.bounds).tolist()
     axes = {}
     for name in names:
