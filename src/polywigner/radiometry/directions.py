@@ -259,15 +259,15 @@ def power_by_lags(
     # with a normal derivative. A smooth cut-off omits these lags.
     slope = largest_transverse_cosine(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
-    reach = (_ENDS[-1] + _BEYOND) * soft
+    longest_lag = (_ENDS[-1] + _BEYOND) * soft
     width = largest_lag(source) / wavelength
-    if width < _WIDE or slope > _STEEP or 4.0 * reach > width:
+    if width < _WIDE or slope > _STEEP or 4.0 * longest_lag > width:
         return None
-    phi, around = _lag_angles(source, 2.0 * math.pi * slope * reach)
+    phi, around = _lag_angles(source, 2.0 * math.pi * slope * longest_lag)
     node, weight = np.polynomial.legendre.leggauss(_ON_PERIOD)
-    count = math.ceil(reach)
-    rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (reach / count)).ravel()
-    ring = np.tile(weight * (reach / count / 2), count) * rho
+    count = math.ceil(longest_lag)
+    rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (longest_lag / count)).ravel()
+    ring = np.tile(weight * (longest_lag / count / 2), count) * rho
     cut_offs = [[0.5 * math.erfc((r - end * soft) / soft) for r in rho.tolist()] for end in _ENDS]
     lags = wavelength * rho[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     powers = np.zeros(len(_ENDS))

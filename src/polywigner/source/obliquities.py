@@ -166,13 +166,13 @@ class Obliquity:
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
             # Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
-        turned = times_direction_cosine(source, wavelength)
+        weighted = times_direction_cosine(source, wavelength)
         if not a:
-            return [(turned, Forms(0.0, 0.0, b * b))]
+            return [(weighted, Forms(0.0, 0.0, b * b))]
         # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
         return [
             (source, Forms(a * a, -mixed, 0.0)),
-            (turned, Forms(0.0, -mixed, b * b)),
+            (weighted, Forms(0.0, -mixed, b * b)),
             (times_direction_cosine(source, wavelength, 1.0), Forms(0.0, mixed, 0.0)),
         ]
 

@@ -228,7 +228,7 @@ def partially_coherent_image(
     lattice = _checked_lattice(period)
     cell = abs(np.linalg.det(lattice))
     _check_overlaps(mask, lattice)
-    orders = _frequencies_within_reach(system, lattice, scale)
+    orders = _candidate_frequencies(system, lattice, scale)
     amplitudes = _order_amplitudes(mask, orders, cell, transmission, background)
     used = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
     used[used] = _passes(system, scale * orders[used])
@@ -342,8 +342,8 @@ class _System:
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
         blocks = [slice(k, k + _PAIRS) for k in range(0, len(first), _PAIRS)]
-        with with_progress("pairs of orders", blocks) as each:
-            for some in each:
+        with with_progress("pairs of orders", blocks) as remaining:
+            for some in remaining:
                 pairs = first[some], second[some]
                 above[pairs] = self.coefficients(lags, *pairs)
         return above + np.triu(above, 1).conj().T
@@ -380,7 +380,7 @@ def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
     return sums_by_index(of, terms, len(nu))
 
 
-def _frequencies_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
+def _candidate_frequencies(system: _System, lattice: Floats, scale: float) -> Floats:
     """Return the frequencies of the diffraction orders that may pass the pupil, in 1/m."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (

@@ -216,13 +216,13 @@ def _coordinate_values(
     for name in names:
         axis = int(name.endswith("y"))
         width, centre = widths[axis], 0.0
-        reach = _LOBES / width if _is_frequency(name) else _MARGIN * width
+        half_range = _LOBES / width if _is_frequency(name) else _MARGIN * width
         if name in ("x", "y"):
-            centre, reach = low[axis] + width / 2, reach / 2
+            centre, half_range = low[axis] + width / 2, half_range / 2
         axes[name] = (
             _checked_values(name, requested[name])
             if name in requested
-            else np.linspace(centre - reach, centre + reach, count)
+            else np.linspace(centre - half_range, centre + half_range, count)
         )
     return axes
 

@@ -142,8 +142,8 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     too many tilts.
     """
     sides = sides_of(source.bounds)
-    reaches = np.minimum(sides, longest) / source.coherence_width
-    if math.prod(1.0 + reaches) > kernels.MOST_WIDTHS:
+    lags_in_widths = np.minimum(sides, longest) / source.coherence_width
+    if math.prod(1.0 + lags_in_widths) > kernels.MOST_WIDTHS:
         least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
         raise ArgumentError(
             f"expected a coherence width of at least {least:.3g} m for a source of "
@@ -151,7 +151,7 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
             f"{source.coherence_width:.3g} m, which would need too many tilts; "
             "polywigner.wigner accepts any width, except for arrays of hundreds of elements"
         )
-    nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
+    nodes, weights = normal_product_rule(tuple(lags_in_widths.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 
